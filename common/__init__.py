@@ -1,0 +1,1 @@
+"""The shared language of every process: topics, messages, bus, clock, configuration, frames."""

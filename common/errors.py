@@ -1,0 +1,67 @@
+"""Every exception that forcemesh raises on purpose.
+
+ForcemeshError
+├── ConfigError            a cell file is wrong; lists every mistake at once
+├── DataError              a recording or calibration file is wrong; names file, line, column
+├── BusError               the hub cannot be reached, or a topic is used against the table
+├── MessageError           bytes from the bus are not the message that the table promises
+├── RefusedError           a request was refused; carries code, number and limit
+├── SimulationError        the physics diverged or was asked the impossible
+└── ProtocolError          the dialogue with the controller is broken
+    ├── LocalProtocolError     we were about to break it; nothing has been sent
+    └── RemoteProtocolError    the controller broke it; the link must be closed
+
+In the control loop bad data is not an exception: it is a message with valid=False and a reason.
+"""
+
+
+class ForcemeshError(Exception):
+    """Base of all of them; its text is one clear sentence for the user."""
+
+
+class ConfigError(ForcemeshError):
+    """A cell file is wrong. `mistakes` holds one line for each."""
+
+    def __init__(self, source: str, mistakes: list[str]) -> None:
+        """Name the file and list every mistake in it."""
+        self.source = source
+        self.mistakes = mistakes
+        lines = "\n".join(f"  - {mistake}" for mistake in mistakes)
+        super().__init__(f"{source}: {len(mistakes)} mistake(s)\n{lines}")
+
+
+class DataError(ForcemeshError):
+    """A recording or a calibration file cannot be used."""
+
+
+class BusError(ForcemeshError):
+    """The bus cannot be used, or is used against the table of topics."""
+
+
+class MessageError(ForcemeshError):
+    """Bytes from the bus do not decode into the message of their topic."""
+
+
+class RefusedError(ForcemeshError):
+    """A request was refused by the service that serves it."""
+
+    def __init__(self, code: str, text: str) -> None:
+        """Keep the code for programs, the text for people."""
+        self.code = code
+        super().__init__(text)
+
+
+class SimulationError(ForcemeshError):
+    """The simulated robot cannot go on."""
+
+
+class ProtocolError(ForcemeshError):
+    """The dialogue with the controller is broken."""
+
+
+class LocalProtocolError(ProtocolError):
+    """We were about to send something that the protocol cannot carry. Nothing was sent."""
+
+
+class RemoteProtocolError(ProtocolError):
+    """The controller sent something that the protocol does not allow. Close the link."""

@@ -1,0 +1,145 @@
+"""Pure frame maths. No clock, no bus, no configuration: arrays in, arrays out.
+
+`R_a_b` is the orientation of frame b in frame a, so `v_a = R_a_b @ v_b`: inner names touch.
+`T_a_b` is the pose of frame b in frame a (`pin.SE3`), so `T_a_c = T_a_b * T_b_c`.
+`p_a_b_in_c` is the vector from a's origin to b's origin, in the axes of c [m].
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+import pinocchio as pin
+
+Array = npt.NDArray[np.float64]
+
+GRAVITY_M_S2 = 9.80665
+GRAVITY_IN_BASE = np.array([0.0, 0.0, -GRAVITY_M_S2])
+GRAVITY_IN_BASE.setflags(write=False)
+
+# Below this sin(A) the sum (or difference) of O and T is all that the matrix still tells.
+# Half of the finest packet step for angles, 0.002 degrees (design section 3).
+POLE_TOLERANCE_RAD = math.radians(0.001)
+
+
+class Oat(NamedTuple):
+    """Kawasaki's orientation angles: Rz(o) Ry(a) Rz(t), intrinsic ZYZ [rad]."""
+
+    o: float
+    a: float
+    t: float
+
+
+def skew(v: Array) -> Array:
+    """Return [v]x, so that `skew(v) @ w == cross(v, w)`. Shape (3,) to (3, 3)."""
+    x, y, z = v
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+
+
+def rotation_from_vector(rotation_vector: Array) -> Array:
+    """Return exp([w]x) for a rotation vector w [rad]. Shape (3,) to (3, 3)."""
+    return np.asarray(pin.exp3(rotation_vector))
+
+
+def vector_from_rotation(R: Array) -> Array:
+    """Return the rotation vector [rad] of R: the inverse of `rotation_from_vector`."""
+    return np.asarray(pin.log3(R))
+
+
+def rotate_about_base_axes(R_base_x: Array, rotation_in_base: Array) -> Array:
+    """Turn a frame about the base axes: R' = exp([w]x) R (specification task c).
+
+    Args:
+        R_base_x: Orientation to turn. Shape (3, 3).
+        rotation_in_base: Rotation vector in base axes [rad]. Shape (3,).
+    """
+    return rotation_from_vector(rotation_in_base) @ R_base_x
+
+
+def rotation_between(R_base_from: Array, R_base_to: Array) -> Array:
+    """Return the rotation vector in base axes [rad] that turns one orientation into another."""
+    return vector_from_rotation(R_base_to @ R_base_from.T)
+
+
+def quaternion_from_R(R: Array) -> tuple[float, float, float, float]:
+    """Return the unit quaternion (x, y, z, w), w >= 0, of a rotation matrix."""
+    x, y, z, w = pin.Quaternion(R).coeffs()
+    sign = -1.0 if w < 0.0 else 1.0
+    return (sign * float(x), sign * float(y), sign * float(z), sign * float(w))
+
+
+def R_from_quaternion(xyzw: tuple[float, float, float, float] | Array) -> Array:
+    """Return the rotation matrix of a quaternion (x, y, z, w); its length is divided out."""
+    x, y, z, w = xyzw
+    quaternion = pin.Quaternion(w, x, y, z)
+    quaternion.normalize()
+    return np.asarray(quaternion.toRotationMatrix())
+
+
+def R_from_oat(oat: Oat) -> Array:
+    """Return Rz(o) Ry(a) Rz(t), Kawasaki's ZYZ (AS Language Reference Manual, appendix 3)."""
+    so, co = math.sin(oat.o), math.cos(oat.o)
+    sa, ca = math.sin(oat.a), math.cos(oat.a)
+    st, ct = math.sin(oat.t), math.cos(oat.t)
+    return np.array(
+        [
+            [co * ca * ct - so * st, -co * ca * st - so * ct, co * sa],
+            [so * ca * ct + co * st, -so * ca * st + co * ct, so * sa],
+            [-sa * ct, sa * st, ca],
+        ]
+    )
+
+
+def oat_from_R(R: Array, previous: Oat | None = None) -> Oat:
+    """Return the O, A, T of a rotation, A in [0, pi], O and T in (-pi, pi].
+
+    At A = 0 only O + T is defined, at A = 180 degrees only O - T: there O keeps its previous
+    value, T takes the rest, and A is exactly 0 or pi. Everywhere else the triple is unique in
+    these ranges, so the previous one is only used at the poles: callers that send a stream
+    pass the last triple, and the stream stays continuous as far as the ranges allow.
+
+    Args:
+        R: Orientation. Shape (3, 3).
+        previous: Last triple of the same stream; O = 0 is assumed without one.
+    """
+    sin_a = math.hypot(R[0, 2], R[1, 2])
+    if sin_a > POLE_TOLERANCE_RAD:
+        o = math.atan2(R[1, 2], R[0, 2])
+        return Oat(_wrap(o), math.atan2(sin_a, R[2, 2]), _wrap(math.atan2(R[2, 1], -R[2, 0])))
+    o = previous.o if previous is not None else 0.0
+    if R[2, 2] > 0.0:
+        return Oat(_wrap(o), 0.0, _wrap(math.atan2(R[1, 0] - R[0, 1], R[0, 0] + R[1, 1]) - o))
+    difference = math.atan2(-R[1, 0] - R[0, 1], R[1, 1] - R[0, 0])  # O - T
+    return Oat(_wrap(o), math.pi, _wrap(o - difference))
+
+
+def unwrap_oat(oat: Oat, previous: Oat) -> Oat:
+    """Return the equal triple that lies nearest to the previous one, for plots and interpolation.
+
+    (O, A, T), (O + pi, -A, T + pi) and any added full turns are the same rotation.
+    """
+    flipped = Oat(oat.o + math.pi, -oat.a, oat.t + math.pi)
+    branches = [_nearest_turns(branch, previous) for branch in (oat, flipped)]
+    return min(branches, key=lambda branch: sum((b - p) ** 2 for b, p in zip(branch, previous)))
+
+
+def pose(position_m: Array | tuple[float, ...], R: Array) -> pin.SE3:
+    """Return the pose made of a position [m] and an orientation (3, 3)."""
+    return pin.SE3(np.asarray(R, dtype=float), np.asarray(position_m, dtype=float))
+
+
+def is_finite_pose(T: pin.SE3) -> bool:
+    """Tell whether every number of a pose is finite."""
+    return bool(np.isfinite(T.homogeneous).all())
+
+
+def _wrap(angle_rad: float) -> float:
+    """Fold into (-pi, pi]; minus zero becomes zero."""
+    folded = math.remainder(angle_rad, math.tau)
+    return math.pi if folded == -math.pi else folded + 0.0
+
+
+def _nearest_turns(oat: Oat, previous: Oat) -> Oat:
+    turned = (p + math.remainder(x - p, math.tau) for x, p in zip(oat, previous))
+    return Oat(*turned)

@@ -1,0 +1,94 @@
+"""Messages to bytes and back: one flat MessagePack map with header and body side by side.
+
+Any language reads it with plain msgpack. Everything that comes in is bounded in size, typed and
+finite, or it is refused; nothing is guessed.
+"""
+
+from typing import TypeVar
+
+import msgpack
+from pydantic import ValidationError
+
+from common.errors import MessageError
+from common.messages import Message, Record
+
+SCHEMA_VERSION = 1
+MAX_BYTES = 4096
+MAX_ITEMS = 64
+
+R = TypeVar("R", bound=Record)
+M = TypeVar("M", bound=Message)
+
+
+class Header(Record):
+    """What stands before every message: who said it when, and the sensor sample behind it."""
+
+    v: int = SCHEMA_VERSION
+    seq: int
+    epoch: int  # random per start of the writer
+    boot: str  # clock that the stamps are of
+    stamp_ns: int
+    sensor_stamp_ns: int | None = None
+    sensor_seq: int | None = None
+
+
+HEADER_FIELDS = frozenset(Header.model_fields)
+
+
+def encode(header: Header, message: Message) -> bytes:
+    """Return the bytes of a message under its header."""
+    return _pack(header.model_dump() | message.model_dump())
+
+
+def decode(data: bytes, message_type: type[M]) -> tuple[Header, M]:
+    """Return header and message. Raise MessageError when the bytes are anything else."""
+    fields = _unpack(data)
+    header = _validate(fields, Header)
+    if header.v != SCHEMA_VERSION:
+        raise MessageError(f"schema version {header.v}, this program speaks {SCHEMA_VERSION}")
+    return header, _validate(fields, message_type)
+
+
+def encode_record(record: Record) -> bytes:
+    """Return the bytes of a request or a reply: no header."""
+    return _pack({"v": SCHEMA_VERSION, **record.model_dump()})
+
+
+def decode_record(data: bytes, record_type: type[R]) -> R:
+    """Return a request or a reply. Raise MessageError when the bytes are anything else."""
+    return _validate(_unpack(data), record_type)
+
+
+def _pack(fields: dict[str, object]) -> bytes:
+    data: bytes = msgpack.packb(fields)
+    if len(data) > MAX_BYTES:
+        raise MessageError(f"message of {len(data)} bytes, the limit is {MAX_BYTES}")
+    return data
+
+
+def _unpack(data: bytes) -> dict[str, object]:
+    if len(data) > MAX_BYTES:
+        raise MessageError(f"message of {len(data)} bytes, the limit is {MAX_BYTES}")
+    try:
+        fields = msgpack.unpackb(
+            data,
+            use_list=False,
+            max_array_len=MAX_ITEMS,
+            max_map_len=MAX_ITEMS,
+            max_bin_len=0,
+            max_ext_len=0,
+        )
+    except (ValueError, TypeError, msgpack.UnpackException) as error:
+        raise MessageError(f"not MessagePack: {error}") from error
+    if not isinstance(fields, dict):
+        raise MessageError(f"a {type(fields).__name__} instead of a map of fields")
+    return fields
+
+
+def _validate(fields: dict[str, object], record_type: type[R]) -> R:
+    try:
+        return record_type.model_validate(fields)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        where = ".".join(str(part) for part in first["loc"])
+        raise MessageError(f"{record_type.__name__}.{where}: {first['msg']}") from error

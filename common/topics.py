@@ -1,0 +1,88 @@
+"""Everything that is said on the bus: by whom, to whom, how often, and when it goes stale.
+
+A topic or request that is not in these tables does not exist. `<cell>/` is put before every key.
+Rates are names; the cell file says how many hertz they are. An input is stale after three of its
+periods, but never sooner than the deadline that its class has in the cell file.
+tests/unit/test_topics.py holds the laws; the table in README.md is generated from this file.
+"""
+
+from dataclasses import dataclass
+from typing import Generic, Literal, TypeVar
+
+from common import messages as m
+
+M = TypeVar("M", bound=m.Message)
+Q = TypeVar("Q", bound=m.Record)
+
+Rate = Literal["robot", "sensor", "control", "status", "health"]
+Deadline = Literal["command", "sensor", "status", "health"]
+Qos = Literal["stream", "report"]  # stream: real-time priority; both drop when congested
+
+ROLES = ("hub", "robot", "sensor", "wrench", "regulator", "arbiter")
+CLIENT = "client"  # whoever watches: command line, panel, notebook, any Zenoh program
+
+
+@dataclass(frozen=True, slots=True)
+class Topic(Generic[M]):
+    """One row of the bus: exactly one role writes a key."""
+
+    key: str
+    message: type[M]
+    rate: Rate
+    deadline: Deadline
+    writer: str
+    readers: tuple[str, ...]
+    qos: Qos
+    summary: str
+
+
+@dataclass(frozen=True, slots=True)
+class Request(Generic[Q]):
+    """One thing that a client may ask of a role; the answer is always a `Reply`."""
+
+    key: str
+    message: type[Q]
+    server: str
+    summary: str
+
+
+# fmt: off
+ROBOT_STATE      = Topic("robot/state",      m.RobotState,      "robot",   "command", "robot",     ("wrench", "regulator", "arbiter", CLIENT),         "stream", "flange pose in base, joints, status bits, last accepted command, link health")
+SENSOR_WRENCH    = Topic("sensor/wrench",    m.SensorWrench,    "sensor",  "sensor",  "sensor",    ("wrench", "arbiter", CLIENT),                      "stream", "load on the sensor, sensor axes, status, sample counter")
+WRENCH           = Topic("wrench",           m.WrenchAtTcp,     "control", "sensor",  "wrench",    ("regulator", "arbiter", "robot", CLIENT),          "stream", "force and torque of the environment, base axes, about the TCP; raw beside it")
+REGULATOR_TARGET = Topic("regulator/target", m.RegulatorTarget, "control", "command", "regulator", ("arbiter", CLIENT),                                "stream", "proposed flange pose, mode, contact state, reason when not valid")
+ROBOT_COMMAND    = Topic("robot/command",    m.RobotCommand,    "control", "command", "arbiter",   ("robot", "regulator", CLIENT),                     "stream", "goal, setpoint, feedback or hold, with the permission under which the robot acts")
+ARBITER_STATUS   = Topic("arbiter/status",   m.ArbiterStatus,   "status",  "status",  "arbiter",   ("regulator", "wrench", CLIENT),                    "report", "state, who commands, every tripped limit with its number, what clears it")
+
+HUB_HEALTH       = Topic("hub/health",       m.Health,          "health",  "health",  "hub",       ("arbiter", CLIENT),                                "report", "loop rate, lateness, counters, version, config hash, last fault")
+ROBOT_HEALTH     = Topic("robot/health",     m.Health,          "health",  "health",  "robot",     ("arbiter", CLIENT),                                "report", "the same of the robot's process")
+SENSOR_HEALTH    = Topic("sensor/health",    m.Health,          "health",  "health",  "sensor",    ("arbiter", CLIENT),                                "report", "the same of the sensor's process")
+WRENCH_HEALTH    = Topic("wrench/health",    m.Health,          "health",  "health",  "wrench",    ("arbiter", CLIENT),                                "report", "the same of the wrench service")
+REGULATOR_HEALTH = Topic("regulator/health", m.Health,          "health",  "health",  "regulator", ("arbiter", CLIENT),                                "report", "the same of the regulator")
+ARBITER_HEALTH   = Topic("arbiter/health",   m.Health,          "health",  "health",  "arbiter",   (CLIENT,),                                          "report", "the same of the arbiter")
+
+ARM         = Request("request/arm",         m.Empty,             "arbiter",   "let motion begin, after the preflight")
+HOLD        = Request("request/hold",        m.HoldRequest,       "arbiter",   "stop motion and hold; taken from anybody, always")
+CLEAR       = Request("request/clear",       m.Empty,             "arbiter",   "acknowledge a hold or a fault, back to IDLE")
+MOVE        = Request("request/move",        m.MoveRequest,       "arbiter",   "move to a pose, to joint angles, or by joint angles")
+SPEED       = Request("request/speed",       m.Speed,             "arbiter",   "speeds and accelerations of the moves to come")
+FORCE_START = Request("request/force/start", m.ForceStartRequest, "regulator", "start force feedback in a mode, host and set point")
+FORCE_STOP  = Request("request/force/stop",  m.Empty,             "regulator", "stop force feedback; the arm stays where it is")
+GAINS       = Request("request/force/gains", m.GainsRequest,      "regulator", "set the regulator's gains")
+TARE        = Request("request/tare",        m.Empty,             "wrench",    "take the present reading as zero; refused in motion or contact")
+# fmt: on
+
+HEALTH = {
+    "hub": HUB_HEALTH,
+    "robot": ROBOT_HEALTH,
+    "sensor": SENSOR_HEALTH,
+    "wrench": WRENCH_HEALTH,
+    "regulator": REGULATOR_HEALTH,
+    "arbiter": ARBITER_HEALTH,
+}
+TOPICS: tuple[Topic[m.Message], ...] = tuple(
+    value for value in list(globals().values()) if isinstance(value, Topic)
+)
+REQUESTS: tuple[Request[m.Record], ...] = tuple(
+    value for value in list(globals().values()) if isinstance(value, Request)
+)

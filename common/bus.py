@@ -1,0 +1,192 @@
+"""The bus between processes: Zenoh. The only file that imports it.
+
+One hub (a Zenoh router) and every process its client with an explicit endpoint; no multicast, no
+gossip, no shared memory. Streams drop when congested and readers keep the newest only, so that a
+slow reader can never hold a writer up.
+"""
+
+import json
+import os
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+
+import zenoh
+
+from common.cell import Cell
+from common.clock import Clock, MonotonicClock
+from common.endpoints import Bus
+from common.errors import BusError
+from common.topics import Qos
+
+ENDPOINT_VARIABLE = "FORCEMESH_ENDPOINT"
+CONNECT_ATTEMPT_MS = 500
+LEASE_MS = 500
+MAX_WAITING_REQUESTS = 16
+
+
+def endpoint_of(cell: Cell) -> str:
+    """Return where the hub is: the environment may move it, the cell file says where it is."""
+    return os.environ.get(ENDPOINT_VARIABLE) or cell.bus.endpoint
+
+
+@contextmanager
+def open_bus(
+    cell: Cell, role: str, *, clock: Clock | None = None, patience_s: float = 10.0
+) -> Iterator[Bus]:
+    """Connect a role to its cell's hub; close the session in any case.
+
+    Raises:
+        BusError: The hub did not answer within `patience_s`.
+    """
+    session = _connect(endpoint_of(cell), role, patience_s)
+    try:
+        transport = ZenohTransport(session)
+        yield Bus(role, cell.cell, transport, cell, clock or MonotonicClock())
+    finally:
+        with suppress(zenoh.ZError):
+            session.close()
+
+
+@contextmanager
+def open_hub(cell: Cell, *, clock: Clock | None = None) -> Iterator[Bus]:
+    """Be the cell's hub: a Zenoh router that listens on the cell's endpoint.
+
+    Raises:
+        BusError: The endpoint cannot be listened on.
+    """
+    endpoint = endpoint_of(cell)
+    listen = {"mode": "router", "listen": {"endpoints": [endpoint]}}
+    try:
+        session = zenoh.open(_config(listen, "hub"))
+    except zenoh.ZError as error:
+        raise BusError(f"cannot listen on {endpoint}: is another hub running there?") from error
+    try:
+        yield Bus("hub", cell.cell, ZenohTransport(session), cell, clock or MonotonicClock())
+    finally:
+        with suppress(zenoh.ZError):
+            session.close()
+
+
+def _connect(endpoint: str, role: str, patience_s: float) -> zenoh.Session:
+    connect = {
+        "mode": "client",
+        "connect": {
+            "endpoints": [endpoint],
+            "timeout_ms": CONNECT_ATTEMPT_MS,
+            "exit_on_failure": True,
+            "retry": {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 2},
+        },
+    }
+    give_up = time.monotonic() + patience_s
+    while True:
+        try:
+            return zenoh.open(_config(connect, role))
+        except zenoh.ZError as error:
+            if time.monotonic() >= give_up:
+                raise BusError(f"no hub at {endpoint}: is the cell up?") from error
+            time.sleep(0.1)
+
+
+def _config(part: dict[str, object], name: str) -> zenoh.Config:
+    common = {
+        "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
+        "transport": {
+            "link": {"tx": {"lease": LEASE_MS, "keep_alive": 4}},
+            "shared_memory": {"enabled": False},
+        },
+        "metadata": {"name": name},
+    }
+    return zenoh.Config.from_json5(json.dumps(part | common))
+
+
+@dataclass(slots=True)
+class ZenohSource:
+    """A subscriber whose channel holds one sample."""
+
+    subscriber: "zenoh.Subscriber[zenoh.handlers.Handler[zenoh.Sample]]"
+
+    def take(self) -> bytes | None:
+        """Return the newest payload that was not taken yet."""
+        sample = self.subscriber.try_recv()
+        return None if sample is None else sample.payload.to_bytes()
+
+
+@dataclass(slots=True)
+class ZenohCall:
+    """A query that waits for its reply."""
+
+    query: zenoh.Query
+    data: bytes
+
+    def answer(self, data: bytes) -> None:
+        """Reply and let the asker go; an asker that left is no fault of ours."""
+        with suppress(zenoh.ZError), self.query:
+            self.query.reply(self.query.key_expr, data)
+
+
+@dataclass(slots=True)
+class ZenohCalls:
+    """A queryable whose queries are taken in the service's own loop."""
+
+    queryable: "zenoh.Queryable[zenoh.handlers.Handler[zenoh.Query]]"
+
+    def take(self) -> ZenohCall | None:
+        """Return the oldest query that was not taken yet."""
+        query = self.queryable.try_recv()
+        if query is None:
+            return None
+        payload = query.payload
+        return ZenohCall(query, b"" if payload is None else payload.to_bytes())
+
+
+class ZenohTransport:
+    """One Zenoh session."""
+
+    def __init__(self, session: zenoh.Session) -> None:
+        """Use an open session; whoever opened it closes it."""
+        self._session = session
+
+    def publish(self, key: str, qos: Qos) -> Callable[[bytes], None]:
+        """Return the function that puts bytes on a key; it never blocks on a slow reader."""
+        urgent = qos == "stream"
+        publisher = self._session.declare_publisher(
+            key,
+            congestion_control=zenoh.CongestionControl.DROP,
+            priority=zenoh.Priority.REAL_TIME if urgent else zenoh.Priority.DATA,
+            express=urgent,
+        )
+
+        def put(data: bytes) -> None:
+            # A session that has lost its hub drops what is put: readers see staleness.
+            with suppress(zenoh.ZError):
+                publisher.put(data)
+
+        return put
+
+    def subscribe(self, key: str) -> ZenohSource:
+        """Return the newest payload of a key."""
+        return ZenohSource(self._session.declare_subscriber(key, zenoh.handlers.RingChannel(1)))
+
+    def serve(self, key: str) -> ZenohCalls:
+        """Return the queries of a key."""
+        channel = zenoh.handlers.RingChannel(MAX_WAITING_REQUESTS)
+        return ZenohCalls(self._session.declare_queryable(key, channel))
+
+    def ask(self, key: str, data: bytes, timeout_s: float) -> bytes | None:
+        """Ask, and ask again while nobody is there, until the time is up.
+
+        A query that found nobody comes back empty at once and was not taken by anyone, so asking
+        again is safe; one that was taken and not answered in time is not repeated.
+        """
+        give_up = time.monotonic() + timeout_s
+        while (left_s := give_up - time.monotonic()) > 0.0:
+            replies = list(self._session.get(key, payload=data, timeout=left_s))
+            for reply in replies:
+                if reply.ok is not None:
+                    return reply.ok.payload.to_bytes()
+            if replies:
+                return None
+            time.sleep(0.05)
+        return None

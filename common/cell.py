@@ -1,0 +1,233 @@
+"""What a cell file may say: one robot cell, every field with its unit, its bounds, its default.
+
+SI units. Angles of frames are Kawasaki's O, A, T in degrees, as on the teach pendant.
+"""
+
+from math import radians
+from typing import Annotated, Literal
+
+import pinocchio as pin
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from common.frames import Oat, R_from_oat, pose
+from common.messages import Host, Message, Vec3, Vec6
+from common.topics import Topic
+
+Positive = Annotated[float, Field(gt=0.0)]
+NotNegative = Annotated[float, Field(ge=0.0)]
+Fraction = Annotated[float, Field(gt=0.0, le=1.0)]
+SHORTEST_DEADLINE_PERIODS = 3.0
+
+
+class Section(BaseModel):
+    """Base of every section: unknown keys and non-finite numbers are mistakes."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class BusSection(Section):
+    """Where the hub is."""
+
+    endpoint: str = Field("tcp/127.0.0.1:7447", pattern=r"^[a-z-]+/.+$")
+
+
+class Roles(Section):
+    """Which process plays the robot and which the sensor: the swap of sim and real."""
+
+    robot: Literal["sim", "gateway"]
+    sensor: Literal["sim", "driver", "external"]
+
+
+class Rates(Section):
+    """How often things happen in this cell [Hz]."""
+
+    robot_hz: float = Field(250.0, ge=5.0, le=1000.0)
+    sensor_hz: float = Field(500.0, ge=50.0, le=8000.0)
+    control_hz: float = Field(250.0, ge=5.0, le=1000.0)
+    status_hz: float = Field(20.0, ge=1.0, le=100.0)
+    health_hz: float = Field(4.0, ge=1.0, le=20.0)
+
+
+class Deadlines(Section):
+    """Shortest stale time of each class of input; three of its periods when those are longer."""
+
+    command_s: float = Field(0.040, ge=0.040, le=1.0)
+    sensor_s: float = Field(0.020, ge=0.020, le=1.0)
+    status_s: float = Field(0.5, ge=0.1, le=5.0)
+    health_s: float = Field(1.0, ge=0.3, le=10.0)
+
+
+class FrameSection(Section):
+    """Pose of one frame in another, as on the pendant."""
+
+    position_m: Vec3
+    oat_deg: Vec3 = (0.0, 0.0, 0.0)
+
+    @property
+    def pose(self) -> pin.SE3:
+        """The pose."""
+        return pose(self.position_m, R_from_oat(Oat(*(radians(angle) for angle in self.oat_deg))))
+
+
+class RobotSection(Section):
+    """What the regulator must know of the robot, whoever plays it."""
+
+    hosts: tuple[Host, ...] = ("pc",)  # where force feedback can run
+    delay_s: NotNegative = 0.0  # pure delay from command to first motion
+    lag_s: Positive = 0.012  # area lag of servo and set-point smoothing
+    bandwidth_rad_s: Positive = 150.0  # -3 dB of the same
+    joint_min_deg: Vec6
+    joint_max_deg: Vec6
+    joint_speed_max_deg_s: Vec6
+
+
+class SensorSection(Section):
+    """The force/torque sensor: where it sits, what it can read, how it is reached."""
+
+    T_flange_sensor: FrameSection
+    force_range_N: Positive = 500.0
+    torque_range_Nm: Positive = 20.0
+    address: str = "192.168.1.1"
+    port: int = Field(49152, ge=1, le=65535)
+    counts_per_N: Positive = 1_000_000.0
+    counts_per_Nm: Positive = 1_000_000.0
+
+
+class ToolSection(Section):
+    """Tool centre point in the flange frame; its z axis points out of the tool."""
+
+    T_flange_tcp: FrameSection
+
+
+class PayloadSection(Section):
+    """Weight below the sensor and the sensor's bias, from `forcemesh payload fit`."""
+
+    mass_kg: NotNegative
+    com_m: Vec3
+    bias_force_N: Vec3 = (0.0, 0.0, 0.0)
+    bias_torque_Nm: Vec3 = (0.0, 0.0, 0.0)
+
+
+class FilterSection(Section):
+    """Filter of the wrench: median of `median` samples, then a first-order low-pass."""
+
+    median: Literal[1, 3, 5] = 3
+    lowpass_s: NotNegative = 0.005
+
+
+class ContactSection(Section):
+    """Stiffest contact that the gains must be safe for: the gain rule starts here."""
+
+    stiffness_N_m: float = Field(gt=0.0, le=1e7)
+    tilt_stiffness_Nm_rad: float = Field(gt=0.0, le=1e6)
+    inertia_kg: Positive = 1.5  # mass in front of the sensor
+    inertia_kg_m2: Positive = 0.005  # moment of inertia in front of the sensor, about the TCP
+
+
+class ForceSection(Section):
+    """How the regulator behaves around its gains."""
+
+    deadband_N: NotNegative = 0.3
+    deadband_Nm: NotNegative = 0.02
+    speed_max_m_s: float = Field(0.05, gt=0.0, le=0.25)
+    speed_max_rad_s: float = Field(0.5, gt=0.0, le=2.0)
+    approach_m_s: float = Field(0.01, gt=0.0, le=0.25)
+    approach_budget_N: Positive = 10.0  # force that the first touch may add
+    touch_N: Positive = 2.0  # contact begins above, ends below half of it
+    setpoint_ramp_N_s: Positive = 200.0
+    setpoint_max_N: Positive = 40.0
+
+
+class LimitsSection(Section):
+    """What the arbiter and, again, the robot's own process let through at most."""
+
+    workspace_min_m: Vec3
+    workspace_max_m: Vec3
+    step_m: float = Field(0.02, gt=0.0, le=0.2)
+    step_deg: float = Field(10.0, gt=0.0, le=90.0)
+    speed_m_s: float = Field(0.25, gt=0.0, le=2.0)
+    speed_deg_s: float = Field(60.0, gt=0.0, le=360.0)
+    tether_m: float = Field(1.0, gt=0.0, le=5.0)
+    force_N: float = Field(50.0, gt=0.0, le=1000.0)
+    torque_Nm: float = Field(10.0, gt=0.0, le=100.0)
+
+    @model_validator(mode="after")
+    def _box_is_not_empty(self) -> "LimitsSection":
+        for axis, low, high in zip("xyz", self.workspace_min_m, self.workspace_max_m, strict=True):
+            if not low < high:
+                raise ValueError(f"workspace is empty along {axis}: {low} m is not below {high} m")
+        return self
+
+
+class GatewaySection(Section):
+    """How the controller is reached, and the scales it is asked for (design section 3)."""
+
+    host: str = "192.168.0.2"
+    port: int = Field(49152, ge=8192, le=65535)
+    position_per_mm: int = Field(50, ge=1, le=1000)
+    oat_per_deg: int = Field(500, ge=1, le=5000)
+    joint_per_deg: int = Field(250, ge=1, le=5000)
+    force_per_N: int = Field(100, ge=1, le=10000)
+    torque_per_Nm: int = Field(1000, ge=1, le=10000)
+    speed_per_mm_s: int = Field(10, ge=1, le=1000)
+    max_untaken_setpoints: int = Field(1, ge=1, le=10)
+    watchdog_s: float = Field(0.25, ge=0.1, le=2.0)
+    heartbeat_s: float = Field(0.04, gt=0.0, le=0.1)
+
+
+class SimSection(Section):
+    """The simulated arm, its controller, its sensor and the plate below it."""
+
+    seed: int = 0
+    stiffness_N_m: float = Field(2e4, ge=500.0, le=1e6)
+    tilt_stiffness_Nm_rad: float | None = Field(None, gt=0.0)
+    tilt_deg: float = Field(0.0, ge=0.0, le=20.0)
+    gap_m: float = Field(0.005, ge=0.0, le=0.1)
+    delay_s: float = Field(0.010, ge=0.0, le=0.2)
+    smoothing_s: float = Field(0.008, ge=0.001, le=0.1)
+    noise_force_N: NotNegative = 0.1
+    noise_torque_Nm: NotNegative = 0.005
+    bias_force_N: Vec3 = (1.5, -2.0, 3.0)
+    bias_torque_Nm: Vec3 = (0.05, -0.04, 0.03)
+    quantum_force_N: NotNegative = 0.01
+    quantum_torque_Nm: NotNegative = 0.0005
+
+
+class Cell(Section):
+    """One robot cell."""
+
+    cell: str = Field(pattern=r"^[a-z][a-z0-9_-]{0,30}$")
+    bus: BusSection = BusSection()
+    roles: Roles
+    rates: Rates = Rates()
+    deadlines: Deadlines = Deadlines()
+    robot: RobotSection
+    sensor: SensorSection
+    tool: ToolSection
+    payload: PayloadSection
+    filter: FilterSection = FilterSection()
+    contact: ContactSection
+    force: ForceSection = ForceSection()
+    limits: LimitsSection
+    gateway: GatewaySection | None = None
+    sim: SimSection | None = None
+
+    @model_validator(mode="after")
+    def _roles_have_their_sections(self) -> "Cell":
+        if self.roles.robot == "gateway" and self.gateway is None:
+            raise ValueError("roles.robot is gateway, so a section `gateway` is needed")
+        if "sim" in (self.roles.robot, self.roles.sensor) and self.sim is None:
+            raise ValueError("a role is played by sim, so a section `sim` is needed")
+        if self.roles.sensor == "sim" and self.roles.robot != "sim":
+            raise ValueError("roles.sensor can be sim only when roles.robot is sim")
+        return self
+
+    def rate_hz(self, topic: Topic[Message]) -> float:
+        """Return how often a topic comes in this cell [Hz]."""
+        rate: float = getattr(self.rates, f"{topic.rate}_hz")
+        return rate
+
+    def stale_after_s(self, topic: Topic[Message]) -> float:
+        """Return the age [s] from which on a topic is stale: three periods, or its deadline."""
+        deadline_s: float = getattr(self.deadlines, f"{topic.deadline}_s")
+        return max(SHORTEST_DEADLINE_PERIODS / self.rate_hz(topic), deadline_s)

@@ -1,0 +1,94 @@
+"""Reads a cell file: all its mistakes at once, each with its path and the nearest valid name."""
+
+import difflib
+import hashlib
+from pathlib import Path
+from typing import Any, get_args
+
+import yaml
+from pydantic import BaseModel, ValidationError
+
+from common.cell import Cell
+from common.errors import ConfigError
+
+
+def load_cell(path: Path | str, overrides: dict[str, Any] | None = None) -> Cell:
+    """Read a cell file.
+
+    Args:
+        path: The YAML file.
+        overrides: Values that replace the file's, by dotted path ("sim.tilt_deg").
+
+    Raises:
+        ConfigError: The file cannot be read or holds mistakes; all of them are listed.
+    """
+    source = str(path)
+    tree = _read_tree(Path(path), source)
+    for dotted, value in (overrides or {}).items():
+        _set(tree, dotted.split("."), value)
+    return cell_from_tree(tree, source)
+
+
+def cell_from_tree(tree: object, source: str) -> Cell:
+    """Validate an already parsed cell file. Raise ConfigError as `load_cell` does."""
+    if not isinstance(tree, dict):
+        raise ConfigError(source, ["the file must hold a map of sections"])
+    try:
+        return Cell.model_validate(tree)
+    except ValidationError as error:
+        raise ConfigError(source, [_explain(item) for item in error.errors()]) from None
+
+
+def cell_hash(cell: Cell) -> str:
+    """Return a short hash of the effective configuration: equal in every process of a cell."""
+    return hashlib.sha256(cell.model_dump_json().encode()).hexdigest()[:12]
+
+
+def dump_cell(cell: Cell) -> str:
+    """Return a cell file that loads into the same cell."""
+    text: str = yaml.safe_dump(cell.model_dump(mode="json", exclude_none=True), sort_keys=False)
+    return text
+
+
+def _read_tree(path: Path, source: str) -> Any:
+    try:
+        return yaml.safe_load(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        nearby = sorted(str(other) for other in path.parent.glob("*.yaml"))
+        there = f"; there are {', '.join(nearby)}" if nearby else ""
+        raise ConfigError(source, [f"no such file{there}"]) from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(source, [f"cannot be read: {error}"]) from None
+    except yaml.YAMLError as error:
+        raise ConfigError(source, [f"not YAML: {' '.join(str(error).split())}"]) from None
+
+
+def _set(tree: Any, keys: list[str], value: object) -> None:
+    for key in keys[:-1]:
+        tree = tree.setdefault(key, {})
+    tree[keys[-1]] = value
+
+
+def _explain(item: Any) -> str:
+    path = ".".join(str(part) for part in item["loc"])
+    if item["type"] == "extra_forbidden":
+        names = _names_at(item["loc"][:-1])
+        near = difflib.get_close_matches(str(item["loc"][-1]), names, n=1, cutoff=0.5)
+        hint = f"did you mean {near[0]}?" if near else f"known here: {', '.join(sorted(names))}"
+        return f"{path}: unknown name; {hint}"
+    if item["type"] == "missing":
+        return f"{path}: missing"
+    message = item["msg"].removeprefix("Value error, ")
+    if item["type"] == "value_error":
+        return f"{path}: {message}" if path else message
+    return f"{path}: {message[0].lower()}{message[1:]}, found {item['input']!r}"
+
+
+def _names_at(location: tuple[int | str, ...]) -> list[str]:
+    """Return the field names of the section that a location points into."""
+    section: type[BaseModel] = Cell
+    for part in location:
+        annotation = section.model_fields[str(part)].annotation
+        choices = [choice for choice in (annotation, *get_args(annotation))]
+        section = next(c for c in choices if isinstance(c, type) and issubclass(c, BaseModel))
+    return list(section.model_fields)

@@ -1,0 +1,171 @@
+"""What the nine numbers of a packet mean: commands, status bits, IDs, fixed scales.
+
+The same table stands in controller/README.md for the other end; tests hold them together.
+"""
+
+from dataclasses import dataclass
+from enum import IntEnum, IntFlag
+
+from common.errors import LocalProtocolError, RemoteProtocolError
+
+PROTOCOL_VERSION = 1
+
+ID_MAX = 999_999
+NO_ID = 0  # "none yet"
+
+STATUS_BITS = 11
+STATUS_SPAN = 1 << STATUS_BITS
+COUNTER_SPAN = 488  # 488 * 2048 - 1 = 999423 is the last value below a frame's 999999
+
+# Scales that no hello changes.
+PERCENT = 100  # per percent
+GAIN_P = 1_000_000  # per mm/N and per deg/(N m)
+GAIN_I = 10_000  # per mm/(N s) and per deg/(N m s)
+
+
+class Com(IntEnum):
+    """Number of a command (PC to controller, 1 to 12) or of a report (back, 101 to 103)."""
+
+    MOVE_POSE = 1
+    MOVE_JOINTS = 2
+    MOVE_BY_JOINTS = 3
+    WRENCH = 4
+    SPEEDS = 5
+    GAINS = 6
+    FEEDBACK = 7
+    HOLD = 8
+    HELLO = 9
+    LIMITS = 10
+    TCP = 11
+    HEARTBEAT = 12
+    POSE = 101
+    JOINTS = 102
+    HEALTH = 103
+
+
+class GainKind(IntEnum):
+    """Param of command 6."""
+
+    PROPORTIONAL = 0
+    INTEGRAL = 1
+
+
+class FeedbackSwitch(IntEnum):
+    """Param of command 7; POSITION and ORIENTATION add up to both, STOP stops both."""
+
+    POSITION = 0
+    ORIENTATION = 1
+    STOP = 2
+
+
+class Status(IntFlag):
+    """The low eleven bits of Param in reports 101 and 102."""
+
+    MOTOR_POWER = 1
+    REPEAT_MODE = 2
+    TEACH_LOCK_OFF = 4
+    PROGRAM_RUNNING = 8
+    MOVING = 16
+    POSITION_FEEDBACK = 32
+    ORIENTATION_FEEDBACK = 64
+    HELD = 128
+    WATCHDOG_LATCHED = 256
+    TARGET_REFUSED = 512
+    ERROR = 1024
+
+
+FEEDBACK_BITS = Status.POSITION_FEEDBACK | Status.ORIENTATION_FEEDBACK
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One command: what its Param may be and what its vector holds, with the scale."""
+
+    com: Com
+    params: range
+    vec: tuple[str, str, str, str, str, str]
+    meaning: str
+
+
+_NONE = ("0",) * 6
+_POSE = ("X position", "Y position", "Z position", "O angle", "A angle", "T angle")
+_JOINTS = ("JT1 joint", "JT2 joint", "JT3 joint", "JT4 joint", "JT5 joint", "JT6 joint")
+_WRENCH = ("Fx force", "Fy force", "Fz force", "Mx torque", "My torque", "Mz torque")
+_SPEEDS = ("accel percent", "decel percent", "modular percent", "mechanical speed", "0", "0")
+_GAINS = ("x gain", "y gain", "z gain", "mx gain", "my gain", "mz gain")
+_SCALES = ("position", "angle", "joint", "force", "torque", "speed")
+_LIMITS = ("step position", "step angle", "speed", "travel position", "force", "watchdog ms")
+_HEALTH = ("loops", "wrench age ms", "queue length", "monitor speed percent", "held ID", "0")
+_FRAME = range(1_000_000)  # any value that is not negative
+
+# fmt: off
+TABLE = {row.com: row for row in (
+    Row(Com.MOVE_POSE,      range(1), _POSE,   "a) move to a pose"),
+    Row(Com.MOVE_JOINTS,    range(1), _JOINTS, "b) move to joint angles"),
+    Row(Com.MOVE_BY_JOINTS, range(1), _JOINTS, "c) move by joint angles"),
+    Row(Com.WRENCH,         range(1), _WRENCH, "d) wrench, base axes, about the TCP, set point subtracted"),
+    Row(Com.SPEEDS,         range(1), _SPEEDS, "e) speeds and accelerations"),
+    Row(Com.GAINS,          range(2), _GAINS,  "f) gains: Param 0 proportional, 1 integral"),
+    Row(Com.FEEDBACK,       range(3), _NONE,   "g) force feedback: Param 0 position, 1 orientation, 2 stop"),
+    Row(Com.HOLD,           range(1), _NONE,   "hold now"),
+    Row(Com.HELLO,          _FRAME,   _SCALES, "first packet of a connection, both ways: Param is the protocol version"),
+    Row(Com.LIMITS,         range(1), _LIMITS, "limits that the controller keeps by itself"),
+    Row(Com.TCP,            range(1), _POSE,   "tool centre point in the flange frame"),
+    Row(Com.HEARTBEAT,      range(1), _NONE,   "nothing else to say"),
+    Row(Com.POSE,           _FRAME,   _POSE,   "flange pose; ID = last command taken, Param = counter and status"),
+    Row(Com.JOINTS,         _FRAME,   _JOINTS, "joint angles; ID = last command framed, Param = counter and status"),
+    Row(Com.HEALTH,         _FRAME,   _HEALTH, "health; Param = error code"),
+)}
+# fmt: on
+
+REPORTS = frozenset({Com.HELLO, Com.POSE, Com.JOINTS, Com.HEALTH})
+COMMANDS = frozenset(set(Com) - {Com.POSE, Com.JOINTS, Com.HEALTH})
+
+
+def next_id(id_: int) -> int:
+    """Return the ID that follows: 1 to 999999, then 1 again; 0 is never used."""
+    return id_ % ID_MAX + 1
+
+
+def id_reached(reached: int, wanted: int) -> bool:
+    """Tell whether a stream of IDs that stands at `reached` has come to `wanted`, or past it.
+
+    IDs go round, so "past" means less than half a turn ahead. NO_ID has reached nothing.
+    """
+    return reached != NO_ID and (reached - wanted) % ID_MAX < ID_MAX // 2
+
+
+def pack_status(counter: int, status: Status) -> int:
+    """Return Param of 101 and 102. The counter goes round at 488.
+
+    Raises LocalProtocolError for status bits outside the eleven.
+    """
+    if not 0 <= status < STATUS_SPAN:
+        raise LocalProtocolError(f"status {int(status)} has bits outside the {STATUS_BITS}")
+    return counter % COUNTER_SPAN * STATUS_SPAN + int(status)
+
+
+def unpack_status(param: int) -> tuple[int, Status]:
+    """Return (counter, status) of Param in 101 and 102.
+
+    Raises RemoteProtocolError when no counter and status make that number.
+    """
+    if not 0 <= param < COUNTER_SPAN * STATUS_SPAN:
+        raise RemoteProtocolError(
+            f"Param {param} of a report is not counter * {STATUS_SPAN} + status, "
+            f"0 to {COUNTER_SPAN * STATUS_SPAN - 1}"
+        )
+    counter, bits = divmod(param, STATUS_SPAN)
+    return counter, Status(bits)
+
+
+def known(com: int, param: int) -> Com:
+    """Return the command of a packet. Raise RemoteProtocolError when it is not in the table."""
+    if com not in Com._value2member_map_:
+        raise RemoteProtocolError(f"Com {com} is not a command of protocol {PROTOCOL_VERSION}")
+    row = TABLE[Com(com)]
+    if param not in row.params:
+        raise RemoteProtocolError(
+            f"Param {param} of command {com} ({row.com.name}), it takes 0 to {row.params[-1]}"
+        )
+    return row.com

@@ -50,7 +50,7 @@ def encode(packet: Packet) -> bytes:
     frames = packet.frames
     if len(frames) != FRAMES:
         raise LocalProtocolError(f"a packet has {FRAMES} frames, this one has {len(frames)}")
-    for name, value in zip(FRAME_NAMES, frames):
+    for name, value in zip(FRAME_NAMES, frames, strict=True):
         if type(value) is not int:  # bool and numpy integers are somebody's mistake
             raise LocalProtocolError(f"{name} is {value!r}, a frame holds an integer")
         if not VALUE_MIN <= value <= VALUE_MAX:
@@ -81,12 +81,10 @@ class PacketReader:
         if self._death:
             raise RemoteProtocolError(self._death)
         data = self._rest + data
-        packets = []
         whole = len(data) - len(data) % PACKET_CHARS
-        for start in range(0, whole, PACKET_CHARS):
-            packets.append(self._take(data[start : start + PACKET_CHARS]))
         self._rest = data[whole:]
-        return packets
+        starts = range(0, whole, PACKET_CHARS)
+        return [self._take(data[start : start + PACKET_CHARS]) for start in starts]
 
     def _take(self, chars: bytes) -> Packet:
         if not _PACKET.fullmatch(chars):

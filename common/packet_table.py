@@ -96,25 +96,26 @@ _GAINS = ("x gain", "y gain", "z gain", "mx gain", "my gain", "mz gain")
 _SCALES = ("position", "angle", "joint", "force", "torque", "speed")
 _LIMITS = ("step position", "step angle", "speed", "travel position", "force", "watchdog ms")
 _HEALTH = ("loops", "wrench age ms", "queue length", "monitor speed percent", "held ID", "0")
-_FRAME = range(1_000_000)  # any value that is not negative
+_COUNT = range(1_000_000)
+_CODE = range(-99_999, 1_000_000)  # AS error codes are negative
 
 # fmt: off
 TABLE = {row.com: row for row in (
     Row(Com.MOVE_POSE,      range(1), _POSE,   "a) move to a pose"),
     Row(Com.MOVE_JOINTS,    range(1), _JOINTS, "b) move to joint angles"),
     Row(Com.MOVE_BY_JOINTS, range(1), _JOINTS, "c) move by joint angles"),
-    Row(Com.WRENCH,         range(1), _WRENCH, "d) wrench, base axes, about the TCP, set point subtracted"),
+    Row(Com.WRENCH,         range(1), _WRENCH, "d) wrench minus set point, base axes, at TCP"),
     Row(Com.SPEEDS,         range(1), _SPEEDS, "e) speeds and accelerations"),
-    Row(Com.GAINS,          range(2), _GAINS,  "f) gains: Param 0 proportional, 1 integral"),
-    Row(Com.FEEDBACK,       range(3), _NONE,   "g) force feedback: Param 0 position, 1 orientation, 2 stop"),
+    Row(Com.GAINS,          range(2), _GAINS,  "f) gains: 0 proportional, 1 integral"),
+    Row(Com.FEEDBACK,       range(3), _NONE,   "g) feedback: 0 position, 1 orientation, 2 stop"),
     Row(Com.HOLD,           range(1), _NONE,   "hold now"),
-    Row(Com.HELLO,          _FRAME,   _SCALES, "first packet of a connection, both ways: Param is the protocol version"),
+    Row(Com.HELLO,          _COUNT,   _SCALES, "first packet, both ways; Param = version"),
     Row(Com.LIMITS,         range(1), _LIMITS, "limits that the controller keeps by itself"),
     Row(Com.TCP,            range(1), _POSE,   "tool centre point in the flange frame"),
     Row(Com.HEARTBEAT,      range(1), _NONE,   "nothing else to say"),
-    Row(Com.POSE,           _FRAME,   _POSE,   "flange pose; ID = last command taken, Param = counter and status"),
-    Row(Com.JOINTS,         _FRAME,   _JOINTS, "joint angles; ID = last command framed, Param = counter and status"),
-    Row(Com.HEALTH,         _FRAME,   _HEALTH, "health; Param = error code"),
+    Row(Com.POSE,           _COUNT,   _POSE,   "flange pose; ID = last command taken"),
+    Row(Com.JOINTS,         _COUNT,   _JOINTS, "joint angles; ID = last command framed"),
+    Row(Com.HEALTH,         _CODE,    _HEALTH, "health; Param = error code"),
 )}
 # fmt: on
 

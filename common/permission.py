@@ -1,0 +1,81 @@
+"""The robot's side of the arbiter's permission: the same gate in every process that moves an arm.
+
+A command counts while it is fresh and carries a permission. Once a permission was missed, its
+lease is dead: whatever comes under it later is refused, until the arbiter opens a new lease
+(and it does so only when a person arms again). So nothing resumes by itself after a freeze.
+"""
+
+from dataclasses import dataclass
+
+from common.clock import NS_PER_S
+from common.endpoints import Reading
+from common.messages import Accepted, RobotCommand
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """What the robot may do now: obey a command, or hold and say why."""
+
+    command: RobotCommand | None
+    hold_reason: str  # empty when the command is to be obeyed
+    accepted: Accepted | None  # echo of the last command that was obeyed
+    is_new: bool = False  # the command was not seen before
+
+
+class CommandGate:
+    """Judges `robot/command` each period; keeps dead leases dead."""
+
+    def __init__(self) -> None:
+        """Start without permission."""
+        self._accepted: Accepted | None = None
+        self._live_lease: tuple[int, int] | None = None  # arbiter's epoch, lease
+        self._dead_lease: tuple[int, int] | None = None
+        self._dead_reason = ""
+
+    def judge(self, reading: Reading[RobotCommand], now_ns: int) -> Verdict:
+        """Return what the robot may do at this time."""
+        command, header = reading.fresh, reading.header
+        if command is None or header is None:
+            return self._refuse(reading.fault)
+        if command.permission is None:
+            self._live_lease = None
+            return self._hold(command.reason or "the arbiter holds")
+        if reading.age_s > command.permission.deadline_s:
+            age_ms, limit_ms = reading.age_s * 1e3, command.permission.deadline_s * 1e3
+            return self._refuse(f"permission {age_ms:.0f} ms old, limit {limit_ms:.0f} ms")
+        lease = (header.epoch, command.permission.lease)
+        if lease == self._dead_lease:
+            return self._hold(f"lease {lease[1]} ended: {self._dead_reason}")
+        self._live_lease = lease
+        previous = self._accepted
+        is_new = previous is None or (previous.epoch, previous.seq) != (header.epoch, header.seq)
+        if is_new:
+            self._accepted = Accepted(
+                epoch=header.epoch,
+                seq=header.seq,
+                at_ns=now_ns,
+                sensor_stamp_ns=header.sensor_stamp_ns,
+                sensor_seq=header.sensor_seq,
+            )
+        return Verdict(command, "", self._accepted, is_new)
+
+    def revoke(self, reason: str) -> Verdict:
+        """End the live lease from the robot's side: it was asked for what it cannot do."""
+        return self._refuse(reason)
+
+    def _refuse(self, reason: str) -> Verdict:
+        """Hold, and let nothing come back under the lease that was live."""
+        if self._live_lease is not None:
+            self._dead_lease, self._dead_reason = self._live_lease, reason
+            self._live_lease = None
+        return self._hold(reason)
+
+    def _hold(self, reason: str) -> Verdict:
+        return Verdict(None, reason or "no permission", self._accepted)
+
+
+def chain_latency_s(accepted: Accepted) -> float | None:
+    """Return the time from sensor sample to robot [s]; both stamps must be of one clock."""
+    if accepted.sensor_stamp_ns is None:
+        return None
+    return (accepted.at_ns - accepted.sensor_stamp_ns) / NS_PER_S

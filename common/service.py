@@ -1,0 +1,170 @@
+"""How every service runs: the same object in its own process or in a cell on a virtual clock.
+
+A service is woken by its trigger (a newer message of its main input) or, when none comes, by its
+period, so that it always has a word to say. It reads a snapshot, steps, publishes: nothing else.
+"""
+
+import argparse
+import os
+import signal
+import sys
+import threading
+from collections import deque
+from collections.abc import Callable
+from importlib.metadata import PackageNotFoundError, version
+from typing import Any, Protocol
+
+from common.bus import open_bus
+from common.cell import Cell
+from common.clock import NS_PER_S, Clock
+from common.config import cell_hash, load_cell
+from common.endpoints import Bus, Publisher, Reader
+from common.errors import ForcemeshError
+from common.messages import Health
+from common.topics import HEALTH
+
+POLL_S = 0.0005
+PATIENCE_PERIODS = 1.5  # a triggered service that hears nothing steps after this many periods
+LATENESS_WINDOW = 512
+
+
+class Service(Protocol):
+    """What the runner needs of a service."""
+
+    period_s: float
+    trigger: Reader[Any] | None
+    fault: str  # what is wrong with this service right now, empty when nothing is
+
+    def step(self, now_ns: int) -> None:
+        """Read, compute, publish."""
+
+    def counters(self) -> dict[str, int]:
+        """Return what is worth counting."""
+
+
+class HealthReporter:
+    """Publishes a role's health from the loop that does its work."""
+
+    def __init__(self, bus: Bus, cell: Cell, publisher: Publisher[Health]) -> None:
+        """Prepare what does not change."""
+        self._clock = bus.clock
+        self._publisher = publisher
+        self._period_ns = round(NS_PER_S / cell.rates.health_hz)
+        self._next_ns = 0
+        self._steps = 0
+        self._since_ns = bus.clock.now_ns()
+        self._lateness_s: deque[float] = deque(maxlen=LATENESS_WINDOW)
+        self._fixed = {"version": forcemesh_version(), "config_hash": cell_hash(cell)}
+
+    def stepped(self, now_ns: int, lateness_s: float, service: Service) -> None:
+        """Count a step, and report when it is time."""
+        self._steps += 1
+        self._lateness_s.append(lateness_s)
+        if now_ns < self._next_ns:
+            return
+        self._next_ns = now_ns + self._period_ns
+        elapsed_s = max(now_ns - self._since_ns, 1) / NS_PER_S
+        late = sorted(self._lateness_s)
+        self._publisher.put(
+            Health(
+                pid=os.getpid(),
+                rate_hz=self._steps / elapsed_s,
+                lateness_p99_s=late[int(0.99 * (len(late) - 1))],
+                counters=service.counters(),
+                fault=service.fault,
+                **self._fixed,
+            )
+        )
+        self._steps, self._since_ns = 0, now_ns
+
+
+class Runner:
+    """Decides when a service is due and steps it."""
+
+    def __init__(self, service: Service, reporters: list[HealthReporter], clock: Clock) -> None:
+        """Make the service due at once."""
+        self.service = service
+        self._reporters = reporters
+        self._clock = clock
+        self._period_ns = round(service.period_s * NS_PER_S)
+        self._due_ns = clock.now_ns()
+
+    def due(self, now_ns: int) -> bool:
+        """Tell whether the trigger has fired or the time has come."""
+        trigger = self.service.trigger
+        return (trigger is not None and trigger.poll()) or now_ns >= self._due_ns
+
+    def step(self, now_ns: int) -> None:
+        """Step once; a late step is not made up for."""
+        lateness_s = max(0, now_ns - self._due_ns) / NS_PER_S
+        self.service.step(now_ns)
+        if self.service.trigger is not None:
+            self._due_ns = now_ns + round(PATIENCE_PERIODS * self._period_ns)
+        else:
+            self._due_ns = max(self._due_ns + self._period_ns, now_ns - self._period_ns)
+        for reporter in self._reporters:
+            reporter.stepped(now_ns, lateness_s, self.service)
+
+    def run(self, stop: threading.Event) -> None:
+        """Step whenever due until told to stop."""
+        while not stop.is_set():
+            now_ns = self._clock.now_ns()
+            if self.due(now_ns):
+                self.step(now_ns)
+            else:
+                self._clock.sleep_s(POLL_S)
+
+
+def make_runner(service: Service, bus: Bus, cell: Cell) -> Runner:
+    """Return the runner of a service that plays the bus's role."""
+    reporter = HealthReporter(bus, cell, bus.publisher(HEALTH[bus.role]))
+    return Runner(service, [reporter], bus.clock)
+
+
+def main(role: str, make_service: Callable[[Bus, Cell], Service]) -> None:
+    """Run one service as a process until SIGTERM or SIGINT."""
+    cell = cell_from_arguments(role)
+    stop = stop_on_signals()
+    with exit_on_error(role), open_bus(cell, role) as bus:
+        make_runner(make_service(bus, cell), bus, cell).run(stop)
+
+
+def cell_from_arguments(role: str) -> Cell:
+    """Read the cell file that the command line names; exit with its mistakes if it has any."""
+    parser = argparse.ArgumentParser(prog=role, description=f"The {role} of a forcemesh cell.")
+    parser.add_argument("--cell", required=True, metavar="FILE", help="the cell file")
+    with exit_on_error(role):
+        return load_cell(parser.parse_args().cell)
+
+
+def stop_on_signals() -> threading.Event:
+    """Return the event that SIGTERM and SIGINT set."""
+    stop = threading.Event()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: stop.set())
+    return stop
+
+
+class exit_on_error:  # noqa: N801 - reads as a statement
+    """End the process with one clear line when forcemesh itself says what is wrong."""
+
+    def __init__(self, role: str) -> None:
+        """Remember who is speaking."""
+        self._role = role
+
+    def __enter__(self) -> None:
+        """Nothing to do."""
+
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
+        """Turn an expected error into a line on standard error and exit code 2."""
+        if isinstance(error, ForcemeshError):
+            print(f"{self._role}: {error}", file=sys.stderr)
+            raise SystemExit(2)
+
+
+def forcemesh_version() -> str:
+    """Return the installed version, or say that it runs from a bare checkout."""
+    try:
+        return version("forcemesh")
+    except PackageNotFoundError:
+        return "checkout"

@@ -1,0 +1,247 @@
+"""The packet codec: exact characters, any chunking, and nothing malformed gets through."""
+
+from itertools import pairwise
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from common.errors import LocalProtocolError, RemoteProtocolError
+from common.packet import (
+    FRAME_STRIDE,
+    FRAMES,
+    PACKET_CHARS,
+    VALUE_MAX,
+    VALUE_MIN,
+    Packet,
+    PacketReader,
+    encode,
+)
+from common.packet_table import (
+    COMMANDS,
+    COUNTER_SPAN,
+    ID_MAX,
+    NO_ID,
+    REPORTS,
+    STATUS_BITS,
+    TABLE,
+    Com,
+    Status,
+    id_reached,
+    known,
+    next_id,
+    pack_status,
+    unpack_status,
+)
+
+values = st.integers(VALUE_MIN, VALUE_MAX)
+packets = st.builds(Packet, values, values, values, st.tuples(*[values] * 6))
+ids = st.integers(1, ID_MAX)
+SAMPLE = Packet(123, 1, 0, (-123, 999_999, -99_999, 0, 45_000, -1))
+
+
+def chop(data: bytes, cuts: list[int]) -> list[bytes]:
+    """Cut bytes at the given places."""
+    edges = [0, *sorted(min(cut, len(data)) for cut in cuts), len(data)]
+    return [data[a:b] for a, b in pairwise(edges)]
+
+
+def feed_all(reader: PacketReader, pieces: list[bytes]) -> list[Packet]:
+    """Feed piece by piece."""
+    return [packet for piece in pieces for packet in reader.feed(piece)]
+
+
+@given(packets)
+def test_a_packet_survives_the_wire(packet: Packet) -> None:
+    """Decoding what was encoded gives the same packet, in 63 characters."""
+    data = encode(packet)
+    assert len(data) == PACKET_CHARS
+    assert PacketReader().feed(data) == [packet]
+
+
+@given(st.lists(packets, max_size=8), st.lists(st.integers(0, 8 * PACKET_CHARS)))
+def test_any_chunking_decodes_alike(sent: list[Packet], cuts: list[int]) -> None:
+    """How the stream is cut makes no difference to the packets."""
+    pieces = chop(b"".join(map(encode, sent)), cuts)
+    assert feed_all(PacketReader(), pieces) == sent
+
+
+def test_the_characters_are_those_of_the_specification() -> None:
+    """Six characters with leading zeros, then one space; 123 is 000123."""
+    assert encode(SAMPLE) == (
+        b"000123 000001 000000 -00123 999999 -99999 000000 045000 -00001 "
+    )  # fmt: skip
+
+
+def test_a_packet_is_taken_with_its_last_character() -> None:
+    """The last packet of a burst does not wait for the next one, and not one character early."""
+    reader, data = PacketReader(), encode(SAMPLE)
+    assert reader.feed(data[:-1]) == []
+    assert reader.feed(data[-1:]) == [SAMPLE]
+
+
+def test_a_255_byte_burst_keeps_its_remainder() -> None:
+    """255 characters are four packets and three characters, the cut that public code gets wrong."""
+    sent = [Packet(i, 1, 0, (i,) * 6) for i in range(1, 10)]
+    data = b"".join(map(encode, sent))
+    reader = PacketReader()
+    assert reader.feed(data[:255]) == sent[:4]
+    assert reader.feed(data[255:510]) == sent[4:8]
+    assert reader.feed(data[510:]) == sent[8:]
+
+
+@pytest.mark.parametrize("value", [VALUE_MIN - 1, VALUE_MAX + 1, -(10**9), 10**9])
+@pytest.mark.parametrize("frame", range(FRAMES))
+def test_a_value_that_does_not_fit_is_refused_before_a_byte_exists(frame: int, value: int) -> None:
+    """Out of range raises with the frame's name and the value; it is never clipped."""
+    numbers = [1] * FRAMES
+    numbers[frame] = value
+    with pytest.raises(LocalProtocolError, match=str(value)):
+        encode(Packet(numbers[0], numbers[1], numbers[2], tuple(numbers[3:])))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("value", [1.0, True, None, "1", float("nan")])
+def test_a_frame_holds_integers_only(value: object) -> None:
+    """What is not an int is refused, whatever it would print as."""
+    with pytest.raises(LocalProtocolError, match="integer"):
+        encode(Packet(1, 1, 0, (value, 0, 0, 0, 0, 0)))  # type: ignore[arg-type]
+
+
+def test_a_packet_of_a_wrong_length_is_refused() -> None:
+    """Eight or ten frames cannot be sent."""
+    with pytest.raises(LocalProtocolError, match="8"):
+        encode(Packet(1, 1, 0, (0,) * 5))  # type: ignore[arg-type]
+
+
+def test_one_wrong_character_is_refused_or_is_another_number() -> None:
+    """Every position, every byte: a change gets through only if it makes a valid frame."""
+    data = encode(SAMPLE)
+    for position in range(PACKET_CHARS):
+        in_frame = position % FRAME_STRIDE
+        for byte in range(256):
+            if byte == data[position]:
+                continue
+            allowed = in_frame < FRAME_STRIDE - 1 and (
+                byte in b"0123456789" or (byte == ord("-") and in_frame == 0)
+            )
+            reader = PacketReader()
+            mutant = data[:position] + bytes([byte]) + data[position + 1 :]
+            if not allowed:
+                with pytest.raises(RemoteProtocolError):
+                    reader.feed(mutant)
+                continue
+            (packet,) = reader.feed(mutant)
+            differing = [a != b for a, b in zip(packet.frames, SAMPLE.frames, strict=True)]
+            assert not any(differing[: position // FRAME_STRIDE])
+            assert not any(differing[position // FRAME_STRIDE + 1 :])
+
+
+@pytest.mark.parametrize(
+    "frame",
+    [
+        b"1_0000", b" 12345", b"12345 ", b"+12345", b"0x1234", b"1e1000", b"--1234", b"1-2345",
+        b"-" * 6, b"*" * 6, b"12.345", b"\x00" * 6, "１２".encode(), "٣٣٣".encode(), b"12345\n",
+    ],
+)  # fmt: skip
+def test_what_int_would_forgive_is_refused(frame: bytes) -> None:
+    """Frames are -?[0-9]+ in ASCII, not whatever int() takes."""
+    assert len(frame) == 6
+    data = encode(SAMPLE)
+    with pytest.raises(RemoteProtocolError, match="Com"):
+        PacketReader().feed(data[:7] + frame + data[13:])
+
+
+@given(packets, st.integers(0, PACKET_CHARS - 1))
+def test_a_lost_character_is_noticed_in_the_packet_it_is_missing_from(p: Packet, at: int) -> None:
+    """Two packets with one character missing in the first are never read as other numbers."""
+    data = encode(p)
+    with pytest.raises(RemoteProtocolError):
+        PacketReader().feed(data[:at] + data[at + 1 :] + data)
+
+
+@given(st.lists(packets, max_size=3), st.lists(st.integers(0, 300)), st.integers(0, 62))
+def test_the_place_of_a_fault_is_the_same_for_any_chunking(
+    sent: list[Packet], cuts: list[int], at: int
+) -> None:
+    """The error names packet and character of the stream, and those do not depend on the cuts."""
+    bad = bytearray(encode(SAMPLE))
+    bad[at] = ord("x")
+    data = b"".join(map(encode, sent)) + bytes(bad) + encode(SAMPLE)
+    with pytest.raises(RemoteProtocolError) as whole:
+        PacketReader().feed(data)
+    with pytest.raises(RemoteProtocolError) as chopped:
+        feed_all(PacketReader(), chop(data, cuts))
+    assert str(chopped.value) == str(whole.value)
+    assert f"packet {len(sent) + 1} " in str(whole.value)
+    assert "x" in str(whole.value)
+
+
+def test_a_dead_reader_stays_dead() -> None:
+    """After one malformed packet no later packet is believed."""
+    reader = PacketReader()
+    with pytest.raises(RemoteProtocolError):
+        reader.feed(b"x" * PACKET_CHARS)
+    with pytest.raises(RemoteProtocolError):
+        reader.feed(encode(SAMPLE))
+    with pytest.raises(RemoteProtocolError):
+        reader.feed(b"")
+
+
+@given(st.integers(0, 5000), st.integers(0, 2**STATUS_BITS - 1))
+def test_counter_and_status_share_one_frame(counter: int, bits: int) -> None:
+    """The counter goes round at 488 and the number always fits a frame."""
+    param = pack_status(counter, Status(bits))
+    assert 0 <= param <= VALUE_MAX
+    assert unpack_status(param) == (counter % COUNTER_SPAN, Status(bits))
+
+
+@pytest.mark.parametrize("param", [-1, COUNTER_SPAN * 2048, VALUE_MAX])
+def test_a_param_that_is_no_counter_and_status_is_refused(param: int) -> None:
+    """Numbers that pack_status cannot make are not unpacked."""
+    with pytest.raises(RemoteProtocolError, match=str(param)):
+        unpack_status(param)
+
+
+def test_status_bits_outside_the_eleven_cannot_be_sent() -> None:
+    """A twelfth bit would be read as a counter."""
+    with pytest.raises(LocalProtocolError):
+        pack_status(0, Status(2**STATUS_BITS))
+    assert len(Status) == STATUS_BITS
+
+
+@given(ids)
+def test_ids_are_consecutive_and_never_zero(id_: int) -> None:
+    """1 to 999999, then 1 again."""
+    following = next_id(id_)
+    assert following == (1 if id_ == ID_MAX else id_ + 1)
+    assert next_id(NO_ID) == 1
+
+
+@given(ids, st.integers(0, 400_000))
+def test_ids_are_compared_round_the_turn(id_: int, steps: int) -> None:
+    """An ID is reached by itself and by what follows it, also after 999999."""
+    later = (id_ - 1 + steps) % ID_MAX + 1
+    assert id_reached(later, id_)
+    assert id_reached(id_, later) == (steps == 0)
+    assert not id_reached(NO_ID, id_)
+
+
+def test_every_command_has_its_row() -> None:
+    """The table knows 1 to 12 and 101 to 103, each sent by PC, controller, or both (hello)."""
+    assert set(TABLE) == set(Com) == COMMANDS | REPORTS
+    assert sorted(Com) == [*range(1, 13), 101, 102, 103]
+    assert {Com.HELLO} == COMMANDS & REPORTS
+
+
+@pytest.mark.parametrize("com", [-1, 0, 13, 100, 104, 999_999])
+def test_an_unknown_command_is_refused(com: int) -> None:
+    """A number that is not in the table is not a command."""
+    with pytest.raises(RemoteProtocolError, match=str(com)):
+        known(com, 0)
+
+
+@pytest.mark.parametrize(("com", "param"), [(1, 1), (6, 2), (7, 3), (8, -1), (101, -1)])
+def test_a_param_outside_the_table_is_refused(com: int, param: int) -> None:
+    """Param zero means zero (specification 1.4)."""
+    with pytest.raises(RemoteProtocolError, match=str(param)):
+        known(com, param)

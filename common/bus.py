@@ -8,7 +8,7 @@ slow reader can never hold a writer up.
 import json
 import os
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 
@@ -46,7 +46,7 @@ def open_bus(
         yield Bus(role, cell.cell, transport, cell, clock or MonotonicClock())
     finally:
         with suppress(zenoh.ZError):
-            session.close()
+            session.close()  # type: ignore[no-untyped-call]  # the stub lacks it
 
 
 @contextmanager
@@ -66,7 +66,7 @@ def open_hub(cell: Cell, *, clock: Clock | None = None) -> Iterator[Bus]:
         yield Bus("hub", cell.cell, ZenohTransport(session), cell, clock or MonotonicClock())
     finally:
         with suppress(zenoh.ZError):
-            session.close()
+            session.close()  # type: ignore[no-untyped-call]  # the stub lacks it
 
 
 def _connect(endpoint: str, role: str, patience_s: float) -> zenoh.Session:
@@ -89,7 +89,7 @@ def _connect(endpoint: str, role: str, patience_s: float) -> zenoh.Session:
             time.sleep(0.1)
 
 
-def _config(part: dict[str, object], name: str) -> zenoh.Config:
+def _config(part: Mapping[str, object], name: str) -> zenoh.Config:
     common = {
         "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
         "transport": {
@@ -98,7 +98,7 @@ def _config(part: dict[str, object], name: str) -> zenoh.Config:
         },
         "metadata": {"name": name},
     }
-    return zenoh.Config.from_json5(json.dumps(part | common))
+    return zenoh.Config.from_json5(json.dumps({**part, **common}))
 
 
 @dataclass(slots=True)
@@ -171,8 +171,9 @@ class ZenohTransport:
 
     def serve(self, key: str) -> ZenohCalls:
         """Return the queries of a key."""
-        channel = zenoh.handlers.RingChannel(MAX_WAITING_REQUESTS)
-        return ZenohCalls(self._session.declare_queryable(key, channel))
+        return ZenohCalls(
+            self._session.declare_queryable(key, zenoh.handlers.RingChannel(MAX_WAITING_REQUESTS))
+        )
 
     def ask(self, key: str, data: bytes, timeout_s: float) -> bytes | None:
         """Ask, and ask again while nobody is there, until the time is up.

@@ -4,13 +4,13 @@ SI units. Angles of frames are Kawasaki's O, A, T in degrees, as on the teach pe
 """
 
 from math import radians
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import pinocchio as pin
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from common.frames import Oat, R_from_oat, pose
-from common.messages import Host, Message, Vec3, Vec6
+from common.messages import Host, Vec3, Vec6
 from common.topics import Topic
 
 Positive = Annotated[float, Field(gt=0.0)]
@@ -222,12 +222,12 @@ class Cell(Section):
             raise ValueError("roles.sensor can be sim only when roles.robot is sim")
         return self
 
-    def rate_hz(self, topic: Topic[Message]) -> float:
+    def rate_hz(self, topic: Topic[Any]) -> float:
         """Return how often a topic comes in this cell [Hz]."""
         rate: float = getattr(self.rates, f"{topic.rate}_hz")
         return rate
 
-    def stale_after_s(self, topic: Topic[Message]) -> float:
+    def stale_after_s(self, topic: Topic[Any]) -> float:
         """Return the age [s] from which on a topic is stale: three periods, or its deadline."""
         deadline_s: float = getattr(self.deadlines, f"{topic.deadline}_s")
         return max(SHORTEST_DEADLINE_PERIODS / self.rate_hz(topic), deadline_s)

@@ -7,7 +7,7 @@ one process on a virtual clock (`common.memory`). Services cannot tell which.
 import secrets
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from typing import Generic, NamedTuple, Protocol, TypeVar
+from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 
 from common.clock import NS_PER_S, Clock
 from common.codec import Header, decode, decode_record, encode, encode_record
@@ -61,7 +61,7 @@ class Transport(Protocol):
 class Timing(Protocol):
     """How often topics come and when they are stale: the cell file."""
 
-    def stale_after_s(self, topic: Topic[M]) -> float:
+    def stale_after_s(self, topic: Topic[Any]) -> float:
         """Return the age [s] from which on a topic is stale."""
 
 

@@ -51,7 +51,7 @@ class MemoryTransport:
         self._sources: dict[str, list[MemorySource]] = {}
         self._servers: dict[str, MemoryCalls] = {}
 
-    def publish(self, key: str, qos: Qos) -> Callable[[bytes], None]:
+    def publish(self, key: str, _qos: Qos) -> Callable[[bytes], None]:
         """Return the function that puts bytes on a key."""
         sources = self._sources.setdefault(key, [])
 

@@ -54,7 +54,7 @@ class HealthReporter:
         self._steps = 0
         self._since_ns = bus.clock.now_ns()
         self._lateness_s: deque[float] = deque(maxlen=LATENESS_WINDOW)
-        self._fixed = {"version": forcemesh_version(), "config_hash": cell_hash(cell)}
+        self._version, self._config_hash = forcemesh_version(), cell_hash(cell)
 
     def stepped(self, now_ns: int, lateness_s: float, service: Service) -> None:
         """Count a step, and report when it is time."""
@@ -72,7 +72,8 @@ class HealthReporter:
                 lateness_p99_s=late[int(0.99 * (len(late) - 1))],
                 counters=service.counters(),
                 fault=service.fault,
-                **self._fixed,
+                version=self._version,
+                config_hash=self._config_hash,
             )
         )
         self._steps, self._since_ns = 0, now_ns
@@ -158,7 +159,7 @@ class exit_on_error:  # noqa: N801 - reads as a statement
     def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
         """Turn an expected error into a line on standard error and exit code 2."""
         if isinstance(error, ForcemeshError):
-            print(f"{self._role}: {error}", file=sys.stderr)
+            sys.stderr.write(f"{self._role}: {error}\n")
             raise SystemExit(2)
 
 

@@ -1,0 +1,60 @@
+# What a person types. Every target sets up what it needs; `make` alone lists them.
+
+ARGS ?=
+PYTHON ?= $(or $(firstword $(foreach p,python3 python3.14 python3.13 python3.12 python3.11,\
+            $(shell $(p) -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && echo $(p)))),python3)
+UV ?= $(firstword $(shell command -v uv 2>/dev/null) $(wildcard .venv/bin/uv))
+BIN := .venv/bin
+STAMP := .venv/.made-from-lock
+CODE := $(wildcard common services sim cli bench tests tools)
+LOCK := pip compile -q --universal --generate-hashes --no-emit-index-url \
+        --custom-compile-command "make lock" pyproject.toml
+
+# A python asked for by name replaces a .venv that was made with another one.
+ifneq ($(filter command environment,$(firstword $(origin PYTHON))),)
+ifneq ($(shell $(PYTHON) -V 2>&1),$(shell $(BIN)/python -V 2>&1))
+.PHONY: $(STAMP)
+endif
+endif
+
+.DEFAULT_GOAL := help
+.PHONY: help setup demo test check format bench lock clean
+
+help: ## list these targets
+	@grep -hE '^[a-z]+:.*##' Makefile | sed -E 's/:[^#]*## */\t/' | expand -t 10
+
+setup: $(STAMP) ## make .venv from the lock (once; again when the lock changes)
+
+$(STAMP): requirements.lock pyproject.toml
+	@tools/setup.sh "$(PYTHON)"
+	@touch $@
+
+demo: setup ## press the simulated arm on a plate and let the force go to zero: ARGS="--force 20"
+	@$(BIN)/forcemesh demo $(ARGS)
+
+test: setup ## run every test, then show the largest files and functions: ARGS="-k packet"
+	@$(BIN)/python -m pytest $(ARGS)
+	@$(BIN)/python tools/sizes.py
+
+check: setup ## lint, format, types, import contracts, sizes
+	@$(BIN)/ruff check $(CODE)
+	@$(BIN)/ruff format --check $(CODE)
+	@$(BIN)/mypy $(CODE)
+	@PATH="$(CURDIR)/$(BIN):$$PATH" lint-imports
+	@$(BIN)/python tools/sizes.py
+
+format: setup ## let ruff format and fix what it can
+	@$(BIN)/ruff format $(CODE)
+	@$(BIN)/ruff check --fix $(CODE)
+
+bench: setup ## measure what the README states
+	@$(BIN)/python -m bench $(ARGS)
+
+lock: ## write both locks anew from pyproject.toml (needs uv): ARGS=--upgrade takes newer versions
+	@test -n "$(UV)" || { echo "make lock needs uv: $(BIN)/python -m pip install uv" >&2; exit 1; }
+	@$(UV) $(LOCK) $(ARGS) --all-extras -o requirements.lock
+	@$(UV) $(LOCK) --no-annotate --extra build -c requirements.lock -o requirements-run.lock
+
+clean: ## remove .venv, caches and what runs have written
+	@rm -rf .venv .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache .run out
+	@find $(CODE) -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -1,0 +1,66 @@
+"""Print the five largest Python files and functions, and fail above the limits of the house style.
+
+Files: 300 lines. Functions: 60 lines from `def` to the last one.
+"""
+
+import ast
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+FOLDERS = ("common", "services", "sim", "cli", "bench", "tests", "tools")
+FILE_LIMIT = 300
+FUNCTION_LIMIT = 60
+SHOWN = 5
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class Size:
+    """How many lines something has, and where it stands."""
+
+    lines: int
+    where: str
+
+
+def files(root: Path) -> list[Path]:
+    """Return every Python file of the project under `root`, sorted."""
+    return sorted(path for folder in FOLDERS for path in (root / folder).rglob("*.py"))
+
+
+def file_size(path: Path, root: Path) -> Size:
+    """Return the number of lines of a file."""
+    return Size(len(path.read_text(encoding="utf-8").splitlines()), str(path.relative_to(root)))
+
+
+def function_sizes(path: Path, root: Path) -> Iterator[Size]:
+    """Yield the length of each function and method in a file, nested ones too."""
+    tree = ast.parse(path.read_text(encoding="utf-8"), filename=str(path))
+    for node in ast.walk(tree):
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            lines = (node.end_lineno or node.lineno) - node.lineno + 1
+            yield Size(lines, f"{path.relative_to(root)}:{node.lineno} {node.name}")
+
+
+def report(title: str, sizes: list[Size], limit: int) -> bool:
+    """Print the largest of `sizes` and all above `limit`; return whether none is."""
+    ordered = sorted(sizes, reverse=True)
+    too_large = [size for size in ordered if size.lines > limit]
+    print(f"{title} (limit {limit} lines)")
+    for size in ordered[: max(SHOWN, len(too_large))]:
+        print(f"  {size.lines:4d}  {size.where}{'   TOO LONG' if size.lines > limit else ''}")
+    return not too_large
+
+
+def main(root: Path = ROOT) -> int:
+    """Report on the project at `root` and return the exit code."""
+    paths = files(root)
+    functions = [size for path in paths for size in function_sizes(path, root)]
+    files_fit = report("largest files", [file_size(path, root) for path in paths], FILE_LIMIT)
+    functions_fit = report("largest functions", functions, FUNCTION_LIMIT)
+    return 0 if files_fit and functions_fit else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

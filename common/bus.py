@@ -46,7 +46,7 @@ def open_bus(
         yield Bus(role, cell.cell, transport, cell, clock or MonotonicClock())
     finally:
         with suppress(zenoh.ZError):
-            session.close()  # type: ignore[no-untyped-call]  # the stub lacks it
+            session.close()
 
 
 @contextmanager
@@ -66,7 +66,7 @@ def open_hub(cell: Cell, *, clock: Clock | None = None) -> Iterator[Bus]:
         yield Bus("hub", cell.cell, ZenohTransport(session), cell, clock or MonotonicClock())
     finally:
         with suppress(zenoh.ZError):
-            session.close()  # type: ignore[no-untyped-call]  # the stub lacks it
+            session.close()
 
 
 def _connect(endpoint: str, role: str, patience_s: float) -> zenoh.Session:

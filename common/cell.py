@@ -136,6 +136,8 @@ class ForceSection(Section):
     touch_N: Positive = 2.0  # contact begins above, ends below half of it
     setpoint_ramp_N_s: Positive = 200.0
     setpoint_max_N: Positive = 40.0
+    tare_max_N: Positive = 10.0  # a larger change of bias is taken for contact
+    tare_max_Nm: Positive = 1.0
 
 
 class LimitsSection(Section):

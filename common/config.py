@@ -89,6 +89,6 @@ def _names_at(location: tuple[int | str, ...]) -> list[str]:
     section: type[BaseModel] = Cell
     for part in location:
         annotation = section.model_fields[str(part)].annotation
-        choices = [choice for choice in (annotation, *get_args(annotation))]
+        choices = (annotation, *get_args(annotation))
         section = next(c for c in choices if isinstance(c, type) and issubclass(c, BaseModel))
     return list(section.model_fields)

@@ -121,7 +121,7 @@ def unwrap_oat(oat: Oat, previous: Oat) -> Oat:
     """
     flipped = Oat(oat.o + math.pi, -oat.a, oat.t + math.pi)
     branches = [_nearest_turns(branch, previous) for branch in (oat, flipped)]
-    return min(branches, key=lambda branch: sum((b - p) ** 2 for b, p in zip(branch, previous)))
+    return min(branches, key=lambda branch: math.dist(branch, previous))
 
 
 def pose(position_m: Array | tuple[float, ...], R: Array) -> pin.SE3:
@@ -141,5 +141,5 @@ def _wrap(angle_rad: float) -> float:
 
 
 def _nearest_turns(oat: Oat, previous: Oat) -> Oat:
-    turned = (p + math.remainder(x - p, math.tau) for x, p in zip(oat, previous))
+    turned = (p + math.remainder(x - p, math.tau) for x, p in zip(oat, previous, strict=True))
     return Oat(*turned)

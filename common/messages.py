@@ -197,6 +197,7 @@ class RobotCommand(Message):
     speed: Speed = Speed()
     goal: Goal | None = None
     pose: PoseRecord | None = None  # flange in base, for kind "setpoint"
+    limited: bool = False  # the pose is not the proposed one: a limit was in the way
     feedback: Feedback | None = None
 
 

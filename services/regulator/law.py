@@ -1,0 +1,120 @@
+"""The specification's PI regulator: wrench in, next pose out. Pure: state in, state out.
+
+Velocity form on an unrounded commanded pose x of the TCP, error e = F - F_set:
+
+    x <- x + Kp (e - e_previous) + Ki e dt                       (force feedback position)
+    R <- exp(Kpr (M - M_previous) + Kir M dt) R, base axes, about the TCP  (orientation, task c)
+
+Positive force is what the environment does to the robot, so giving way means moving along it.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import pinocchio as pin
+
+from common.frames import Array, rotate_about_base_axes
+from common.messages import Mode
+
+Contact = Literal["free", "approach", "contact"]
+RELEASE_FRACTION = 0.5  # contact ends below this part of the touch force
+
+
+@dataclass(frozen=True, slots=True)
+class LawSettings:
+    """Everything but the gains that shapes the law."""
+
+    deadband_N: float
+    deadband_Nm: float
+    speed_max_m_s: float
+    speed_max_rad_s: float
+    approach_m_s: float
+    touch_N: float
+
+
+@dataclass(frozen=True, slots=True)
+class PiGains:
+    """Gains about the base axes x, y, z; each of shape (3,)."""
+
+    force_p_m_per_N: Array
+    force_i_m_per_Ns: Array
+    torque_p_rad_per_Nm: Array
+    torque_i_rad_per_Nms: Array
+
+
+@dataclass(frozen=True, slots=True)
+class LawInput:
+    """One wrench sample and what is wanted."""
+
+    force_N: Array  # of the environment on the tool, base axes
+    torque_Nm: Array  # about the TCP, base axes
+    setpoint_N: float  # press along the tool's z axis
+    mode: Mode
+    dt_s: float  # since the last sample
+
+
+@dataclass(frozen=True, slots=True)
+class LawState:
+    """Commanded pose and the last errors."""
+
+    T_base_tcp: pin.SE3
+    error_force_N: Array
+    error_torque_Nm: Array
+    contact: Contact = "free"
+
+
+def start_at(T_base_tcp: pin.SE3) -> LawState:
+    """Return the state that commands the pose where the tool is: no bump."""
+    zero = np.zeros(3)
+    return LawState(T_base_tcp.copy(), zero, zero)
+
+
+def step(state: LawState, sample: LawInput, gains: PiGains, settings: LawSettings) -> LawState:
+    """Return the next state; its pose is the next command."""
+    press_axis = state.T_base_tcp.rotation[:, 2]
+    wanted_force_N = -sample.setpoint_N * press_axis  # pressing down is being pushed up
+    error_N = soft_deadband(sample.force_N - wanted_force_N, settings.deadband_N)
+    error_Nm = soft_deadband(sample.torque_Nm, settings.deadband_Nm)
+    contact = next_contact(state.contact, sample, press_axis, settings.touch_N)
+    seeking = contact == "approach" and sample.mode != "orientation"
+    shift_m, turn_rad = np.zeros(3), np.zeros(3)
+    if seeking:
+        shift_m = settings.approach_m_s * sample.dt_s * press_axis
+    elif sample.mode != "orientation":
+        proportional = gains.force_p_m_per_N * (error_N - state.error_force_N)
+        shift_m = proportional + gains.force_i_m_per_Ns * error_N * sample.dt_s
+    if sample.mode != "position":
+        proportional = gains.torque_p_rad_per_Nm * (error_Nm - state.error_torque_Nm)
+        turn_rad = proportional + gains.torque_i_rad_per_Nms * error_Nm * sample.dt_s
+    shift_m = limit_norm(shift_m, settings.speed_max_m_s * sample.dt_s)
+    turn_rad = limit_norm(turn_rad, settings.speed_max_rad_s * sample.dt_s)
+    R_base_tcp = rotate_about_base_axes(state.T_base_tcp.rotation, turn_rad)
+    T_base_tcp = pin.SE3(R_base_tcp, state.T_base_tcp.translation + shift_m)
+    return LawState(T_base_tcp, error_N, error_Nm, contact)
+
+
+def next_contact(
+    contact: Contact, sample: LawInput, press_axis: Array, touch_N: float
+) -> Contact:
+    """Tell whether the tool touches, with hysteresis, or still seeks what it shall press on."""
+    pushed_back_N = -float(sample.force_N @ press_axis)
+    touch_N = min(touch_N, 0.5 * sample.setpoint_N) if sample.setpoint_N > 0.0 else touch_N
+    threshold_N = touch_N * (RELEASE_FRACTION if contact == "contact" else 1.0)
+    if pushed_back_N > threshold_N:
+        return "contact"
+    return "approach" if sample.setpoint_N > 0.0 else "free"
+
+
+def soft_deadband(error: Array, width: float) -> Array:
+    """Shorten a vector by `width`, to zero when it is shorter: continuous, direction kept."""
+    length = float(np.linalg.norm(error))
+    if length <= width:
+        return np.zeros(3)
+    return error * ((length - width) / length)
+
+
+def limit_norm(vector: Array, longest: float) -> Array:
+    """Shorten a vector to at most `longest`, direction kept."""
+    length = float(np.linalg.norm(vector))
+    return vector if length <= longest else vector * (longest / length)

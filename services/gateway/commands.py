@@ -1,0 +1,196 @@
+"""SI to packet: every command of the table. Millimetres, degrees and O, A, T live only here.
+
+A command is everything of a packet but its ID, which the dialogue gives out when it sends.
+"""
+
+from dataclasses import dataclass
+from math import degrees
+
+import numpy as np
+import pinocchio as pin
+
+from common.errors import LocalProtocolError
+from common.frames import Array, Oat, is_finite_pose, oat_from_R
+from common.messages import Gains, Mode, Speed, Vec3, Vec6
+from common.packet import ZERO_VEC, Packet, VecInt
+from common.packet_table import (
+    GAIN_I,
+    GAIN_P,
+    PERCENT,
+    PROTOCOL_VERSION,
+    Com,
+    FeedbackSwitch,
+    GainKind,
+)
+from services.gateway.scales import Scales, to_units, to_vec
+
+MM_PER_M = 1e3
+_POSE_NAMES = ("X [mm]", "Y [mm]", "Z [mm]", "O [deg]", "A [deg]", "T [deg]")
+_JOINT_NAMES = tuple(f"JT{number} [deg]" for number in range(1, 7))
+_WRENCH_NAMES = ("Fx [N]", "Fy [N]", "Fz [N]", "Mx [N m]", "My [N m]", "Mz [N m]")
+_SPEED_NAMES = ("acceleration [%]", "deceleration [%]", "modular speed [%]", "speed [mm/s]")
+_LIMIT_NAMES = (
+    "step [mm]", "step [deg]", "speed [mm/s]", "travel [mm]", "force ceiling [N]", "watchdog [ms]",
+)  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """A packet without its ID."""
+
+    com: Com
+    param: int = 0
+    vec: VecInt = ZERO_VEC
+
+    def packet(self, id_: int) -> Packet:
+        """Return the packet under an ID."""
+        return Packet(id_, int(self.com), self.param, self.vec)
+
+
+@dataclass(frozen=True, slots=True)
+class PoseCarry:
+    """What one pose leaves to the next of a stream: rounding error, and O, A, T for the poles."""
+
+    error_mm: Vec3 = (0.0, 0.0, 0.0)  # wanted minus sent
+    oat: Oat | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class ControllerLimits:
+    """What the controller itself keeps to (command 10)."""
+
+    step_m: float
+    step_rad: float
+    speed_m_s: float
+    travel_m: float
+    force_N: float
+    watchdog_s: float
+
+
+HOLD = Command(Com.HOLD)
+HEARTBEAT = Command(Com.HEARTBEAT)
+STOP_FEEDBACK = Command(Com.FEEDBACK, int(FeedbackSwitch.STOP))
+
+
+def move_to_pose(
+    T_base_flange: pin.SE3, scales: Scales, carry: PoseCarry
+) -> tuple[Command, PoseCarry]:
+    """Return command 1 and what is left over for the next one of the stream.
+
+    One unit is 0.02 mm, which is 2 N at 1e5 N/m; so the part of a unit that rounding takes from
+    this position is given to the next (first-order noise shaping): the mean is exact.
+
+    Raises LocalProtocolError for a pose that is not finite or does not fit.
+    """
+    _refuse_unless_finite(T_base_flange)
+    oat = oat_from_R(T_base_flange.rotation, carry.oat)
+    wanted_mm = T_base_flange.translation * MM_PER_M + np.array(carry.error_mm)
+    vec = _pose_vec(wanted_mm, oat, scales)
+    x, y, z = (float(e) for e in wanted_mm - np.array(vec[:3]) / scales.position_per_mm)
+    return Command(Com.MOVE_POSE, 0, vec), PoseCarry((x, y, z), oat)
+
+
+def move_to_joints(joint_rad: Vec6, scales: Scales) -> Command:
+    """Return command 2 for joint angles [rad]."""
+    return Command(Com.MOVE_JOINTS, 0, _joint_vec(joint_rad, scales))
+
+
+def move_by_joints(turn_rad: Vec6, scales: Scales) -> Command:
+    """Return command 3 for joint rotations [rad]."""
+    return Command(Com.MOVE_BY_JOINTS, 0, _joint_vec(turn_rad, scales))
+
+
+def wrench(force_N: Vec3, torque_Nm: Vec3, scales: Scales) -> Command:
+    """Return command 4: base axes, about the TCP, set point already subtracted."""
+    per_one = (scales.force_per_N,) * 3 + (scales.torque_per_Nm,) * 3
+    return Command(Com.WRENCH, 0, to_vec(_WRENCH_NAMES, (*force_N, *torque_Nm), per_one))
+
+
+def speeds(speed: Speed, scales: Scales) -> Command:
+    """Return command 5."""
+    fractions = (speed.accel_fraction, speed.decel_fraction, speed.modular_fraction)
+    units = [
+        to_units(name, value * 100.0, PERCENT)
+        for name, value in zip(_SPEED_NAMES[:3], fractions, strict=True)
+    ]
+    mechanical = to_units(_SPEED_NAMES[3], speed.mechanical_m_s * MM_PER_M, scales.speed_per_mm_s)
+    return Command(Com.SPEEDS, 0, (units[0], units[1], units[2], mechanical, 0, 0))
+
+
+def gains(gains_si: Gains) -> tuple[Command, Command]:
+    """Return the two commands 6: proportional, then integral.
+
+    Raises LocalProtocolError also for a gain that would round to nothing.
+    """
+    proportional = _gain_vec("P", gains_si.force_p_m_per_N, gains_si.torque_p_rad_per_Nm, GAIN_P)
+    integral = _gain_vec("I", gains_si.force_i_m_per_Ns, gains_si.torque_i_rad_per_Nms, GAIN_I)
+    return (
+        Command(Com.GAINS, int(GainKind.PROPORTIONAL), proportional),
+        Command(Com.GAINS, int(GainKind.INTEGRAL), integral),
+    )
+
+
+def start_feedback(mode: Mode) -> tuple[Command, ...]:
+    """Return the commands 7 that start force feedback in a mode; both is one after the other."""
+    switches = {
+        "position": (FeedbackSwitch.POSITION,),
+        "orientation": (FeedbackSwitch.ORIENTATION,),
+        "both": (FeedbackSwitch.POSITION, FeedbackSwitch.ORIENTATION),
+    }
+    return tuple(Command(Com.FEEDBACK, int(switch)) for switch in switches[mode])
+
+
+def hello(scales: Scales) -> Command:
+    """Return command 9, which asks for the scales."""
+    return Command(Com.HELLO, PROTOCOL_VERSION, scales.vec)
+
+
+def limits(kept: ControllerLimits, scales: Scales) -> Command:
+    """Return command 10."""
+    values = (
+        kept.step_m * MM_PER_M,
+        degrees(kept.step_rad),
+        kept.speed_m_s * MM_PER_M,
+        kept.travel_m * MM_PER_M,
+        kept.force_N,
+        kept.watchdog_s * 1e3,
+    )
+    mm, degree = scales.position_per_mm, scales.oat_per_deg
+    per_one = (mm, degree, scales.speed_per_mm_s, mm, scales.force_per_N, 1)
+    return Command(Com.LIMITS, 0, to_vec(_LIMIT_NAMES, values, per_one))
+
+
+def tcp(T_flange_tcp: pin.SE3, scales: Scales) -> Command:
+    """Return command 11."""
+    _refuse_unless_finite(T_flange_tcp)
+    position_mm = T_flange_tcp.translation * MM_PER_M
+    return Command(Com.TCP, 0, _pose_vec(position_mm, oat_from_R(T_flange_tcp.rotation), scales))
+
+
+def _refuse_unless_finite(T: pin.SE3) -> None:
+    if not is_finite_pose(T):
+        raise LocalProtocolError("the pose holds a number that is not finite, it cannot be sent")
+
+
+def _pose_vec(position_mm: Array, oat: Oat, scales: Scales) -> VecInt:
+    x, y, z = (float(value) for value in position_mm)
+    o, a, t = (degrees(angle) for angle in oat)
+    per_one = (scales.position_per_mm,) * 3 + (scales.oat_per_deg,) * 3
+    return to_vec(_POSE_NAMES, (x, y, z, o, a, t), per_one)
+
+
+def _joint_vec(joint_rad: Vec6, scales: Scales) -> VecInt:
+    a, b, c, d, e, f = (degrees(angle) for angle in joint_rad)
+    return to_vec(_JOINT_NAMES, (a, b, c, d, e, f), (scales.joint_per_deg,) * 6)
+
+
+def _gain_vec(kind: str, force: Vec3, torque: Vec3, per_one: float) -> VecInt:
+    """Scale gains from m and rad to the packet's mm and degrees."""
+    names = tuple(f"{kind} gain {axis}" for axis in ("x", "y", "z", "mx", "my", "mz"))
+    fx, fy, fz = (value * MM_PER_M for value in force)
+    mx, my, mz = (degrees(value) for value in torque)
+    vec = to_vec(names, (fx, fy, fz, mx, my, mz), (per_one,) * 6)
+    for name, wanted, sent in zip(names, (*force, *torque), vec, strict=True):
+        if wanted != 0.0 and sent == 0:
+            raise LocalProtocolError(f"{name} is {wanted:.3g}, too small: it would be sent as 0")
+    return vec

@@ -1,0 +1,126 @@
+"""Packet to SI: what the controller says (hello, 101, 102, 103)."""
+
+from dataclasses import dataclass
+from math import radians
+
+import numpy as np
+import pinocchio as pin
+
+from common.errors import RemoteProtocolError
+from common.frames import Oat, R_from_oat
+from common.messages import Vec6
+from common.packet import Packet
+from common.packet_table import (
+    ID_MAX,
+    PERCENT,
+    PROTOCOL_VERSION,
+    REPORTS,
+    Com,
+    Status,
+    known,
+    unpack_status,
+)
+from services.gateway.scales import Scales, differences, scales_from_hello
+
+
+@dataclass(frozen=True, slots=True)
+class HelloReceived:
+    """The controller's first word: it speaks our version and has set our scales."""
+
+    scales: Scales
+
+
+@dataclass(frozen=True, slots=True)
+class PoseReport:
+    """101: flange in base, the last command that the robot program took."""
+
+    T_base_flange: pin.SE3
+    taken_id: int
+    counter: int
+    status: Status
+
+
+@dataclass(frozen=True, slots=True)
+class JointReport:
+    """102: joint angles, the last command that the receiver framed."""
+
+    joint_rad: Vec6
+    framed_id: int
+    counter: int
+    status: Status
+
+
+@dataclass(frozen=True, slots=True)
+class HealthReport:
+    """103: how the controller's program is doing."""
+
+    error_code: int
+    loop_count: int
+    wrench_age_s: float
+    queue_length: int
+    monitor_speed_fraction: float
+    held_id: int
+
+
+Event = HelloReceived | PoseReport | JointReport | HealthReport
+
+
+def parse_hello(packet: Packet, asked: Scales) -> HelloReceived:
+    """Return the controller's hello.
+
+    Raises RemoteProtocolError when the first packet is another one, or when version or scales are
+    not the ones that were asked for: it names both.
+    """
+    if packet.com != Com.HELLO:
+        raise RemoteProtocolError(
+            f"the controller's first packet is command {packet.com}, it must be hello "
+            f"({int(Com.HELLO)}): is the program that ships with this version loaded?"
+        )
+    if packet.param != PROTOCOL_VERSION:
+        raise RemoteProtocolError(
+            f"the controller speaks protocol {packet.param}, this program {PROTOCOL_VERSION}"
+        )
+    answered = scales_from_hello(packet.vec)
+    if wrong := differences(asked, answered):
+        raise RemoteProtocolError(f"the controller did not set our scales: {'; '.join(wrong)}")
+    return HelloReceived(answered)
+
+
+def parse_report(packet: Packet, scales: Scales) -> PoseReport | JointReport | HealthReport:
+    """Return a report in SI. Raise RemoteProtocolError for anything that is none."""
+    com = known(packet.com, packet.param)
+    if com not in REPORTS:
+        raise RemoteProtocolError(f"the controller sent command {packet.com}, which is ours")
+    if com == Com.HELLO:
+        raise RemoteProtocolError("the controller said hello twice")
+    if not 0 <= packet.id <= ID_MAX:
+        raise RemoteProtocolError(f"report {packet.com} names ID {packet.id}, which cannot be")
+    if com == Com.HEALTH:
+        return _health(packet)
+    counter, status = unpack_status(packet.param)
+    if com == Com.POSE:
+        return PoseReport(_pose(packet, scales), packet.id, counter, status)
+    return JointReport(_joints(packet, scales), packet.id, counter, status)
+
+
+def _pose(packet: Packet, scales: Scales) -> pin.SE3:
+    x, y, z, o, a, t = packet.vec
+    oat = Oat(*(radians(angle / scales.oat_per_deg) for angle in (o, a, t)))
+    return pin.SE3(R_from_oat(oat), np.array([x, y, z]) / scales.position_per_mm * 1e-3)
+
+
+def _joints(packet: Packet, scales: Scales) -> Vec6:
+    a, b, c, d, e, f = (radians(units / scales.joint_per_deg) for units in packet.vec)
+    return (a, b, c, d, e, f)
+
+
+def _health(packet: Packet) -> HealthReport:
+    loops, wrench_age_ms, queued, monitor_speed, held_id, _ = packet.vec
+    return HealthReport(
+        error_code=packet.param,
+        loop_count=loops,
+        wrench_age_s=wrench_age_ms * 1e-3,
+        queue_length=queued,
+        monitor_speed_fraction=monitor_speed / PERCENT / 100.0,
+        held_id=held_id,
+    )

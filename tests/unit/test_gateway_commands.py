@@ -1,0 +1,261 @@
+"""SI to packet and back: units, signs, rounding that is carried, and nothing that does not fit."""
+
+from dataclasses import fields
+from math import degrees, inf, nan, pi, radians
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from common.errors import LocalProtocolError, RemoteProtocolError
+from common.frames import Oat, R_from_oat, rotation_between
+from common.messages import Gains, Speed
+from common.packet import Packet, PacketReader, encode
+from common.packet_table import Com, Status, pack_status
+from services.gateway import commands, reports
+from services.gateway.commands import Command, ControllerLimits, PoseCarry
+from services.gateway.scales import SCALE_RANGES, Scales, scales_from_hello
+
+SCALES = Scales()
+UNIT_MM = 1 / SCALES.position_per_mm
+UNIT_DEG = 1 / SCALES.oat_per_deg
+
+position = st.floats(-1.9, 1.9)
+angle = st.floats(-pi, pi)
+poses = st.builds(
+    lambda p, oat: pin.SE3(R_from_oat(Oat(*oat)), np.array(p)),
+    st.tuples(position, position, position),
+    st.tuples(angle, angle, angle),
+)
+
+
+def over_the_wire(command: Command) -> Packet:
+    """Encode and decode, as the controller would get it."""
+    (packet,) = PacketReader().feed(encode(command.packet(7)))
+    return packet
+
+
+def pose_of(packet: Packet) -> pin.SE3:
+    """Read a command's pose with the eyes of the report parser."""
+    echoed = Packet(0, Com.POSE, pack_status(0, Status(0)), packet.vec)
+    report = reports.parse_report(echoed, SCALES)
+    assert isinstance(report, reports.PoseReport)
+    return report.T_base_flange
+
+
+def angle_between_deg(T: pin.SE3, U: pin.SE3) -> float:
+    """Angle between two orientations."""
+    return degrees(float(np.linalg.norm(rotation_between(T.rotation, U.rotation))))
+
+
+@given(poses)
+def test_a_pose_arrives_within_half_a_unit(T: pin.SE3) -> None:
+    """0.01 mm per axis and the sum of three half angle units at most."""
+    command, _ = commands.move_to_pose(T, SCALES, PoseCarry())
+    got = pose_of(over_the_wire(command))
+    assert np.abs(got.translation - T.translation).max() * 1e3 <= UNIT_MM / 2 + 1e-9
+    assert angle_between_deg(got, T) <= 1.5 * UNIT_DEG + 1e-6
+
+
+@given(st.tuples(position, position, position), st.integers(3, 40))
+def test_the_mean_of_a_stream_is_exact(p: tuple[float, float, float], repeats: int) -> None:
+    """The rounding error is carried: sums of sent and wanted differ by half a unit at most."""
+    T, carry, sent_mm = pin.SE3(np.eye(3), np.array(p)), PoseCarry(), np.zeros(3)
+    for _ in range(repeats):
+        command, carry = commands.move_to_pose(T, SCALES, carry)
+        sent_mm += pose_of(over_the_wire(command)).translation * 1e3
+    assert np.abs(sent_mm - repeats * np.array(p) * 1e3).max() <= UNIT_MM / 2 + 1e-6
+
+
+def test_the_mean_comes_within_a_tenth_of_a_micrometre() -> None:
+    """A slow ramp of 500 positions: mean sent equals mean wanted to 1e-4 mm."""
+    carry, wanted_mm, sent_mm = PoseCarry(), [], []
+    for step in range(500):
+        p_mm = np.array([100.003, -250.0077, 333.3333]) + step * 1.3e-3
+        command, carry = commands.move_to_pose(pin.SE3(np.eye(3), p_mm * 1e-3), SCALES, carry)
+        wanted_mm.append(p_mm)
+        sent_mm.append(np.array(over_the_wire(command).vec[:3]) / SCALES.position_per_mm)
+    assert np.abs(np.mean(sent_mm, axis=0) - np.mean(wanted_mm, axis=0)).max() < 1e-4
+
+
+def test_a_refused_pose_leaves_the_carry_alone() -> None:
+    """State goes in and comes out: after a refusal the caller still has the old one."""
+    _, carry = commands.move_to_pose(
+        pin.SE3(np.eye(3), np.full(3, 1.234567e-3)), SCALES, PoseCarry()
+    )
+    with pytest.raises(LocalProtocolError):
+        commands.move_to_pose(pin.SE3(np.eye(3), np.array([0, 0, 99.0])), SCALES, carry)
+    assert carry.error_mm != (0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("a_deg", [0.0, 180.0])
+@pytest.mark.parametrize("o_deg", [0.0, 30.0, -170.0, 180.0])
+@pytest.mark.parametrize("t_deg", [0.0, 45.0, -135.0])
+def test_the_poles_of_oat_arrive_exactly(a_deg: float, o_deg: float, t_deg: float) -> None:
+    """Straight up and straight down are ordinary orientations."""
+    R = R_from_oat(Oat(radians(o_deg), radians(a_deg), radians(t_deg)))
+    T = pin.SE3(R, np.array([0.4, 0.1, 0.2]))
+    command, _ = commands.move_to_pose(T, SCALES, PoseCarry())
+    assert command.vec[4] == round(a_deg * SCALES.oat_per_deg)
+    assert angle_between_deg(pose_of(over_the_wire(command)), T) <= 1.5 * UNIT_DEG
+
+
+@pytest.mark.parametrize("a_deg", [0.0, 180.0])
+def test_a_stream_that_comes_to_a_pole_keeps_its_o(a_deg: float) -> None:
+    """Only T takes what the pole leaves open, so the numbers of a tool-down stream do not jump."""
+    toward = a_deg + (5.0 if a_deg == 0.0 else -5.0)
+    carry, seen_o = PoseCarry(), []
+    for a in (toward, a_deg, a_deg, toward):
+        R = R_from_oat(Oat(radians(70.0), radians(a), radians(-20.0)))
+        command, carry = commands.move_to_pose(pin.SE3(R, np.zeros(3)), SCALES, carry)
+        seen_o.append(command.vec[3])
+    assert seen_o == [70 * SCALES.oat_per_deg] * 4
+
+
+@given(st.tuples(*[st.floats(-2 * pi, 2 * pi)] * 6))
+def test_joint_angles_arrive_within_half_a_unit(q: tuple[float, ...]) -> None:
+    """Command 2 and the report of joints share unit and sign, for two full turns."""
+    packet = over_the_wire(commands.move_to_joints(q, SCALES))
+    echoed = Packet(5, Com.JOINTS, pack_status(3, Status.MOVING), packet.vec)
+    report = reports.parse_report(echoed, SCALES)
+    assert isinstance(report, reports.JointReport)
+    assert np.degrees(np.abs(np.array(report.joint_rad) - q)).max() <= 0.5 / 250 + 1e-9
+    assert (report.framed_id, report.counter, report.status) == (5, 3, Status.MOVING)
+
+
+def test_each_command_has_the_numbers_of_the_table() -> None:
+    """Hand-computed vectors of every command that the PC sends."""
+    p = np.array([0.1, -0.2, 0.3])
+    T = pin.SE3(R_from_oat(Oat(radians(10), radians(90), radians(-20))), p)
+    turn = (radians(1.0), radians(-2.0), 0.0, 0.0, 0.0, radians(90.0))
+    gains = Gains(
+        force_p_m_per_N=(2e-6, 0.0, 1e-6),
+        force_i_m_per_Ns=(1e-4, 0.0, 0.0),
+        torque_p_rad_per_Nm=(radians(0.5), 0.0, 0.0),
+        torque_i_rad_per_Nms=(0.0, 0.0, radians(0.01)),
+    )
+    speed = Speed(
+        accel_fraction=0.5, decel_fraction=1.0, modular_fraction=0.1, mechanical_m_s=0.25
+    )  # fmt: skip
+    kept = ControllerLimits(
+        step_m=0.002, step_rad=radians(1), speed_m_s=0.05, travel_m=0.1, force_N=60.0,
+        watchdog_s=0.25,
+    )  # fmt: skip
+    expected = {
+        commands.move_to_pose(T, SCALES, PoseCarry())[0]: (
+            1, 0, (5000, -10000, 15000, 5000, 45000, -10000)),
+        commands.move_to_joints(turn, SCALES): (2, 0, (250, -500, 0, 0, 0, 22500)),
+        commands.move_by_joints(turn, SCALES): (3, 0, (250, -500, 0, 0, 0, 22500)),
+        commands.wrench((1.0, -2.0, 30.0), (0.1, -0.2, 0.3), SCALES): (
+            4, 0, (100, -200, 3000, 100, -200, 300)),
+        commands.speeds(speed, SCALES): (5, 0, (5000, 10000, 1000, 2500, 0, 0)),
+        commands.gains(gains)[0]: (6, 0, (2000, 0, 1000, 500000, 0, 0)),
+        commands.gains(gains)[1]: (6, 1, (1000, 0, 0, 0, 0, 100)),
+        commands.start_feedback("position")[0]: (7, 0, (0,) * 6),
+        commands.start_feedback("orientation")[0]: (7, 1, (0,) * 6),
+        commands.STOP_FEEDBACK: (7, 2, (0,) * 6),
+        commands.HOLD: (8, 0, (0,) * 6),
+        commands.hello(SCALES): (9, 1, (50, 500, 250, 100, 1000, 10)),
+        commands.limits(kept, SCALES): (10, 0, (100, 500, 500, 5000, 6000, 250)),
+        commands.tcp(T, SCALES): (11, 0, (5000, -10000, 15000, 5000, 45000, -10000)),
+        commands.HEARTBEAT: (12, 0, (0,) * 6),
+    }  # fmt: skip
+    for command, numbers in expected.items():
+        packet = over_the_wire(command)
+        assert (packet.com, packet.param, packet.vec) == numbers
+    assert len(commands.start_feedback("both")) == 2
+    assert {command.com for command in expected} == set(range(1, 13))
+
+
+@pytest.mark.parametrize("bad", [nan, inf, -inf])
+@pytest.mark.parametrize("index", range(6))
+def test_a_number_that_is_not_finite_is_never_sent(bad: float, index: int) -> None:
+    """NaN and infinity in any place of any vector raise."""
+    q = [0.1] * 6
+    q[index] = bad
+    with pytest.raises(LocalProtocolError):
+        commands.move_to_joints(tuple(q), SCALES)
+    with pytest.raises(LocalProtocolError):
+        commands.wrench(tuple(q[:3]), tuple(q[3:]), SCALES)
+    T = pin.SE3(np.eye(3), np.array([bad, 0, 0]))
+    with pytest.raises(LocalProtocolError):
+        commands.move_to_pose(T, SCALES, PoseCarry())
+    with pytest.raises(LocalProtocolError):
+        commands.tcp(T, SCALES)
+    with pytest.raises(LocalProtocolError):
+        commands.move_to_pose(T, SCALES, PoseCarry((bad, 0.0, 0.0)))
+
+
+def test_what_does_not_fit_is_refused_with_quantity_and_range() -> None:
+    """-2.1 m, a joint at 500 degrees, 1500 N the wrong way, 200 N m: never clipped."""
+    with pytest.raises(LocalProtocolError, match=r"Z \[mm\] is -2100, the packet holds -1999.98"):
+        commands.move_to_pose(pin.SE3(np.eye(3), np.array([0, 0, -2.1])), SCALES, PoseCarry())
+    with pytest.raises(LocalProtocolError, match="JT4"):
+        commands.move_to_joints((0, 0, 0, -radians(500), 0, 0), SCALES)
+    with pytest.raises(LocalProtocolError, match="Fy"):
+        commands.wrench((0, -1500.0, 0), (0, 0, 0), SCALES)
+    with pytest.raises(LocalProtocolError, match="Mz"):
+        commands.wrench((0, 0, 0), (0, 0, -200.0), SCALES)
+
+
+def test_a_gain_is_neither_clipped_nor_lost() -> None:
+    """Too large does not fit; too small would silently become no control at all."""
+    with pytest.raises(LocalProtocolError, match="P gain x"):
+        commands.gains(Gains(force_p_m_per_N=(1.1e-3, 0, 0)))
+    with pytest.raises(LocalProtocolError, match="I gain mz is 1e-09, too small"):
+        commands.gains(Gains(torque_i_rad_per_Nms=(0.0, 0.0, 1e-9)))
+
+
+@pytest.mark.parametrize("name", [field.name for field in fields(Scales)])
+def test_scales_are_range_checked_at_both_ends(name: str) -> None:
+    """Both bounds of every scale bind, here and in the controller's hello."""
+    low, high = SCALE_RANGES[name]
+    for value in (low, high):
+        asked = Scales(**{name: value})
+        assert scales_from_hello(asked.vec) == asked
+    for value in (low - 1, high + 1):
+        with pytest.raises(LocalProtocolError, match=name):
+            Scales(**{name: value})
+        vec = [value if f.name == name else getattr(SCALES, f.name) for f in fields(Scales)]
+        with pytest.raises(RemoteProtocolError, match=name):
+            scales_from_hello(tuple(vec))
+
+
+def test_the_controllers_hello_must_agree() -> None:
+    """Another version or another scale is refused, and the error names both sides."""
+    good = commands.hello(SCALES).packet(1)
+    assert reports.parse_hello(good, SCALES) == reports.HelloReceived(SCALES)
+    with pytest.raises(RemoteProtocolError, match="protocol 2, this program 1"):
+        reports.parse_hello(Packet(1, 9, 2, good.vec), SCALES)
+    with pytest.raises(RemoteProtocolError, match="position_per_mm asked 50, has 60"):
+        reports.parse_hello(Packet(1, 9, 1, (60, *good.vec[1:])), SCALES)
+    with pytest.raises(RemoteProtocolError, match="must be hello"):
+        reports.parse_hello(Packet(1, 101, 0, good.vec), SCALES)
+
+
+def test_health_arrives_in_si() -> None:
+    """103: error code, loops, wrench age, queue, monitor speed, held ID."""
+    packet = Packet(9, Com.HEALTH, -34024, (123, 45, 2, 3000, 77, 0))
+    assert reports.parse_report(packet, SCALES) == reports.HealthReport(
+        error_code=-34024,
+        loop_count=123,
+        wrench_age_s=0.045,
+        queue_length=2,
+        monitor_speed_fraction=0.3,
+        held_id=77,
+    )
+
+
+@pytest.mark.parametrize(
+    "packet",
+    [
+        Packet(1, 1, 0), Packet(1, 12, 0), Packet(1, 9, 1), Packet(1, 104, 0),
+        Packet(1, 0, 0), Packet(-1, 101, 0), Packet(1, 101, -1), Packet(1, 102, 999_999),
+    ],
+)  # fmt: skip
+def test_what_a_controller_never_says_is_refused(packet: Packet) -> None:
+    """Our own commands, a second hello, unknown numbers, impossible IDs and status."""
+    with pytest.raises(RemoteProtocolError):
+        reports.parse_report(packet, SCALES)

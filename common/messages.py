@@ -14,6 +14,8 @@ from pydantic import BaseModel, ConfigDict, Field
 Vec3 = tuple[float, float, float]
 Vec6 = tuple[float, float, float, float, float, float]
 Quaternion = tuple[float, float, float, float]
+Gain = Annotated[float, Field(ge=0.0)]  # a negative gain would push where it shall give way
+Gain3 = tuple[Gain, Gain, Gain]
 Text = Annotated[str, Field(max_length=500)]
 
 Mode = Literal["position", "orientation", "both"]
@@ -133,10 +135,10 @@ class Gains(Record):
     Force: m/N and m/(N s). Torque: rad/(N m) and rad/(N m s).
     """
 
-    force_p_m_per_N: Vec3 = ZERO3
-    force_i_m_per_Ns: Vec3 = ZERO3
-    torque_p_rad_per_Nm: Vec3 = ZERO3
-    torque_i_rad_per_Nms: Vec3 = ZERO3
+    force_p_m_per_N: Gain3 = ZERO3
+    force_i_m_per_Ns: Gain3 = ZERO3
+    torque_p_rad_per_Nm: Gain3 = ZERO3
+    torque_i_rad_per_Nms: Gain3 = ZERO3
 
 
 class Feedback(Record):
@@ -266,10 +268,10 @@ class ForceStartRequest(Record):
 class GainsRequest(Record):
     """Set gains; what is left out keeps its value."""
 
-    force_p_m_per_N: Vec3 | None = None
-    force_i_m_per_Ns: Vec3 | None = None
-    torque_p_rad_per_Nm: Vec3 | None = None
-    torque_i_rad_per_Nms: Vec3 | None = None
+    force_p_m_per_N: Gain3 | None = None
+    force_i_m_per_Ns: Gain3 | None = None
+    torque_p_rad_per_Nm: Gain3 | None = None
+    torque_i_rad_per_Nms: Gain3 | None = None
 
 
 class Reply(Record):

@@ -31,9 +31,17 @@ LATENESS_WINDOW = 512
 class Service(Protocol):
     """What the runner needs of a service."""
 
-    period_s: float
-    trigger: Reader[Any] | None
-    fault: str  # what is wrong with this service right now, empty when nothing is
+    @property
+    def period_s(self) -> float:
+        """Longest time between steps [s]."""
+
+    @property
+    def trigger(self) -> Reader[Any] | None:
+        """Input whose every newer message wants a step."""
+
+    @property
+    def fault(self) -> str:
+        """What is wrong with this service right now, empty when nothing is."""
 
     def step(self, now_ns: int) -> None:
         """Read, compute, publish."""

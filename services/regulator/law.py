@@ -56,18 +56,17 @@ class LawInput:
 
 @dataclass(frozen=True, slots=True)
 class LawState:
-    """Commanded pose and the last errors."""
+    """Commanded pose and the last errors; None before the first sample: no proportional kick."""
 
     T_base_tcp: pin.SE3
-    error_force_N: Array
-    error_torque_Nm: Array
+    error_force_N: Array | None = None
+    error_torque_Nm: Array | None = None
     contact: Contact = "free"
 
 
 def start_at(T_base_tcp: pin.SE3) -> LawState:
     """Return the state that commands the pose where the tool is: no bump."""
-    zero = np.zeros(3)
-    return LawState(T_base_tcp.copy(), zero, zero)
+    return LawState(T_base_tcp.copy())
 
 
 def step(state: LawState, sample: LawInput, gains: PiGains, settings: LawSettings) -> LawState:
@@ -82,11 +81,15 @@ def step(state: LawState, sample: LawInput, gains: PiGains, settings: LawSetting
     if seeking:
         shift_m = settings.approach_m_s * sample.dt_s * press_axis
     elif sample.mode != "orientation":
-        proportional = gains.force_p_m_per_N * (error_N - state.error_force_N)
-        shift_m = proportional + gains.force_i_m_per_Ns * error_N * sample.dt_s
+        change_N = change(error_N, state.error_force_N)
+        integral_m = gains.force_i_m_per_Ns * error_N * sample.dt_s
+        shift_m = gains.force_p_m_per_N * change_N + integral_m
     if sample.mode != "position":
-        proportional = gains.torque_p_rad_per_Nm * (error_Nm - state.error_torque_Nm)
-        turn_rad = proportional + gains.torque_i_rad_per_Nms * error_Nm * sample.dt_s
+        change_Nm = error_Nm - (
+            error_Nm if state.error_torque_Nm is None else state.error_torque_Nm
+        )
+        integral_rad = gains.torque_i_rad_per_Nms * error_Nm * sample.dt_s
+        turn_rad = gains.torque_p_rad_per_Nm * change_Nm + integral_rad
     shift_m = limit_norm(shift_m, settings.speed_max_m_s * sample.dt_s)
     turn_rad = limit_norm(turn_rad, settings.speed_max_rad_s * sample.dt_s)
     R_base_tcp = rotate_about_base_axes(state.T_base_tcp.rotation, turn_rad)
@@ -94,9 +97,7 @@ def step(state: LawState, sample: LawInput, gains: PiGains, settings: LawSetting
     return LawState(T_base_tcp, error_N, error_Nm, contact)
 
 
-def next_contact(
-    contact: Contact, sample: LawInput, press_axis: Array, touch_N: float
-) -> Contact:
+def next_contact(contact: Contact, sample: LawInput, press_axis: Array, touch_N: float) -> Contact:
     """Tell whether the tool touches, with hysteresis, or still seeks what it shall press on."""
     pushed_back_N = -float(sample.force_N @ press_axis)
     touch_N = min(touch_N, 0.5 * sample.setpoint_N) if sample.setpoint_N > 0.0 else touch_N
@@ -104,6 +105,11 @@ def next_contact(
     if pushed_back_N > threshold_N:
         return "contact"
     return "approach" if sample.setpoint_N > 0.0 else "free"
+
+
+def change(now: Array, before: Array | None) -> Array:
+    """Return the change since the last sample, none at the first one."""
+    return np.zeros(3) if before is None else now - before
 
 
 def soft_deadband(error: Array, width: float) -> Array:

@@ -1,0 +1,7 @@
+"""Force regulator: wrench and robot state in, proposed flange pose out."""
+
+from common.service import main
+from services.regulator.service import Regulator
+
+if __name__ == "__main__":
+    main("regulator", Regulator)

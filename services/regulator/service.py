@@ -1,0 +1,243 @@
+"""The regulator on the bus: wrench and robot state in, proposed flange pose out."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from common import topics
+from common.cell import Cell
+from common.clock import NS_PER_S
+from common.convert import pose_of, record_of, vec3
+from common.endpoints import Bus, Reading
+from common.messages import (
+    Feedback,
+    ForceStartRequest,
+    Gains,
+    GainsRequest,
+    RegulatorTarget,
+    Reply,
+    RobotState,
+    WrenchAtTcp,
+)
+from services.regulator.law import LawInput, LawSettings, LawState, PiGains, start_at, step
+from services.regulator.tuning import tune
+
+STOPPED = "stopped"
+LONGEST_GAP_PERIODS = 3.0  # a longer gap between samples is not integrated over
+MOTION_STATES = ("ARMED", "ACTIVE")
+
+
+@dataclass(frozen=True, slots=True)
+class Session:
+    """Force feedback from its start to its stop."""
+
+    wanted: ForceStartRequest
+    setpoint_N: float  # ramped
+    law: LawState
+    last_sample_ns: int
+
+
+class Regulator:
+    """Proposes poses while force feedback runs, and says "not valid" while it does not."""
+
+    def __init__(self, bus: Bus, cell: Cell) -> None:
+        """Take the topics of this role and tune the gains for this cell."""
+        self.period_s = 1.0 / cell.rates.control_hz
+        self.fault = ""
+        self._cell = cell
+        self._tuning = tune(cell)
+        self._settings = law_settings(cell, self._tuning.tau_s)
+        self._gains = self._tuning.gains
+        self._T_flange_tcp = cell.tool.T_flange_tcp.pose
+        self._session: Session | None = None
+        self._stop_reason = STOPPED
+        self._now_ns = 0
+        self._wrench = bus.reader(topics.WRENCH)
+        self._robot = bus.reader(topics.ROBOT_STATE)
+        self._command = bus.reader(topics.ROBOT_COMMAND)
+        self._arbiter = bus.reader(topics.ARBITER_STATUS)
+        self._target = bus.publisher(topics.REGULATOR_TARGET)
+        self._starts = bus.inbox(topics.FORCE_START)
+        self._stops = bus.inbox(topics.FORCE_STOP)
+        self._gain_requests = bus.inbox(topics.GAINS)
+        self.trigger = self._wrench
+
+    def counters(self) -> dict[str, int]:
+        """Return what the wrench reader dropped."""
+        return {"wrench_superseded": self._wrench.counters.superseded}
+
+    def step(self, now_ns: int) -> None:
+        """Serve requests, integrate the newest wrench, publish the target."""
+        self._now_ns = now_ns
+        wrench, robot = self._wrench.read(now_ns), self._robot.read(now_ns)
+        self._serve(now_ns, wrench, robot)
+        self._stop_unless_allowed(now_ns)
+        self._target.put(self._propose(wrench, robot), wrench.origin)
+
+    def _propose(self, wrench: Reading[WrenchAtTcp], robot: Reading[RobotState]) -> RegulatorTarget:
+        session = self._session
+        if session is None:
+            return RegulatorTarget(valid=False, reason=self._stop_reason)
+        wanted = session.wanted
+        self.fault = wrench.fault or robot.fault
+        if wrench.fresh is None or self.fault:
+            return RegulatorTarget(
+                valid=False, reason=self.fault, mode=wanted.mode, host=wanted.host
+            )
+        self._session = session = self._advance(session, wrench, wrench.fresh)
+        law = session.law
+        on_controller = wanted.host == "controller"
+        T_base_flange = law.T_base_tcp * self._T_flange_tcp.inverse()
+        return RegulatorTarget(
+            mode=wanted.mode,
+            host=wanted.host,
+            pose=None if on_controller else record_of(T_base_flange),
+            feedback=self._feedback(session) if on_controller else None,
+            contact=law.contact,
+            error_force_N=vec3(np.zeros(3) if law.error_force_N is None else law.error_force_N),
+            error_torque_Nm=vec3(
+                np.zeros(3) if law.error_torque_Nm is None else law.error_torque_Nm
+            ),
+        )
+
+    def _advance(
+        self, session: Session, reading: Reading[WrenchAtTcp], wrench: WrenchAtTcp
+    ) -> Session:
+        """Integrate once per sample, over the time that really passed between samples."""
+        stamp_ns = reading.header.stamp_ns if reading.header else session.last_sample_ns
+        gap_s = (stamp_ns - session.last_sample_ns) / NS_PER_S
+        if gap_s <= 0.0:
+            return session
+        dt_s = min(gap_s, LONGEST_GAP_PERIODS * self.period_s)
+        setpoint_N = self._ramp(session.setpoint_N, session.wanted.setpoint_N, dt_s)
+        sample = LawInput(
+            force_N=np.array(wrench.force_N),
+            torque_Nm=np.array(wrench.torque_Nm),
+            setpoint_N=setpoint_N,
+            mode=session.wanted.mode,
+            dt_s=dt_s,
+        )
+        law = step(self._follow_limits(session.law), sample, pi_gains(self._gains), self._settings)
+        return replace(session, law=law, setpoint_N=setpoint_N, last_sample_ns=stamp_ns)
+
+    def _follow_limits(self, law: LawState) -> LawState:
+        """Back-calculate: where a limit was in the way, go on from what was let through."""
+        command = self._command.read(self._now_ns).fresh
+        if command is None or not command.limited or command.pose is None:
+            return law
+        return replace(law, T_base_tcp=pose_of(command.pose) * self._T_flange_tcp)
+
+    def _ramp(self, now_N: float, wanted_N: float, dt_s: float) -> float:
+        step_N = self._cell.force.setpoint_ramp_N_s * dt_s
+        return min(max(wanted_N, now_N - step_N), now_N + step_N)
+
+    def _feedback(self, session: Session) -> Feedback:
+        press_axis = session.law.T_base_tcp.rotation[:, 2]
+        return Feedback(
+            mode=session.wanted.mode,
+            setpoint_force_N=vec3(-session.setpoint_N * press_axis),
+            gains=self._gains,
+        )
+
+    def _stop_unless_allowed(self, now_ns: int) -> None:
+        """End the session when the arbiter holds: nothing goes on by itself after a hold."""
+        if self._session is None:
+            return
+        status = self._arbiter.read(now_ns)
+        if status.fresh is None:
+            self._end(status.fault)
+        elif status.fresh.state not in MOTION_STATES:
+            self._end(f"the arbiter is {status.fresh.state}")
+
+    def _end(self, reason: str) -> None:
+        self._session, self._stop_reason, self.fault = None, reason, ""
+
+    def _serve(self, now_ns: int, wrench: Reading[WrenchAtTcp], robot: Reading[RobotState]) -> None:
+        for start in self._starts.take_all():
+            start.reply(self._start(start.request, now_ns, wrench, robot))
+        for stop in self._stops.take_all():
+            self._end(STOPPED)
+            stop.reply(Reply(accepted=True, text="force feedback is stopped; the arm stays"))
+        for change in self._gain_requests.take_all():
+            self._gains = merged_gains(self._gains, change.request)
+            change.reply(Reply(accepted=True, text=describe_gains(self._gains)))
+
+    def _start(
+        self,
+        wanted: ForceStartRequest,
+        now_ns: int,
+        wrench: Reading[WrenchAtTcp],
+        robot: Reading[RobotState],
+    ) -> Reply:
+        refusal = self._refusal(wanted, now_ns, wrench.fault or robot.fault)
+        if refusal is not None or robot.fresh is None:
+            return refusal or Reply(accepted=False, code="stale", text=robot.fault)
+        if self._session is not None and self._session.wanted.host == wanted.host:
+            self._session = replace(self._session, wanted=wanted)
+            return Reply(accepted=True, text=f"{wanted.mode}, set point {wanted.setpoint_N:g} N")
+        law = start_at(pose_of(robot.fresh) * self._T_flange_tcp)
+        stamp_ns = wrench.header.stamp_ns if wrench.header else now_ns
+        self._session = Session(wanted, 0.0, law, stamp_ns)
+        return Reply(accepted=True, text=f"{wanted.mode}, set point {wanted.setpoint_N:g} N")
+
+    def _refusal(self, wanted: ForceStartRequest, now_ns: int, fault: str) -> Reply | None:
+        arbiter = self._arbiter.read(now_ns)
+        state = arbiter.fresh.state if arbiter.fresh is not None else "silent"
+        largest_N = self._cell.force.setpoint_max_N
+        if wanted.host not in self._cell.robot.hosts:
+            text = (
+                f"host {wanted.host} needs a cell with a controller that can run force feedback; "
+                f"this cell offers {', '.join(self._cell.robot.hosts)}"
+            )
+            return Reply(accepted=False, code="host", text=text)
+        if wanted.setpoint_N > largest_N:
+            text = "set point above force.setpoint_max_N"
+            return Reply(
+                accepted=False,
+                code="setpoint",
+                text=text,
+                value=wanted.setpoint_N,
+                limit=largest_N,
+            )
+        if state not in MOTION_STATES:
+            return Reply(
+                accepted=False, code="not_armed", text=f"the arbiter is {state}: arm first"
+            )
+        return Reply(accepted=False, code="input", text=fault) if fault else None
+
+
+def law_settings(cell: Cell, tau_s: float) -> LawSettings:
+    """Return the law's settings; the approach is as slow as its force budget asks for.
+
+    The first touch adds about k v tau before the loop answers.
+    """
+    force = cell.force
+    affordable_m_s = force.approach_budget_N / (cell.contact.stiffness_N_m * tau_s)
+    return LawSettings(
+        deadband_N=force.deadband_N,
+        deadband_Nm=force.deadband_Nm,
+        speed_max_m_s=force.speed_max_m_s,
+        speed_max_rad_s=force.speed_max_rad_s,
+        approach_m_s=min(force.approach_m_s, affordable_m_s),
+        touch_N=force.touch_N,
+    )
+
+
+def pi_gains(gains: Gains) -> PiGains:
+    """Return gains as arrays."""
+    return PiGains(
+        np.array(gains.force_p_m_per_N),
+        np.array(gains.force_i_m_per_Ns),
+        np.array(gains.torque_p_rad_per_Nm),
+        np.array(gains.torque_i_rad_per_Nms),
+    )
+
+
+def merged_gains(gains: Gains, change: GainsRequest) -> Gains:
+    """Return the gains with what the request names replaced."""
+    return gains.model_copy(update=change.model_dump(exclude_none=True))
+
+
+def describe_gains(gains: Gains) -> str:
+    """Return the gains in one line."""
+    return ", ".join(f"{name} {list(value)}" for name, value in gains.model_dump().items())

@@ -1,0 +1,180 @@
+"""The simulated arm: joint commands in, one millisecond of physics per step, measurements out.
+
+What the robot lags behind its commands, measured at home (see the unit tests):
+delay + half the smoothing window + servo lag. The gain rule of force control needs that sum and
+the bandwidth, so both are functions of the settings here.
+"""
+
+import logging
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+import pinocchio as pin
+
+from common.errors import SimulationError
+from common.frames import Array
+from sim.robot.contact import lift_off_m
+from sim.robot.ft_sensor import FtSample, FtSensor
+from sim.robot.kinematics import JOINTS, ArmKinematics
+from sim.robot.scene import build_model, home_rad, plate_at_rest
+from sim.robot.set_points import SetPointLine
+from sim.robot.settings import TICK_S, SimSettings
+
+STILL_RAD_S = 0.002  # below this joint speed, with no command under way, the arm is not moving
+# -3 dB of a critically damped servo: sqrt(sqrt(2) - 1) times its natural frequency 2 / lag.
+_SERVO_BANDWIDTH = 2.0 * (2.0**0.5 - 1.0) ** 0.5
+
+_log = logging.getLogger(__name__)
+
+
+def motion_lag_s(settings: SimSettings) -> float:
+    """Return the area lag from command to flange without the pure delay [s].
+
+    The integral of 1 - y/y_end after a step: half the smoothing window plus kv/kp of the servo.
+    """
+    return (settings.smoothing_ticks - 1) / 2 * TICK_S + settings.servo_lag_s
+
+
+def bandwidth_rad_s(settings: SimSettings) -> float:
+    """Return the -3 dB frequency of the flange's motion, smoothing included [rad/s].
+
+    |H| = |sin(w T/2) / (w T/2)| / (1 + (w lag/2)^2) = 1/sqrt(2), solved by bisection.
+    """
+    window_s, lag_s = settings.smoothing_ticks * TICK_S, settings.servo_lag_s
+    low, high = 0.0, _SERVO_BANDWIDTH / lag_s  # the servo alone bounds it
+    for _ in range(60):
+        w = 0.5 * (low + high)
+        gain = np.sinc(w * window_s / 2 / np.pi) / (1.0 + (w * lag_s / 2) ** 2)
+        low, high = (w, high) if gain > 0.5**0.5 else (low, w)
+    return 0.5 * (low + high)
+
+
+@dataclass(frozen=True, slots=True)
+class TrueWrench:
+    """What the environment really does to the tool: base axes, about the TCP, free of noise."""
+
+    force_N: Array
+    torque_Nm: Array
+
+
+class SimArm:
+    """The RS007L in its cell. Pure and deterministic: nothing moves except in `step`."""
+
+    def __init__(self, settings: SimSettings, *, seed: int) -> None:
+        """Build the cell and stand still at home. Raises SimulationError on impossible settings."""
+        # Without a handler MuJoCo appends its warnings to a file in the working directory.
+        mujoco.set_mju_user_warning(_log.warning)
+        self.settings = settings
+        self.kinematics = ArmKinematics()
+        self.model = build_model(settings)
+        self.data = mujoco.MjData(self.model)
+        self.plate = plate_at_rest(settings)
+        self.ft_sensor = FtSensor(settings.sensor, seed=seed)
+        self.ticks = 0
+        home = home_rad(settings)
+        violation = self.kinematics.limit_violation(home)
+        if violation:
+            raise SimulationError(f"simulated cell: home_deg is out of reach: {violation}")
+        self._command = home
+        self._line = SetPointLine(
+            home, delay_ticks=settings.delay_ticks, smoothing_ticks=settings.smoothing_ticks
+        )
+        self._T_flange_tcp = settings.T_flange_sensor * settings.T_sensor_tcp
+        self._tool = self.model.body("tool").id
+        self._plate_geom = self.model.geom("plate").id
+        self.data.qpos[:JOINTS] = home
+        self.data.ctrl[:] = home
+        mujoco.mj_forward(self.model, self.data)
+
+    @property
+    def time_s(self) -> float:
+        """Simulated time since the start [s]."""
+        return self.ticks * TICK_S
+
+    @property
+    def q(self) -> Array:
+        """Measured joint angles [rad]. Shape (6,)."""
+        return np.array(self.data.qpos[:JOINTS])
+
+    @property
+    def q_command(self) -> Array:
+        """Last commanded joint angles [rad]. Shape (6,)."""
+        return self._command.copy()
+
+    @property
+    def T_base_flange(self) -> pin.SE3:
+        """Measured pose of the flange: the kinematics of the current joint angles."""
+        return self.kinematics.flange_pose(self.q)
+
+    @property
+    def T_base_tcp(self) -> pin.SE3:
+        """True pose of the tool centre point: centre of the disc's face, z out of the tool."""
+        return self.T_base_flange * self._T_flange_tcp
+
+    @property
+    def moving(self) -> bool:
+        """Whether a command is under way or a joint still turns."""
+        fastest = abs(self.data.qvel[:JOINTS]).max()
+        return not self._line.settled or bool(fastest > STILL_RAD_S)
+
+    @property
+    def lift_off_m(self) -> float:
+        """True distance of the disc's lowest point to the plate at rest [m]; positive is free."""
+        return lift_off_m(
+            self.T_base_tcp,
+            plate_point_m=self.plate.point_m,
+            plate_normal=self.plate.normal,
+            disc_radius_m=self.settings.disc_radius_m,
+        )
+
+    def command_joints(self, q: Array) -> None:
+        """Set the joint angles to go to [rad], shape (6,); they hold until the next command.
+
+        Raises SimulationError if a number is not finite or a joint limit is broken.
+        """
+        command = np.array(q, dtype=float)
+        if command.shape != (JOINTS,) or not np.isfinite(command).all():
+            raise SimulationError(f"joint command must be six finite angles, got {q}")
+        violation = self.kinematics.limit_violation(command)
+        if violation:
+            raise SimulationError(f"joint command refused: {violation}")
+        self._command = command
+
+    def step(self) -> None:
+        """Advance one millisecond. Raises SimulationError if the physics diverged."""
+        self.data.ctrl[:] = self._line.push(self._command)
+        mujoco.mj_step(self.model, self.data)
+        self.ticks += 1
+        self._check()
+
+    def sample_ft(self) -> FtSample:
+        """Return a new reading of the force/torque sensor, for the step just made."""
+        load = -self.data.sensordata[:6]  # MuJoCo: robot on tool; a real sensor: tool on robot
+        return self.ft_sensor.sample(force_N=load[:3], torque_Nm=load[3:])
+
+    def true_wrench(self) -> TrueWrench:
+        """Return the plate's (and any applied) wrench on the tool, for the step just made."""
+        data, tcp = self.data, self.data.site("tcp").xpos
+        pushed = data.xfrc_applied[self._tool]
+        force, torque = pushed[:3].copy(), pushed[3:].copy()
+        torque += np.cross(data.xipos[self._tool] - tcp, force)
+        in_contact = np.zeros(6)
+        for index in range(data.ncon):
+            contact = data.contact[index]
+            mujoco.mj_contactForce(self.model, data, index, in_contact)
+            # Rows of the frame are its axes in base; the force acts on the second geom.
+            on_second = contact.frame.reshape(3, 3).T @ in_contact[:3]
+            on_tool = on_second if contact.geom[0] == self._plate_geom else -on_second
+            force += on_tool
+            torque += np.cross(contact.pos - tcp, on_tool)
+        return TrueWrench(force_N=force, torque_Nm=torque)
+
+    def _check(self) -> None:
+        kinds = mujoco.mjtWarning
+        for kind in (kinds.mjWARN_BADQPOS, kinds.mjWARN_BADQVEL, kinds.mjWARN_BADQACC):
+            if self.data.warning[kind].number:
+                raise SimulationError(
+                    f"the physics diverged at {self.time_s:.3f} s ({kind.name[7:]});"
+                    " softer contact, smaller steps or gentler commands would be right"
+                )

@@ -1,0 +1,56 @@
+"""The simulated force/torque sensor: bias, noise, quantisation and range. Deterministic by seed.
+
+Sign of a real sensor: what it reads is the load on it, f_env + m (g - a), in its own axes about
+its own origin. A hanging tool pulls along gravity; an environment that pushes the robot pushes
+the reading the same way. (MuJoCo's force and torque sensors have the opposite sign.)
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from common.frames import Array
+from sim.robot.settings import SensorSettings
+
+FtStatus = Literal["ok", "saturated"]
+
+
+@dataclass(frozen=True, slots=True)
+class FtSample:
+    """One reading: the load on the sensor, sensor axes, about the sensor's origin."""
+
+    force_N: Array
+    torque_Nm: Array
+    status: FtStatus
+    counter: int  # of samples taken, from 1
+
+
+class FtSensor:
+    """Turns the true load into what the sensor would report. Call it at the sensor's rate."""
+
+    def __init__(self, settings: SensorSettings, *, seed: int) -> None:
+        """Start the noise at its seed."""
+        self._rng = np.random.default_rng(seed)
+        self._counter = 0
+        s = settings
+        self._noise = np.array([s.force_noise_N] * 3 + [s.torque_noise_Nm] * 3)
+        self._bias = np.array([*s.force_bias_N, *s.torque_bias_Nm])
+        self._step = np.array([s.force_step_N] * 3 + [s.torque_step_Nm] * 3)
+        self._range = np.array([s.force_range_N] * 3 + [s.torque_range_Nm] * 3)
+
+    def sample(self, *, force_N: Array, torque_Nm: Array) -> FtSample:
+        """Return a reading of a true load [N, Nm], sensor axes and origin. Shapes (3,), (3,)."""
+        self._counter += 1
+        value = np.concatenate((force_N, torque_Nm)) + self._bias
+        value += self._noise * self._rng.standard_normal(6)
+        saturated = bool((abs(value) >= self._range).any())
+        np.clip(value, -self._range, self._range, out=value)
+        rough = self._step > 0.0
+        value[rough] = np.round(value[rough] / self._step[rough]) * self._step[rough]
+        return FtSample(
+            force_N=value[:3],
+            torque_Nm=value[3:],
+            status="saturated" if saturated else "ok",
+            counter=self._counter,
+        )

@@ -1,0 +1,282 @@
+"""The simulated arm and its cell: lag, delay, stiffness, sensor sign, honesty about divergence."""
+
+import math
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from common.errors import SimulationError
+from common.frames import GRAVITY_M_S2
+from sim.robot.arm import SimArm, bandwidth_rad_s, motion_lag_s
+from sim.robot.settings import TICK_S, SensorSettings, SimSettings
+
+QUIET = SensorSettings(
+    force_noise_N=0.0,
+    torque_noise_Nm=0.0,
+    force_bias_N=(0.0, 0.0, 0.0),
+    torque_bias_Nm=(0.0, 0.0, 0.0),
+    force_step_N=0.0,
+    torque_step_Nm=0.0,
+)
+
+
+def flange_moved(arm: SimArm, move_m: tuple[float, float, float], T: pin.SE3) -> np.ndarray:
+    """Return the joints that put the flange `move_m` from T, in base axes."""
+    goal = pin.SE3(T.rotation, T.translation + np.array(move_m))
+    result = arm.kinematics.solve(goal, arm.q, jump_rad=1.0)
+    assert result.q is not None, result.reason
+    return result.q
+
+
+def run(arm: SimArm, duration_s: float) -> None:
+    """Let simulated time pass."""
+    for _ in range(round(duration_s / TICK_S)):
+        arm.step()
+
+
+def pressed(arm: SimArm, depth_m: float) -> SimArm:
+    """Let the arm push the disc `depth_m` beyond first contact and come to rest."""
+    gap = arm.settings.gap_m
+    arm.command_joints(flange_moved(arm, (0.0, 0.0, -gap - depth_m), arm.T_base_flange))
+    run(arm, 0.6)
+    return arm
+
+
+def test_the_arm_does_not_sag_at_home():
+    """Gravity is compensated, tool included: a second at rest moves nothing."""
+    arm = SimArm(SimSettings(tool_mass_kg=3.0), seed=0)
+    start = arm.q
+    run(arm, 1.0)
+    assert arm.q == pytest.approx(start, abs=1e-9)
+    assert not arm.moving
+
+
+@pytest.mark.parametrize("stiffness", [5e3, 2e4, 1e5])
+def test_the_plate_is_as_stiff_as_it_was_set(stiffness):
+    """Static force over static travel at the tip is the setting, within 3 percent."""
+    arm = SimArm(SimSettings(stiffness_N_m=stiffness), seed=0)
+    points = []
+    for depth in (10.0 / stiffness, 30.0 / stiffness):
+        arm.command_joints(flange_moved(arm, (0, 0, -0.005 - depth), home_pose(arm)))
+        run(arm, 0.6)
+        points.append((arm.true_wrench().force_N[2], arm.T_base_tcp.translation[2]))
+    (force_a, z_a), (force_b, z_b) = points
+    assert (force_b - force_a) / (z_a - z_b) == pytest.approx(stiffness, rel=0.03)
+
+
+def home_pose(arm: SimArm) -> pin.SE3:
+    """Return the flange's pose at home."""
+    return arm.kinematics.flange_pose(np.radians(np.array(arm.settings.home_deg)))
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        SimSettings(),
+        SimSettings(smoothing_s=0.016),
+        SimSettings(smoothing_s=0.001, delay_s=0.012),
+        SimSettings(servo_lag_s=0.024),
+        SimSettings(tool_mass_kg=3.0),
+    ],
+)
+@pytest.mark.parametrize("axis", range(3))
+def test_lag_of_the_motion_is_the_documented_one(settings, axis):
+    """The area over the step answer is delay + motion lag in every direction, within 0.1 ms."""
+    arm = SimArm(settings, seed=0)
+    T = arm.T_base_flange
+    move = [0.0, 0.0, 0.0]
+    move[axis] = 0.002
+    arm.command_joints(flange_moved(arm, tuple(move), T))
+    area_s = 0.0
+    for _ in range(400):
+        arm.step()
+        share = (arm.T_base_flange.translation[axis] - T.translation[axis]) / 0.002
+        area_s += (1.0 - share) * TICK_S
+    assert area_s == pytest.approx(settings.delay_s + motion_lag_s(settings), abs=1e-4)
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_bandwidth_is_the_documented_one(axis):
+    """At the documented frequency (about 25 Hz) the motion is down by 3 dB, within 1 dB."""
+    settings = SimSettings()
+    w = bandwidth_rad_s(settings)
+    assert 22.0 < w / math.tau < 28.0
+    arm = SimArm(settings, seed=0)
+    T, turns = arm.T_base_flange, 12
+    move, answer = [0.0, 0.0, 0.0], 0.0 + 0.0j
+    ticks = round(turns * math.tau / w / TICK_S)
+    for tick in range(2 * ticks):
+        move[axis] = 5e-4 * math.sin(w * tick * TICK_S)
+        arm.command_joints(flange_moved(arm, tuple(move), T))
+        arm.step()
+        if tick >= ticks:
+            y = arm.T_base_flange.translation[axis] - T.translation[axis]
+            answer += y * np.exp(-1j * w * tick * TICK_S) * 2.0 / ticks
+    assert 20.0 * math.log10(abs(answer) / 5e-4) == pytest.approx(-3.0, abs=1.0)
+
+
+@pytest.mark.parametrize("delay_ms", [0, 1, 10, 30])
+def test_delay_is_exact_to_the_millisecond(delay_ms):
+    """Nothing moves before the delay has passed; in the step after it the servo is driven."""
+    arm = SimArm(SimSettings(delay_s=delay_ms * 1e-3, smoothing_s=0.001), seed=0)
+    start = arm.q
+    arm.command_joints(flange_moved(arm, (0.0, 0.0, 0.001), arm.T_base_flange))
+    run(arm, delay_ms * 1e-3)
+    assert arm.q == pytest.approx(start, abs=1e-12)
+    assert arm.moving is (delay_ms > 0)  # the command is under way
+    arm.step()
+    assert abs(arm.q - start).max() > 1e-7
+
+
+def test_the_hanging_tool_pulls_the_sensor_along_gravity():
+    """Free of contact the load is m g at the centre of mass, in sensor axes, at any attitude."""
+    settings = SimSettings(sensor=QUIET)
+    weight = settings.tool_mass_kg * GRAVITY_M_S2
+    arm = SimArm(settings, seed=0)
+    rng = np.random.default_rng(3)
+    attitudes = 0
+    while attitudes < 4:
+        q = np.radians(np.array(settings.home_deg)) + rng.uniform(-0.5, 0.5, 6)
+        arm.command_joints(np.clip(q, arm.kinematics.lower_rad, arm.kinematics.upper_rad))
+        arm.data.qpos[:6] = arm.q_command  # put it there: this is about the rest
+        arm.data.qpos[6:] = 0.0
+        run(arm, 0.8)
+        if arm.data.ncon:
+            continue
+        attitudes += 1
+        R_base_sensor = arm.T_base_flange.rotation @ settings.T_flange_sensor.rotation
+        pull = R_base_sensor.T @ np.array([0.0, 0.0, -weight])
+        sample = arm.sample_ft()
+        assert sample.force_N == pytest.approx(pull, abs=1e-4)
+        assert sample.torque_Nm == pytest.approx(np.cross(settings.p_sensor_com_m, pull), abs=1e-4)
+
+
+def test_pressing_reads_as_the_plate_pushing_the_robot():
+    """In contact the sensor reads weight plus the plate's true wrench, moved to its origin."""
+    settings = SimSettings(sensor=QUIET, tilt_deg=10.0)
+    arm = pressed(SimArm(settings, seed=0), 0.001)
+    truth, sample = arm.true_wrench(), arm.sample_ft()
+    assert truth.force_N[2] > 5.0  # up: the environment pushes the robot
+    R = arm.T_base_flange.rotation @ settings.T_flange_sensor.rotation
+    pull = R.T @ np.array([0.0, 0.0, -settings.tool_mass_kg * GRAVITY_M_S2])
+    assert R @ (sample.force_N - pull) == pytest.approx(truth.force_N, abs=1e-3)
+    lever = R @ settings.T_sensor_tcp.translation
+    torque = R @ (sample.torque_Nm - np.cross(settings.p_sensor_com_m, pull))
+    assert torque - np.cross(lever, truth.force_N) == pytest.approx(truth.torque_Nm, abs=1e-3)
+
+
+def test_a_push_at_the_tool_adds_its_own_force_to_the_reading():
+    """The sign does not hang on contact: any applied force appears as it acts on the robot."""
+    settings = SimSettings(sensor=QUIET)
+    arm = SimArm(settings, seed=0)
+    run(arm, 0.1)
+    before = arm.sample_ft().force_N
+    push = np.array([3.0, -4.0, 5.0])
+    arm.data.xfrc_applied[arm.model.body("tool").id][:3] = push
+    run(arm, 0.5)
+    R = arm.T_base_flange.rotation @ settings.T_flange_sensor.rotation
+    assert R @ (arm.sample_ft().force_N - before) == pytest.approx(push, abs=0.01)
+    assert arm.true_wrench().force_N == pytest.approx(push)
+
+
+@pytest.mark.parametrize("tilt_deg", [0.0, 5.0, 15.0, 20.0])
+def test_the_disc_touches_where_the_truth_says(tilt_deg):
+    """Contact begins within 2 um of zero lift-off, also on a tilted plate: 0.2 N at 1e5 N/m."""
+    arm = SimArm(SimSettings(tilt_deg=tilt_deg, stiffness_N_m=1e5), seed=0)
+    assert arm.lift_off_m == pytest.approx(0.005 * math.cos(math.radians(tilt_deg)), abs=1e-9)
+    T = arm.T_base_flange
+    touched = None
+    for tick in range(400):
+        arm.command_joints(flange_moved(arm, (0.0, 0.0, -0.0048 - 1e-6 * tick), T))
+        for _ in range(5):
+            arm.step()
+        if touched is None and arm.data.ncon:
+            touched = arm.lift_off_m
+    assert touched == pytest.approx(0.0, abs=2e-6)
+
+
+def test_a_tilted_plate_turns_the_tool():
+    """One edge touches first: a moment about base x, positive or negative with the tilt's side."""
+    arm = pressed(SimArm(SimSettings(tilt_deg=10.0), seed=0), 0.0005)
+    torque = arm.true_wrench().torque_Nm
+    assert torque[0] > 0.05
+    assert abs(torque[1]) < 0.2 * torque[0]
+
+
+def test_the_plate_gives_way_in_tilt_with_its_own_stiffness():
+    """Moment about the plate over its angle is the tilt stiffness, springs at the corners."""
+    settings = SimSettings(tilt_deg=10.0, stiffness_N_m=2e4)
+    arm = pressed(SimArm(settings, seed=0), 0.001)
+    k_tilt = settings.plate_tilt_stiffness_Nm_rad
+    assert k_tilt == pytest.approx(50.0)
+    truth, point = arm.true_wrench(), arm.plate.point_m
+    lever = arm.data.site("tcp").xpos - point
+    on_plate = -(truth.torque_Nm + np.cross(lever, truth.force_N))
+    assert arm.data.qpos[7] == pytest.approx(on_plate[0] / k_tilt, rel=0.05)
+
+
+def test_divergence_is_an_error_and_leaves_no_log_behind(tmp_path, monkeypatch):
+    """MuJoCo would put the state back silently and write a file; neither happens here."""
+    monkeypatch.chdir(tmp_path)
+    arm = SimArm(SimSettings(), seed=0)
+    run(arm, 0.01)
+    arm.data.qvel[1] = 1e13
+    with pytest.raises(SimulationError, match="diverged"):
+        run(arm, 0.01)
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_whole_arm_is_deterministic_by_seed():
+    """Two runs with one seed give the same numbers, bit for bit; another seed other noise."""
+
+    def trace(seed: int) -> np.ndarray:
+        arm = SimArm(SimSettings(), seed=seed)
+        arm.command_joints(flange_moved(arm, (0.0, 0.0, -0.006), arm.T_base_flange))
+        rows = []
+        for _ in range(100):
+            arm.step()
+            rows.append(np.concatenate((arm.q, arm.sample_ft().force_N)))
+        return np.array(rows)
+
+    assert np.array_equal(trace(4), trace(4))
+    assert np.array_equal(trace(4)[:, :6], trace(5)[:, :6])
+    assert not np.array_equal(trace(4), trace(5))
+
+
+@pytest.mark.parametrize(
+    ("command", "words"),
+    [
+        ([0.0, 0.0, math.nan, 0.0, 0.0, 0.0], "six finite angles"),
+        ([0.0, 0.0, 0.0], "six finite angles"),
+        ([0.0, 3.0, 0.0, 0.0, 0.0, 0.0], "joint 2"),
+    ],
+)
+def test_an_impossible_joint_command_is_refused(command, words):
+    """Not finite, too few, beyond a limit: one clear error, and the arm stays."""
+    arm = SimArm(SimSettings(), seed=0)
+    with pytest.raises(SimulationError, match=words):
+        arm.command_joints(np.array(command))
+    assert np.array_equal(arm.q_command, arm.q)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        ({"stiffness_N_m": math.nan}, "stiffness_N_m is nan"),
+        ({"stiffness_N_m": 1e6}, "1000 .. 200000"),
+        ({"delay_s": 0.0105}, "whole number of milliseconds"),
+        ({"tilt_deg": 25.0, "gap_m": -1.0}, "tilt_deg.*gap_m"),
+        ({"home_deg": (0.0, 0.0)}, "six finite angles"),
+    ],
+)
+def test_settings_that_make_no_sense_are_refused_by_name(wrong, words):
+    """All mistakes at once, each with its range."""
+    with pytest.raises(SimulationError, match=words):
+        SimSettings(**wrong)
+
+
+def test_a_home_beyond_the_limits_is_refused():
+    """The cell is not built with the arm outside its range."""
+    with pytest.raises(SimulationError, match="joint 5"):
+        SimArm(SimSettings(home_deg=(0.0, 0.0, 0.0, 0.0, 130.0, 0.0)), seed=0)

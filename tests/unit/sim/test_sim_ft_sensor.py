@@ -1,0 +1,76 @@
+"""The simulated sensor's faults: they are the ones that were set, and the same for one seed."""
+
+import numpy as np
+import pytest
+
+from sim.robot.ft_sensor import FtSensor
+from sim.robot.settings import SensorSettings
+
+FORCE = np.array([10.0, -20.0, 30.0])
+TORQUE = np.array([0.5, -0.25, 1.0])
+CLEAN = {"force_noise_N": 0.0, "torque_noise_Nm": 0.0, "force_step_N": 0.0, "torque_step_Nm": 0.0}
+
+
+def many(settings: SensorSettings, count: int, seed: int = 0) -> np.ndarray:
+    """Return readings of the one load, force then torque. Shape (count, 6)."""
+    sensor = FtSensor(settings, seed=seed)
+    samples = [sensor.sample(force_N=FORCE, torque_Nm=TORQUE) for _ in range(count)]
+    return np.array([np.concatenate((s.force_N, s.torque_Nm)) for s in samples])
+
+
+def test_a_clean_sensor_adds_nothing_but_its_bias():
+    """Without noise and steps the reading is the load plus the bias."""
+    settings = SensorSettings(**CLEAN, force_bias_N=(1.0, 2.0, 3.0), torque_bias_Nm=(0.1, 0.2, 0.3))
+    assert many(settings, 1)[0] == pytest.approx([11.0, -18.0, 33.0, 0.6, -0.05, 1.3])
+
+
+def test_noise_has_the_spread_that_was_set():
+    """Mean is the biased load, standard deviation the setting, axes independent."""
+    settings = SensorSettings(force_bias_N=(0, 0, 0), torque_bias_Nm=(0, 0, 0))
+    readings = many(settings, 5000)
+    assert readings.mean(axis=0)[:3] == pytest.approx(FORCE, abs=0.006)
+    assert readings.std(axis=0)[:3] == pytest.approx([0.1] * 3, rel=0.05)
+    assert readings.std(axis=0)[3:] == pytest.approx([0.005] * 3, rel=0.05)
+    others = np.corrcoef(readings.T) - np.eye(6)
+    assert abs(others).max() < 0.06
+
+
+def test_readings_lie_on_the_quantisation_grid():
+    """Every reading is a whole number of steps."""
+    settings = SensorSettings(force_step_N=0.25, torque_step_Nm=0.01)
+    steps = many(settings, 50) / np.array([0.25] * 3 + [0.01] * 3)
+    assert steps == pytest.approx(np.round(steps), abs=1e-9)
+
+
+def test_one_seed_is_one_stream_and_another_seed_another():
+    """Runs repeat bit for bit."""
+    settings = SensorSettings()
+    assert np.array_equal(many(settings, 20, seed=7), many(settings, 20, seed=7))
+    assert not np.array_equal(many(settings, 20, seed=7), many(settings, 20, seed=8))
+
+
+@pytest.mark.parametrize("axis", range(6))
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_beyond_the_range_a_sample_says_saturated(axis, sign):
+    """Any axis at its end clips and is reported; just inside it is an ordinary reading."""
+    settings = SensorSettings(
+        **CLEAN,
+        force_bias_N=(0, 0, 0),
+        torque_bias_Nm=(0, 0, 0),
+        force_range_N=100.0,
+        torque_range_Nm=5.0,
+    )
+    for share, status in ((0.99, "ok"), (1.01, "saturated")):
+        load = np.zeros(6)
+        load[axis] = sign * share * (100.0 if axis < 3 else 5.0)
+        sample = FtSensor(settings, seed=0).sample(force_N=load[:3], torque_Nm=load[3:])
+        assert sample.status == status
+        assert max(abs(sample.force_N)) <= 100.0
+        assert max(abs(sample.torque_Nm)) <= 5.0
+
+
+def test_samples_are_counted_from_one():
+    """The counter shows a lost sample."""
+    sensor = FtSensor(SensorSettings(), seed=0)
+    counts = [sensor.sample(force_N=FORCE, torque_Nm=TORQUE).counter for _ in range(3)]
+    assert counts == [1, 2, 3]

@@ -1,0 +1,37 @@
+# One image for every process of a cell; docker-compose.yml gives each its command.
+
+FROM python:3.11-slim-bookworm AS build
+ENV PIP_NO_CACHE_DIR=1 PIP_DISABLE_PIP_VERSION_CHECK=1 PIP_ROOT_USER_ACTION=ignore
+RUN python3 -m venv /venv
+WORKDIR /app
+COPY requirements-run.lock ./
+# Wheels only, each with its hash. The C++ headers that come with pin are half of its size.
+RUN /venv/bin/pip install -q --require-hashes --only-binary :all: -r requirements-run.lock \
+    && rm -rf /venv/lib/python3.11/site-packages/cmeel.prefix/include
+COPY pyproject.toml LICENSE ./
+COPY cells cells
+COPY cli cli
+COPY common common
+COPY services services
+COPY sim sim
+# The file system is read-only at run time, so byte code is written now.
+RUN /venv/bin/pip install -q --no-deps --no-build-isolation -e . \
+    && /venv/bin/python -m compileall -q cli common services sim
+
+FROM python:3.11-slim-bookworm
+# pin's libraries want OpenMP, which the slim base does not have.
+RUN ldconfig -p | grep -q libgomp.so.1 \
+    || (apt-get update && apt-get install -y --no-install-recommends libgomp1 \
+        && rm -rf /var/lib/apt/lists/*)
+LABEL org.opencontainers.image.title="forcemesh" \
+      org.opencontainers.image.licenses="Apache-2.0"
+ENV PATH=/venv/bin:$PATH \
+    PYTHONUNBUFFERED=1 \
+    PYTHONDONTWRITEBYTECODE=1 \
+    HOME=/tmp \
+    MPLCONFIGDIR=/tmp/matplotlib
+COPY --from=build /venv /venv
+COPY --from=build /app /app
+WORKDIR /app
+USER 10001:10001
+CMD ["forcemesh", "--help"]

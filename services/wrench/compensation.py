@@ -6,7 +6,8 @@ m g_s + b_F and c x m g_s + b_M. What is left of a reading is the environment's:
     F = R (f - b_F - m g_s)
     M = R (t - b_M - c x m g_s) - (R p_sensor_tcp) x F
 
-in base axes, the moment about the tool centre point. Turning the axes does not move the point
+in base axes, with the sensor's own axes turned by the mounting correction that a recording may
+have revealed; the moment about the tool centre point. Turning the axes does not move the point
 that the moment is taken about, and moving the pose by the whole T_base_sensor would take it
 about the base's origin: both steps are needed, and no third one.
 """
@@ -16,8 +17,8 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from common.frames import GRAVITY_IN_BASE, Array, skew
-from common.payload import Payload
+from common.frames import Array, rotation_from_vector, skew
+from common.payload import Payload, gravity_in_sensor
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +44,7 @@ class Mounting:
 
 def weight_at_sensor_in_sensor(payload: Payload, R_base_sensor: Array) -> Wrench:
     """Return what the sensor shows because of the tool's weight alone, in sensor axes."""
-    weight_N = payload.mass_kg * (R_base_sensor.T @ GRAVITY_IN_BASE)
+    weight_N = payload.mass_kg * gravity_in_sensor(payload, R_base_sensor)
     return Wrench(weight_N, skew(np.asarray(payload.com_m)) @ weight_N)
 
 
@@ -63,8 +64,11 @@ def compensate(
         payload: Weight below the sensor and the sensor's bias.
     """
     weight = weight_at_sensor_in_sensor(payload, R_base_sensor)
+    R_mount = rotation_from_vector(np.asarray(payload.mounting_rotation_rad))
+    R_base_true = R_base_sensor @ R_mount
+    p_sensor_tcp_in_true = R_mount.T @ p_sensor_tcp_in_sensor
     force_N = reading_at_sensor_in_sensor.force_N - np.asarray(payload.bias_force_N)
     torque_Nm = reading_at_sensor_in_sensor.torque_Nm - np.asarray(payload.bias_torque_Nm)
     force_N = force_N - weight.force_N
-    torque_Nm = torque_Nm - weight.torque_Nm - skew(p_sensor_tcp_in_sensor) @ force_N
-    return Wrench(R_base_sensor @ force_N, R_base_sensor @ torque_Nm)
+    torque_Nm = torque_Nm - weight.torque_Nm - skew(p_sensor_tcp_in_true) @ force_N
+    return Wrench(R_base_true @ force_N, R_base_true @ torque_Nm)

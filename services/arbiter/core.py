@@ -1,0 +1,294 @@
+"""Decides who may move the arm, and how far. Holds the state; knows neither bus nor clock."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from common.cell import Cell
+from common.clock import NS_PER_S
+from common.config import cell_hash
+from common.convert import pose_of, record_of, vec3
+from common.frames import Array
+from common.limits import (
+    Limits,
+    check_step,
+    check_tether,
+    check_workspace,
+    limit_speed,
+)
+from common.messages import (
+    ArbiterState,
+    ArbiterStatus,
+    Commander,
+    Goal,
+    Host,
+    MoveRequest,
+    Permission,
+    RegulatorTarget,
+    Reply,
+    RobotCommand,
+    RobotState,
+    Speed,
+    Trip,
+)
+from services.arbiter import inputs as known
+from services.arbiter.goals import goal_trip, refused
+from services.arbiter.inputs import Inputs
+from services.arbiter.states import CLEARS, MAY_MOVE, after
+
+PREFLIGHT_S = 1.0  # inputs must have been good for so long before arming
+ROBOT_ANSWERS_WITHIN_S = 0.3  # a robot that still holds after this does not accept the lease
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """What the present lease is used for."""
+
+    commander: Commander = "none"
+    goal: Goal | None = None
+    T_base_flange: pin.SE3 | None = None  # last set point that was let through
+
+
+IDLE_MOTION = Motion()
+
+
+class Arbiter:
+    """One commander, arm and hold, limits, deadlines."""
+
+    def __init__(self, cell: Cell, *, command_deadline_s: float) -> None:
+        """Start in BOOT with nothing known."""
+        self.state: ArbiterState = "BOOT"
+        self.trips: tuple[Trip, ...] = ()
+        self._limits = Limits.of(cell)
+        self._deadline_s = command_deadline_s
+        self._T_flange_tcp = cell.tool.T_flange_tcp.pose
+        self._config_hash = cell_hash(cell)
+        self._speed = Speed()
+        self._motion = IDLE_MOTION
+        self._lease = 0
+        self._lease_since_ns = 0
+        self._armed_at_m: Array = np.zeros(3)
+        self._good_since_ns: int | None = None
+        self._last_ns = 0
+        self._goal_id = 0
+        self._not_ready: list[str] = ["starting"]
+
+    # --- every period ---------------------------------------------------------------------------
+
+    def tick(self, inputs: Inputs) -> RobotCommand:
+        """Judge the inputs, follow the commander, return what the robot may do."""
+        dt_s = (inputs.now_ns - self._last_ns) / NS_PER_S if self._last_ns else 0.0
+        self._last_ns = inputs.now_ns
+        self._watch_readiness(inputs)
+        if self.state in MAY_MOVE:
+            self._watch_motion(inputs)
+        if self.state in MAY_MOVE:
+            return self._follow(inputs, dt_s)
+        return RobotCommand(kind="hold", speed=self._speed, reason=self._hold_reason())
+
+    def status(self) -> ArbiterStatus:
+        """Return what everybody may know."""
+        return ArbiterStatus(
+            state=self.state,
+            commander=self._motion.commander,
+            lease=self._lease,
+            trips=self.trips,
+            not_ready=tuple(line[:400] for line in self._not_ready[:16]),
+            clears=CLEARS[self.state],
+        )
+
+    def _watch_readiness(self, inputs: Inputs) -> None:
+        lines = known.missing(inputs)
+        if lines:
+            self._good_since_ns = None
+        else:
+            if self._good_since_ns is None:
+                self._good_since_ns = inputs.now_ns
+            self.state = after(self.state, "ready")
+            good_s = (inputs.now_ns - self._good_since_ns) / NS_PER_S
+            if good_s < PREFLIGHT_S:
+                lines = [f"inputs are good for {good_s:.1f} s, {PREFLIGHT_S:g} s are needed"]
+            lines += known.robot_complaints(inputs)
+            lines += known.strangers(inputs, self._config_hash)
+        self._not_ready = lines
+
+    def _watch_motion(self, inputs: Inputs) -> None:
+        fault = known.fault_trip(inputs)
+        if fault is not None:
+            self._stop("fault", fault)
+            return
+        p_flange_tcp_m = vec3(np.asarray(self._T_flange_tcp.translation))
+        trip = known.limit_trip(inputs, self._limits, p_flange_tcp_m)
+        trip = trip or self._robot_refuses(inputs) or self._regulator_fails(inputs)
+        if trip is not None:
+            self._stop("hold", trip)
+
+    def _robot_refuses(self, inputs: Inputs) -> Trip | None:
+        """The robot holds although it may move: it has seen something that we have not."""
+        robot = inputs.robot.fresh
+        since_s = (inputs.now_ns - self._lease_since_ns) / NS_PER_S
+        if robot is None or not robot.hold_reason or since_s < ROBOT_ANSWERS_WITHIN_S:
+            return None
+        return Trip(code="robot_holds", text=f"the robot holds: {robot.hold_reason}"[:400])
+
+    def _regulator_fails(self, inputs: Inputs) -> Trip | None:
+        target = inputs.target.message
+        if self._motion.commander != "regulator" or target is None:
+            return None
+        if target.valid or target.mode is None:
+            return None
+        return Trip(code="regulator", text=f"the regulator gave up: {target.reason}"[:400])
+
+    # --- who commands -----------------------------------------------------------------------------
+
+    def _follow(self, inputs: Inputs, dt_s: float) -> RobotCommand:
+        robot, target = inputs.robot.fresh, inputs.target.fresh
+        if robot is None:  # cannot be: a stale robot has ended motion above
+            return RobotCommand(kind="hold", reason="robot/state is stale")
+        if self._motion.commander == "regulator" and target is None:
+            self._end()
+        elif self._motion.commander == "operator":
+            self._watch_goal(robot)
+        elif self._motion.commander == "none" and target is not None:
+            self._begin(Motion("regulator", T_base_flange=pose_of(robot)))
+        if self._motion.commander == "regulator" and target is not None:
+            return self._pass_target(robot, target, dt_s)
+        if self._motion.commander == "operator":
+            return self._command("goal", goal=self._motion.goal)
+        return self._command("idle")
+
+    def _pass_target(self, robot: RobotState, target: RegulatorTarget, dt_s: float) -> RobotCommand:
+        if target.host == "controller":
+            return self._command("feedback", host="controller", feedback=target.feedback)
+        before = self._motion.T_base_flange
+        if target.pose is None or before is None:
+            return self._hold_for(Trip(code="regulator", text="the target holds no pose"))
+        T_wanted, T_measured = pose_of(target.pose), pose_of(robot)
+        T_allowed = limit_speed(self._limits, before, T_wanted, dt_s)
+        trip = (
+            check_workspace(self._limits, T_allowed * self._T_flange_tcp)
+            or check_step(self._limits, T_measured, T_allowed)
+            or check_tether(self._limits, self._armed_at_m, np.asarray(T_allowed.translation))
+        )
+        if trip is not None:
+            return self._hold_for(trip)
+        self._motion = Motion("regulator", T_base_flange=T_allowed)
+        limited = T_allowed is not T_wanted
+        return self._command("setpoint", pose=record_of(T_allowed), limited=limited)
+
+    def _watch_goal(self, robot: RobotState) -> None:
+        goal = self._motion.goal
+        if goal is None or robot.goal.id != goal.id:
+            return
+        if robot.goal.state == "refused":
+            self.trips = (Trip(code="goal_refused", text=robot.goal.reason),)
+        if robot.goal.state in ("done", "refused"):
+            self._end()
+
+    def _begin(self, motion: Motion) -> None:
+        self._motion, self.trips = motion, ()
+        self.state = after(self.state, "begin")
+
+    def _end(self) -> None:
+        self._motion = IDLE_MOTION
+        self.state = after(self.state, "end")
+
+    def _stop(self, event: str, trip: Trip) -> None:
+        """Latch. A second cause is added to the first one."""
+        latched = self.state not in MAY_MOVE
+        self.trips = (*self.trips, trip)[-8:] if latched else (trip,)
+        self._motion = IDLE_MOTION
+        self.state = after(self.state, event)
+
+    def _hold_for(self, trip: Trip) -> RobotCommand:
+        self._stop("hold", trip)
+        return RobotCommand(kind="hold", speed=self._speed, reason=self._hold_reason())
+
+    def _hold_reason(self) -> str:
+        cause = self.trips[-1].text if self.trips else "not armed"
+        return f"the arbiter is {self.state}: {cause}"[:400]
+
+    def _command(self, kind: str, *, host: Host = "pc", **content: object) -> RobotCommand:
+        permission = Permission(host=host, lease=self._lease, deadline_s=self._deadline_s)
+        fields = {"kind": kind, "commander": self._motion.commander, "speed": self._speed}
+        return RobotCommand.model_validate({**fields, "permission": permission, **content})
+
+    # --- requests ---------------------------------------------------------------------------------
+
+    def arm(self, inputs: Inputs) -> Reply:
+        """Let motion begin, after the preflight."""
+        robot = inputs.robot.fresh
+        if self.state in MAY_MOVE:
+            return Reply(accepted=True, code="already", text=f"already {self.state}")
+        if after(self.state, "arm") != "ARMED":
+            text = f"the arbiter is {self.state}: {CLEARS[self.state]}"
+            return Reply(accepted=False, code="state", text=text)
+        trip = known.limit_trip(
+            inputs, self._limits, vec3(np.asarray(self._T_flange_tcp.translation))
+        )
+        if self._not_ready or robot is None:
+            return Reply(accepted=False, code="not_ready", text="; ".join(self._not_ready)[:400])
+        if trip is not None:
+            return refused(trip)
+        self.state, self.trips, self._motion = after(self.state, "arm"), (), IDLE_MOTION
+        self._lease += 1
+        self._lease_since_ns = inputs.now_ns
+        self._armed_at_m = np.array(robot.position_m)
+        return Reply(accepted=True, text=f"armed, lease {self._lease}")
+
+    def hold(self, reason: str) -> Reply:
+        """Stop motion and hold; always accepted."""
+        self._stop("hold", Trip(code="hold", text=reason))
+        return Reply(accepted=True, text=f"{self.state}: {reason}"[:400])
+
+    def clear(self, inputs: Inputs) -> Reply:
+        """Acknowledge a hold or a fault whose cause is gone."""
+        if self.state == "FAULT" and (fault := known.fault_trip(inputs)) is not None:
+            return refused(fault)
+        self.state = after(self.state, "clear")
+        self.trips = () if self.state == "IDLE" else self.trips
+        return Reply(accepted=True, text=f"the arbiter is {self.state}")
+
+    def set_speed(self, speed: Speed) -> Reply:
+        """Set the speeds of the moves to come."""
+        real_m_s = speed.mechanical_m_s * speed.modular_fraction
+        if real_m_s > self._limits.speed_m_s:
+            text = "mechanical times modular speed is above limits.speed_m_s"
+            return refused(
+                Trip(code="speed", text=text, value=real_m_s, limit=self._limits.speed_m_s)
+            )
+        self._speed = speed
+        return Reply(accepted=True, text=f"moves run at {real_m_s * 1e3:.1f} mm/s", value=real_m_s)
+
+    def move(self, request: MoveRequest, inputs: Inputs) -> Reply:
+        """Give the robot a goal."""
+        robot = inputs.robot.fresh
+        if self.state not in MAY_MOVE or robot is None:
+            text = f"the arbiter is {self.state}: {CLEARS[self.state]}"
+            return Reply(accepted=False, code="not_armed", text=text)
+        if self._motion.commander != "none":
+            text = f"the {self._motion.commander} commands the arm; stop that first"
+            return Reply(accepted=False, code="busy", text=text)
+        trip = goal_trip(
+            request,
+            robot,
+            limits=self._limits,
+            T_flange_tcp=self._T_flange_tcp,
+            armed_at_m=self._armed_at_m,
+        )
+        if trip is not None:
+            return refused(trip)
+        if request.speed_m_s is not None:
+            speed = self._speed.model_copy(
+                update={"mechanical_m_s": request.speed_m_s, "modular_fraction": 1.0}
+            )
+            reply = self.set_speed(speed)
+            if not reply.accepted:
+                return reply
+        self._goal_id += 1
+        goal = Goal(
+            id=self._goal_id, kind=request.kind, pose=request.pose, joint_rad=request.joint_rad
+        )
+        self._begin(Motion("operator", goal=goal))
+        return Reply(accepted=True, text=f"goal {goal.id}", value=float(goal.id))

@@ -1,0 +1,73 @@
+"""The arbiter on the bus: every input in, permission and command out."""
+
+from common import topics
+from common.cell import Cell
+from common.clock import NS_PER_S
+from common.endpoints import Bus
+from services.arbiter.core import Arbiter
+from services.arbiter.inputs import Inputs
+
+
+class ArbiterService:
+    """Reads everything, lets one commander through, and says why when it does not."""
+
+    def __init__(self, bus: Bus, cell: Cell) -> None:
+        """Take the topics and requests of this role."""
+        self.period_s = 1.0 / cell.rates.control_hz
+        self.fault = ""
+        self._core = Arbiter(cell, command_deadline_s=cell.stale_after_s(topics.ROBOT_COMMAND))
+        self._robot = bus.reader(topics.ROBOT_STATE)
+        self._sensor = bus.reader(topics.SENSOR_WRENCH)
+        self._wrench = bus.reader(topics.WRENCH)
+        self._target = bus.reader(topics.REGULATOR_TARGET)
+        silent = {"arbiter", "sensor"} if cell.roles.sensor == "external" else {"arbiter"}
+        watched = {role: topic for role, topic in topics.HEALTH.items() if role not in silent}
+        self._health = {role: bus.reader(topic) for role, topic in watched.items()}
+        self._command = bus.publisher(topics.ROBOT_COMMAND)
+        self._status = bus.publisher(topics.ARBITER_STATUS)
+        self._status_period_ns = round(NS_PER_S / cell.rates.status_hz)
+        self._next_status_ns = 0
+        self._said = ""
+        self._arms = bus.inbox(topics.ARM)
+        self._holds = bus.inbox(topics.HOLD)
+        self._clears = bus.inbox(topics.CLEAR)
+        self._moves = bus.inbox(topics.MOVE)
+        self._speeds = bus.inbox(topics.SPEED)
+        self.trigger = self._target
+
+    def counters(self) -> dict[str, int]:
+        """Return what the readers dropped."""
+        return {"target_superseded": self._target.counters.superseded}
+
+    def step(self, now_ns: int) -> None:
+        """Serve requests, judge, publish command and status."""
+        inputs = Inputs(
+            now_ns=now_ns,
+            robot=self._robot.read(now_ns),
+            sensor=self._sensor.read(now_ns),
+            wrench=self._wrench.read(now_ns),
+            target=self._target.read(now_ns),
+            health={role: reader.read(now_ns) for role, reader in self._health.items()},
+        )
+        self._serve(inputs)
+        self._command.put(self._core.tick(inputs), inputs.target.origin)
+        self._report(now_ns)
+
+    def _serve(self, inputs: Inputs) -> None:
+        for hold in self._holds.take_all():
+            hold.reply(self._core.hold(hold.request.reason))
+        for clear in self._clears.take_all():
+            clear.reply(self._core.clear(inputs))
+        for arm in self._arms.take_all():
+            arm.reply(self._core.arm(inputs))
+        for speed in self._speeds.take_all():
+            speed.reply(self._core.set_speed(speed.request))
+        for move in self._moves.take_all():
+            move.reply(self._core.move(move.request, inputs))
+
+    def _report(self, now_ns: int) -> None:
+        """Publish the status at its rate, and at once when the state changes."""
+        state = self._core.state
+        if now_ns >= self._next_status_ns or state != self._said:
+            self._next_status_ns, self._said = now_ns + self._status_period_ns, state
+            self._status.put(self._core.status())

@@ -1,0 +1,204 @@
+"""The container files, checked without an engine: schema, names, commands, what each may do."""
+
+import importlib.util
+import re
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from common.config import load_cell
+from common.topics import HEALTH, ROLES
+
+ROOT = Path(__file__).resolve().parents[2]
+COMPOSE_FILE = ROOT / "docker-compose.yml"
+COMPOSE: dict[str, Any] = yaml.safe_load(COMPOSE_FILE.read_text(encoding="utf-8"))
+SERVICES: dict[str, dict[str, Any]] = COMPOSE["services"]
+CELL = "/cells/${CELL:-demo.yaml}"
+
+# Which roles of the bus a container plays, where that is not its own name.
+PLAYS = {"robot-sim": {"robot", "sensor"}, "gateway": {"robot"}}
+
+service = pytest.mark.parametrize("name", SERVICES)
+
+
+def roles_of(name: str) -> set[str]:
+    """Return the roles that a container plays."""
+    return PLAYS.get(name, {name})
+
+
+def profile(word: str) -> set[str]:
+    """Return the containers that `docker compose --profile WORD up` starts."""
+    return {name for name, entry in SERVICES.items() if word in entry.get("profiles", [word])}
+
+
+def keys(tree: Any) -> set[str]:
+    """Return every key of a tree of maps and lists."""
+    if isinstance(tree, dict):
+        return set(tree).union(*(keys(value) for value in tree.values()))
+    if isinstance(tree, list):
+        return set().union(*(keys(item) for item in tree))
+    return set()
+
+
+def schema_check(path: Path) -> int:
+    """Return the exit code of the compose specification's own schema on a file."""
+    command = [sys.executable, "-m", "check_jsonschema", "--builtin-schema", "vendor.compose-spec"]
+    return subprocess.run([*command, str(path)], capture_output=True, check=False).returncode
+
+
+def test_compose_file_follows_the_compose_specification() -> None:
+    """The file is valid against the schema that compose itself uses."""
+    assert schema_check(COMPOSE_FILE) == 0
+
+
+def test_a_misspelt_setting_is_not_valid(tmp_path: Path) -> None:
+    """The schema check refuses an unknown setting, so that a typo cannot switch hardening off."""
+    wrong = tmp_path / "docker-compose.yml"
+    wrong.write_text(COMPOSE_FILE.read_text(encoding="utf-8").replace("read_only:", "readonly:"))
+    assert schema_check(wrong) != 0
+
+
+def test_compose_file_holds_nothing_that_version_1_refuses() -> None:
+    """Debian still ships compose 1.29: none of the settings that it does not know are used."""
+    newer = {"start_interval", "additional_contexts", "dockerfile_inline", "develop", "include"}
+    assert not keys(COMPOSE) & newer
+    assert "name" not in COMPOSE
+    assert all(isinstance(entry.get("depends_on", []), list) for entry in SERVICES.values())
+
+
+@pytest.mark.parametrize("word", ["sim", "real"])
+def test_each_role_is_played_exactly_once_in_a_profile(word: str) -> None:
+    """Each profile is a whole cell, in which no two containers write the same topics."""
+    played = sorted(role for name in profile(word) for role in roles_of(name))
+    assert played == sorted(ROLES)
+
+
+def test_profiles_swap_the_simulated_robot_for_gateway_and_sensor() -> None:
+    """The two profiles differ in who plays robot and sensor, and in nothing else."""
+    assert profile("sim") - profile("real") == {"robot-sim"}
+    assert profile("real") - profile("sim") == {"gateway", "sensor"}
+    assert profile("sim") & profile("real") == set(ROLES) - {"robot", "sensor"}
+
+
+@service
+def test_container_runs_the_module_of_its_name(name: str) -> None:
+    """One name: container `x` runs services.x, container `x-sim` runs sim.x, and both exist."""
+    python, flag, module, cell_flag, cell = SERVICES[name]["command"]
+    expected = f"sim.{name.removesuffix('-sim')}" if name.endswith("-sim") else f"services.{name}"
+    assert (python, flag, module) == ("python", "-m", expected)
+    assert (cell_flag, cell) == ("--cell", CELL)
+    assert importlib.util.find_spec(f"{module}.__main__") is not None
+
+
+@service
+def test_health_of_a_container_is_the_health_of_a_role_that_it_plays(name: str) -> None:
+    """The check asks the bus about a role that has a health topic and lives in this container."""
+    *command, role = SERVICES[name]["healthcheck"]["test"]
+    assert command == ["CMD", "forcemesh", "status", "--cell", CELL, "--service"]
+    assert role in roles_of(name) & set(HEALTH)
+
+
+@service
+def test_container_may_do_nothing_but_its_work(name: str) -> None:
+    """Read-only, no capabilities, no new privileges, an init process, a bounded log."""
+    entry = SERVICES[name]
+    assert entry["read_only"] is True
+    assert entry["cap_drop"] == ["ALL"]
+    assert entry["security_opt"] == ["no-new-privileges:true"]
+    assert entry["init"] is True
+    assert entry["logging"]["options"].keys() == {"max-size", "max-file"}
+    assert not entry.keys() & {"privileged", "cap_add", "devices", "network_mode", "pid", "user"}
+    assert entry["volumes"] == ["./cells:/cells:ro"]
+
+
+def test_only_the_hub_is_published_and_only_on_this_machine() -> None:
+    """Nobody on the lab's network reaches the bus: one port, on the loopback address."""
+    published = {name: entry["ports"] for name, entry in SERVICES.items() if "ports" in entry}
+    assert published == {"hub": ["127.0.0.1:7447:7447"]}
+
+
+def test_networks_lead_only_where_a_container_has_to_go() -> None:
+    """The bus reaches nothing outside; only gateway and sensor have a way to their hardware."""
+    ways = {name: set(entry["networks"]) - {"bus"} for name, entry in SERVICES.items()}
+    assert COMPOSE["networks"]["bus"] == {"internal": True}
+    assert all("bus" in entry["networks"] for entry in SERVICES.values())
+    assert {name: way for name, way in ways.items() if way} == {
+        "hub": {"outside"},
+        "gateway": {"robot"},
+        "sensor": {"sensor"},
+    }
+
+
+@service
+def test_endpoint_is_explicit(name: str) -> None:
+    """No process looks around for its hub: the hub listens, the others name it."""
+    host = "0.0.0.0" if name == "hub" else "hub"
+    assert SERVICES[name]["environment"] == {"FORCEMESH_ENDPOINT": f"tcp/{host}:7447"}
+
+
+def test_default_cell_is_the_one_that_the_simulated_profile_needs() -> None:
+    """Without CELL the cell file exists and gives robot and sensor to the simulation."""
+    roles = load_cell(ROOT / "cells" / "demo.yaml").roles
+    assert (roles.robot, roles.sensor) == ("sim", "sim")
+
+
+def dockerfile_stages() -> list[list[str]]:
+    """Return the instructions of each stage, continued lines joined, comments left out."""
+    text = (ROOT / "Dockerfile").read_text(encoding="utf-8")
+    lines = [line for line in text.splitlines() if line and not line.startswith("#")]
+    instructions = "\n".join(lines).replace("\\\n", " ").splitlines()
+    starts = [i for i, line in enumerate(instructions) if line.startswith("FROM ")]
+    return [instructions[a:b] for a, b in zip(starts, [*starts[1:], None], strict=True)]
+
+
+def test_image_does_not_run_as_root() -> None:
+    """The last word on the user is a number that is not root's."""
+    users = [line.split()[1] for line in dockerfile_stages()[-1] if line.startswith("USER ")]
+    assert users
+    assert all(re.fullmatch(r"[1-9]\d*:[1-9]\d*", user) for user in users)
+
+
+def test_final_stage_builds_nothing() -> None:
+    """What runs has neither a compiler nor an installer's leftovers: it copies what was built."""
+    final = "\n".join(dockerfile_stages()[-1])
+    tools = r"\b(gcc|g\+\+|clang|cmake|build-essential|cargo|rustc|make|python3-dev|pip|uv)\b"
+    assert not re.search(tools, final)
+    assert len({stage[0].split()[1] for stage in dockerfile_stages()}) == 1
+
+
+def test_image_holds_what_the_lock_says() -> None:
+    """Everything that is installed has a hash, or is the checkout itself without dependencies."""
+    installs = [line for line in dockerfile_stages()[0] if "pip install" in line]
+    locked = "--require-hashes --only-binary :all: -r requirements-run.lock"
+    own = "--no-deps --no-build-isolation -e ."
+    assert [locked in line or own in line for line in installs] == [True, True]
+
+
+def test_dockerfile_needs_no_frontend_and_no_shell_to_start() -> None:
+    """It builds without a registry's frontend, and signals reach the process itself."""
+    text = (ROOT / "Dockerfile").read_text(encoding="utf-8")
+    assert "syntax=" not in text
+    assert all(
+        line.split(None, 1)[1].startswith("[")
+        for stage in dockerfile_stages()
+        for line in stage
+        if line.startswith(("CMD", "ENTRYPOINT"))
+    )
+
+
+def test_build_context_holds_just_what_is_copied() -> None:
+    """Each path that the image copies exists and is let in; nothing else is let in."""
+    ignore = (ROOT / ".dockerignore").read_text(encoding="utf-8").splitlines()
+    let_in = {line.removeprefix("!") for line in ignore if line.startswith("!")}
+    copied = {
+        source
+        for line in dockerfile_stages()[0]
+        if line.startswith("COPY ")
+        for source in line.split()[1:-1]
+    }
+    assert copied == let_in
+    assert all((ROOT / source).exists() for source in copied)

@@ -1,8 +1,9 @@
 # What a person types. Every target sets up what it needs; `make` alone lists them.
 
 ARGS ?=
-PYTHON ?= $(or $(firstword $(foreach p,python3 python3.14 python3.13 python3.12 python3.11,\
-            $(shell $(p) -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && echo $(p)))),python3)
+PYTHON ?= $(or $(shell for p in python3 python3.14 python3.13 python3.12 python3.11; do \
+            $$p -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null \
+            && echo $$p && break; done),python3)
 UV ?= $(firstword $(shell command -v uv 2>/dev/null) $(wildcard .venv/bin/uv))
 BIN := .venv/bin
 STAMP := .venv/.made-from-lock

@@ -1,0 +1,185 @@
+"""The controller's own motion generator: goals with a trapezoidal speed, and streamed poses.
+
+state    what it means
+idle     nothing to do; after a brake too
+running  a goal is on its way
+braking  a goal is being stopped, along its path
+done     the goal was reached
+refused  a goal ended on the way because it could not be followed; `reason` says why
+stream   the newest streamed pose is followed
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import pinocchio as pin
+
+from common.frames import Array
+from sim.robot.kinematics import MAX_SPEED_RAD_S, ArmKinematics
+from sim.robot.paths import JointPath, LinearPath, Path
+
+MotionState = Literal["idle", "running", "braking", "done", "refused", "stream"]
+
+ACCEL_M_S2 = 2.0  # what 100 percent means
+BRAKE_M_S2 = 2.5  # from 250 mm/s to standstill in 100 ms
+STREAM_JUMP_RAD = 0.35  # one streamed pose may turn no joint farther
+_SHRINKS = 8  # attempts to find a step that keeps the joint speed limits
+_BUSY = "a goal is on its way: brake first"
+
+
+@dataclass(frozen=True, slots=True)
+class MotionSpeed:
+    """Speed of a goal. Turning and joint angles count on a radius of `TURN_RADIUS_M`."""
+
+    speed_m_s: float = 0.05
+    accel_fraction: float = 1.0  # of ACCEL_M_S2
+    decel_fraction: float = 1.0
+
+
+class MotionGenerator:
+    """Turns goals and streamed poses into one joint command per tick.
+
+    Its commands depend on nothing but what it was told: it never looks at the arm. `start_*`
+    and `setpoint` return an empty string, or the reason why they did nothing.
+    """
+
+    def __init__(self, kinematics: ArmKinematics, q_start: Array) -> None:
+        """Stand still at q_start [rad]. Shape (6,)."""
+        self._kinematics = kinematics
+        self._path: Path | None = None
+        self._speed = MotionSpeed()
+        self._share, self._share_speed = 0.0, 0.0  # s and ds/dt of the path
+        self.q_command: Array = np.array(q_start, dtype=float)
+        self._q_stream: Array = self.q_command.copy()
+        self.state: MotionState = "idle"
+        self.reason = ""  # why the last goal was refused on its way
+
+    @property
+    def busy(self) -> bool:
+        """Whether a goal is on its way or being braked."""
+        return self.state in ("running", "braking")
+
+    def reseed(self, q: Array) -> None:
+        """Forget every motion and stand still at q [rad]. Shape (6,)."""
+        self.q_command = np.array(q, dtype=float)
+        self._path, self.state, self.reason = None, "idle", ""
+
+    def start_pose(self, T_base_flange: pin.SE3, speed: MotionSpeed) -> str:
+        """Start a linear motion of the flange, turning evenly about one axis."""
+        if self.busy:
+            return _BUSY
+        if not np.isfinite(T_base_flange.homogeneous).all():
+            return "the pose holds a number that is not finite"
+        path = LinearPath(self._kinematics, self.q_command, T_base_flange)
+        return path.obstacle(self.q_command) or self._start(path, speed)
+
+    def start_joints(self, q_goal: Array, speed: MotionSpeed) -> str:
+        """Start a motion to joint angles [rad], all joints together. Shape (6,)."""
+        if self.busy:
+            return _BUSY
+        goal = np.array(q_goal, dtype=float)
+        if not np.isfinite(goal).all():
+            return "the joint goal holds a number that is not finite"
+        violation = self._kinematics.limit_violation(goal)
+        return violation or self._start(JointPath(self._kinematics, self.q_command, goal), speed)
+
+    def start_by(self, q_relative: Array, speed: MotionSpeed) -> str:
+        """Start a motion by joint angles [rad] relative to the command now. Shape (6,)."""
+        return self.start_joints(self.q_command + np.asarray(q_relative, dtype=float), speed)
+
+    def setpoint(self, T_base_flange: pin.SE3) -> str:
+        """Follow a streamed pose from the next tick on; the newest wins."""
+        if self.busy:
+            return _BUSY
+        result = self._kinematics.solve(T_base_flange, self.q_command, jump_rad=STREAM_JUMP_RAD)
+        if result.q is None:
+            return result.reason
+        self._q_stream, self.state, self.reason = result.q, "stream", ""
+        return ""
+
+    def brake(self) -> None:
+        """Stop: a goal along its path, a stream no farther than its last pose."""
+        if self.state == "running":
+            self.state = "braking"
+        elif self.state == "stream":
+            self._brake_stream()
+
+    def tick(self, dt_s: float) -> Array:
+        """Advance by one tick and return the joint command [rad]. Shape (6,)."""
+        if self.busy:
+            self._follow(dt_s)
+        elif self.state == "stream":
+            way = self._q_stream - self.q_command
+            ticks_needed = _time_at_full_speed_s(way) / dt_s
+            self.q_command = self.q_command + way / max(1.0, ticks_needed)
+        return self.q_command.copy()
+
+    def _start(self, path: Path, speed: MotionSpeed) -> str:
+        self._path, self._speed = path, speed
+        self._share, self._share_speed = 0.0, 0.0
+        self.state, self.reason = "running", ""
+        return ""
+
+    def _brake_stream(self) -> None:
+        """An ordinary stream has arrived and just stops; one that is behind is ramped down."""
+        needed_s = _time_at_full_speed_s(self._q_stream - self.q_command)
+        self.state = "idle"
+        if needed_s > 1e-9:
+            path = JointPath(self._kinematics, self.q_command, self._q_stream)
+            self._start(path, self._speed)
+            self._share_speed = 1.0 / needed_s
+            self.state = "braking"
+
+    def _follow(self, dt_s: float) -> None:
+        assert self._path is not None  # noqa: S101 - busy means that there is one
+        self._share_speed = self._next_share_speed(self._path.extent_m, dt_s)
+        share, q = self._allowed_step(self._path, dt_s)
+        if q is None:
+            self.state, self._share_speed = "refused", 0.0
+            return
+        self._share_speed = (share - self._share) / dt_s
+        self._share, self.q_command = share, q
+        if share >= 1.0:
+            self.state = "done"
+        elif self.state == "braking" and self._share_speed <= 0.0:
+            self.state = "idle"
+
+    def _next_share_speed(self, extent_m: float, dt_s: float) -> float:
+        """Return ds/dt of this tick: trapezoid, or the ramp down of a brake."""
+        scale = 1.0 / max(extent_m, 1e-6)
+        if self.state == "braking":
+            return max(0.0, self._share_speed - BRAKE_M_S2 * scale * dt_s)
+        decel = self._speed.decel_fraction * ACCEL_M_S2 * scale
+        accel = self._speed.accel_fraction * ACCEL_M_S2 * scale
+        # The speed from which steps of dt, each slower by decel * dt, end exactly at the goal.
+        half = 0.5 * decel * dt_s
+        stopping = math.sqrt(half * half + 2.0 * decel * (1.0 - self._share)) - half
+        faster = self._share_speed + accel * dt_s
+        return min(faster, self._speed.speed_m_s * scale, max(stopping, half))
+
+    def _allowed_step(self, path: Path, dt_s: float) -> tuple[float, Array | None]:
+        """Return the share and joints after this tick, shortened to the joints' speed limits."""
+        step = self._share_speed * dt_s
+        for _ in range(_SHRINKS):
+            share = min(1.0, self._share + step)
+            if share > 1.0 - 1e-9:
+                share = 1.0
+            result = path.at(share, self.q_command)
+            if result.q is None:
+                self.reason = f"after {100 * share:.0f} % of the way: {result.reason}"
+                step *= 0.25
+                continue
+            excess = _time_at_full_speed_s(result.q - self.q_command) / dt_s
+            if excess <= 1.0 + 1e-9:
+                self.reason = ""
+                return share, result.q
+            self.reason = f"after {100 * share:.0f} % of the way: the joints are too slow"
+            step /= 1.05 * excess
+        return self._share, None
+
+
+def _time_at_full_speed_s(way_rad: Array) -> float:
+    """Return how long a joint motion takes at the joints' speed limits [s]."""
+    return float((abs(way_rad) / MAX_SPEED_RAD_S).max())

@@ -1,0 +1,270 @@
+"""The controller's own motions: goals on a trapezoid, braking, streamed poses."""
+
+import math
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from common.frames import rotation_between
+from sim.robot.kinematics import MAX_SPEED_RAD_S, ArmKinematics
+from sim.robot.motion import ACCEL_M_S2, MotionGenerator, MotionSpeed
+
+ARM = ArmKinematics()
+HOME = np.radians([0.0, 0.0, -90.0, 0.0, -90.0, 0.0])
+T_HOME = ARM.flange_pose(HOME)
+DT_S = 0.001
+
+moves = hnp.arrays(float, 3, elements=st.floats(-0.12, 0.12))
+turns = hnp.arrays(float, 3, elements=st.floats(-0.4, 0.4))
+joint_moves = hnp.arrays(float, 6, elements=st.floats(-0.5, 0.5))
+speeds = st.builds(
+    MotionSpeed,
+    speed_m_s=st.floats(0.02, 0.5),
+    accel_fraction=st.floats(0.1, 1.0),
+    decel_fraction=st.floats(0.1, 1.0),
+)
+
+
+def moved(move: np.ndarray, turn: np.ndarray | None = None) -> pin.SE3:
+    """Return home's flange pose, moved and turned about base axes."""
+    R = T_HOME.rotation if turn is None else pin.exp3(turn) @ T_HOME.rotation
+    return pin.SE3(R, T_HOME.translation + move)
+
+
+def finish(motion: MotionGenerator) -> np.ndarray:
+    """Tick until the goal ends. Returns the joint commands, the first one before it."""
+    rows = [motion.q_command]
+    while motion.busy:
+        rows.append(motion.tick(DT_S))
+        assert len(rows) < 60_000, "the goal never ends"
+    return np.array(rows)
+
+
+def flange_speeds_m_s(q: np.ndarray) -> np.ndarray:
+    """Return the flange's speed in each tick."""
+    points = np.array([ARM.flange_pose(row).translation for row in q])
+    return np.linalg.norm(np.diff(points, axis=0), axis=1) / DT_S
+
+
+def joint_speed_share(q: np.ndarray) -> float:
+    """Return the greatest joint speed as a share of that joint's limit."""
+    return float((abs(np.diff(q, axis=0)) / DT_S / MAX_SPEED_RAD_S).max())
+
+
+@given(moves, turns, speeds)
+@settings(max_examples=25, deadline=None)
+def test_a_pose_goal_arrives_on_a_straight_line(move, turn, speed):
+    """It ends at the goal; on the way it leaves neither the line nor the one axis of turning."""
+    motion, goal = MotionGenerator(ARM, HOME), moved(move, turn)
+    assert motion.start_pose(goal, speed) == ""
+    q = finish(motion)
+    assert motion.state == "done"
+    assert pin.log6(ARM.flange_pose(q[-1]).actInv(goal)).vector == pytest.approx(0, abs=1e-7)
+    for row in q[:: max(1, len(q) // 7)]:
+        T = ARM.flange_pose(row)
+        off_line = np.cross(T.translation - T_HOME.translation, move)
+        off_axis = np.cross(rotation_between(T_HOME.rotation, T.rotation), turn)
+        assert off_line == pytest.approx(0, abs=1e-7)
+        assert off_axis == pytest.approx(0, abs=1e-7)
+
+
+@given(moves, speeds)
+@settings(max_examples=25, deadline=None)
+def test_a_goal_keeps_speed_acceleration_and_deceleration(move, speed):
+    """The flange's speed is a trapezoid within the numbers of the goal."""
+    motion = MotionGenerator(ARM, HOME)
+    assert motion.start_pose(moved(move), speed) == ""
+    v = np.concatenate(([0.0], flange_speeds_m_s(finish(motion)), [0.0]))
+    change = np.diff(v) / DT_S
+    assert v.max() <= speed.speed_m_s * (1 + 1e-6)
+    assert change.max() <= ACCEL_M_S2 * speed.accel_fraction * (1 + 1e-3) + 1e-4
+    # The last two ticks share what is left of the way: less than two ticks of deceleration.
+    assert v[-3:].max() <= 2.0 * ACCEL_M_S2 * speed.decel_fraction * DT_S + 1e-6
+    assert -change[:-2].min(initial=0.0) <= ACCEL_M_S2 * speed.decel_fraction * (1 + 1e-3) + 1e-4
+
+
+def test_a_long_goal_takes_the_time_of_its_trapezoid():
+    """Duration = way / v + v / 2a + v / 2d: full speed is reached and held."""
+    motion = MotionGenerator(ARM, HOME)
+    speed = MotionSpeed(speed_m_s=0.2, accel_fraction=0.5, decel_fraction=0.25)
+    assert motion.start_pose(moved(np.array([0.0, 0.0, 0.24])), speed) == ""
+    expected_s = 0.24 / 0.2 + 0.2 / 2.0 + 0.2 / 1.0
+    assert (len(finish(motion)) - 1) * DT_S == pytest.approx(expected_s, abs=0.003)
+
+
+@given(joint_moves, speeds)
+@settings(max_examples=25, deadline=None)
+def test_a_joint_goal_moves_all_joints_together(way, speed):
+    """Every joint has gone the same share of its way at any time, and all arrive."""
+    motion = MotionGenerator(ARM, HOME)
+    assert motion.start_joints(HOME + way, speed) == ""
+    q = finish(motion)
+    assert motion.state == "done"
+    assert q[-1] == pytest.approx(HOME + way, abs=1e-12)
+    largest = int(np.argmax(abs(way)))
+    share = (q - HOME)[:, largest] / way[largest] if way[largest] else np.zeros(len(q))
+    assert q - HOME == pytest.approx(np.outer(share, way), abs=1e-9)
+    assert flange_speeds_m_s(q).max() <= speed.speed_m_s * 1.01
+    assert joint_speed_share(q) <= 1.0 + 1e-6
+
+
+def test_a_relative_goal_counts_from_the_command_at_its_start():
+    """Twice the same relative goal goes twice as far, without creeping."""
+    motion, way = MotionGenerator(ARM, HOME), np.radians([5.0, 0, -3.0, 0, 2.0, 10.0])
+    for times in (1, 2):
+        assert motion.start_by(way, MotionSpeed(speed_m_s=0.25)) == ""
+        finish(motion)
+        assert motion.q_command == pytest.approx(HOME + times * way, abs=1e-12)
+
+
+def test_a_goal_too_fast_for_the_joints_slows_down_and_arrives():
+    """Past the wrist singularity joints 4 and 6 turn fast: they stay within their limits."""
+    start = np.radians([5.0, 20.0, -60.0, 0.0, -20.0, 0.0])
+    T = ARM.flange_pose(start)
+    turn = pin.utils.rotate("x", 0.7) @ pin.utils.rotate("y", 0.05)
+    motion = MotionGenerator(ARM, start)
+    goal = pin.SE3(T.rotation @ turn, T.translation)
+    assert motion.start_pose(goal, MotionSpeed(speed_m_s=0.5)) == ""
+    q = finish(motion)
+    assert motion.state == "done"
+    assert 0.9 < joint_speed_share(q) <= 1.0 + 1e-6
+    assert pin.log6(ARM.flange_pose(q[-1]).actInv(goal)).vector == pytest.approx(0, abs=1e-7)
+
+
+@pytest.mark.parametrize("speed_m_s", [0.02, 0.1, 0.25])
+def test_brake_stands_still_within_125_ms_and_on_the_path(speed_m_s):
+    """From up to 250 mm/s the command stops within 125 ms, without a jump, on the goal's line."""
+    motion, move = MotionGenerator(ARM, HOME), np.array([0.0, 0.0, 0.24])
+    assert motion.start_pose(moved(move), MotionSpeed(speed_m_s=speed_m_s)) == ""
+    for _ in range(400):
+        motion.tick(DT_S)
+    motion.brake()
+    assert motion.state == "braking"
+    q = finish(motion)
+    assert motion.state == "idle"
+    assert (len(q) - 1) * DT_S <= 0.125
+    v = np.concatenate(([speed_m_s], flange_speeds_m_s(q)))
+    assert abs(np.diff(v)).max() / DT_S < 3.0
+    assert v[-1] == pytest.approx(0.0, abs=3e-3)
+    T = ARM.flange_pose(motion.q_command)
+    assert T.translation[:2] == pytest.approx(T_HOME.translation[:2], abs=1e-9)
+    assert np.array_equal(motion.tick(DT_S), q[-1])
+
+
+def test_a_new_goal_is_refused_while_one_is_on_its_way():
+    """Goals do not replace each other silently; after a brake the next one is taken."""
+    motion = MotionGenerator(ARM, HOME)
+    assert motion.start_by(np.full(6, 0.1), MotionSpeed()) == ""
+    motion.tick(DT_S)
+    before = motion.q_command
+    for answer in (
+        motion.start_joints(HOME, MotionSpeed()),
+        motion.start_pose(T_HOME, MotionSpeed()),
+        motion.setpoint(T_HOME),
+    ):
+        assert "brake first" in answer
+    assert np.array_equal(motion.q_command, before)
+    motion.brake()
+    finish(motion)
+    assert motion.start_joints(HOME, MotionSpeed()) == ""
+
+
+@pytest.mark.parametrize(
+    ("move", "words"),
+    [
+        ((0.0, 0.9, 0.0), "out of reach"),
+        ((0.0, -0.35, -0.377), "way"),
+        ((math.nan, 0, 0), "finite"),
+    ],
+)
+def test_a_pose_goal_that_cannot_be_reached_is_refused_before_it_starts(move, words):
+    """Nothing moves, and the reason says where on the way it would have ended."""
+    motion = MotionGenerator(ARM, HOME)
+    assert words in motion.start_pose(moved(np.array(move)), MotionSpeed())
+    assert motion.state == "idle"
+    assert np.array_equal(motion.tick(DT_S), HOME)
+
+
+@pytest.mark.parametrize(
+    ("goal_deg", "words"),
+    [((0, 0, -90, 0, -130, 0), "joint 5"), ((0, math.inf, 0, 0, 0, 0), "finite")],
+)
+def test_a_joint_goal_beyond_the_limits_is_refused(goal_deg, words):
+    """The reason names the joint."""
+    motion = MotionGenerator(ARM, HOME)
+    assert words in motion.start_joints(np.radians(np.array(goal_deg, float)), MotionSpeed())
+    assert motion.state == "idle"
+
+
+def test_a_goal_without_a_way_is_done_at_once():
+    """The pose where the arm already stands is reached in one tick."""
+    motion = MotionGenerator(ARM, HOME)
+    assert motion.start_pose(T_HOME, MotionSpeed()) == ""
+    motion.tick(DT_S)
+    assert motion.state == "done"
+    assert motion.q_command == pytest.approx(HOME, abs=1e-9)
+
+
+def test_of_streamed_poses_the_newest_wins():
+    """One tick after two poses the command stands at the second one."""
+    motion = MotionGenerator(ARM, HOME)
+    assert motion.setpoint(moved(np.array([0.0002, 0.0, 0.0]))) == ""
+    newest = moved(np.array([0.0, 0.0, -0.0002]), np.array([1e-3, 0.0, 0.0]))
+    assert motion.setpoint(newest) == ""
+    reached = ARM.flange_pose(motion.tick(DT_S))
+    assert pin.log6(reached.actInv(newest)).vector == pytest.approx(0, abs=1e-9)
+    assert motion.state == "stream"
+
+
+def test_a_far_streamed_pose_is_approached_no_faster_than_the_joints_can():
+    """The chase keeps every joint's speed limit and arrives."""
+    motion, far = MotionGenerator(ARM, HOME), moved(np.array([0.05, 0.0, 0.05]))
+    assert motion.setpoint(far) == ""
+    q = np.array([HOME] + [motion.tick(DT_S) for _ in range(100)])
+    assert joint_speed_share(q) == pytest.approx(1.0)
+    assert pin.log6(ARM.flange_pose(q[-1]).actInv(far)).vector == pytest.approx(0, abs=1e-9)
+
+
+def test_a_streamed_pose_out_of_reach_is_refused_and_the_last_one_holds():
+    """A refusal changes nothing: the stream goes on where it was."""
+    motion = MotionGenerator(ARM, HOME)
+    near = moved(np.array([0.0, 0.0, 0.0002]))
+    assert motion.setpoint(near) == ""
+    held = motion.tick(DT_S)
+    assert "jump" in motion.setpoint(moved(np.array([0.35, 0.0, 0.0])))
+    assert "out of reach" in motion.setpoint(moved(np.array([0.0, 0.9, 0.0])))
+    assert np.array_equal(motion.tick(DT_S), held)
+
+
+def test_braking_a_stream_never_goes_beyond_its_last_pose():
+    """An arrived stream stops at once; one that is behind ramps down before its last pose."""
+    motion = MotionGenerator(ARM, HOME)
+    assert motion.setpoint(moved(np.array([0.0, 0.0, 0.0002]))) == ""
+    held = motion.tick(DT_S)
+    motion.brake()
+    assert motion.state == "idle"
+    assert np.array_equal(motion.tick(DT_S), held)
+    far = moved(np.array([0.0, 0.0, 0.08]))
+    assert motion.setpoint(far) == ""
+    motion.tick(DT_S)
+    motion.brake()
+    q = finish(motion)
+    assert motion.state in ("idle", "done")
+    heights = np.array([ARM.flange_pose(row).translation[2] for row in q])
+    assert heights.max() <= far.translation[2] + 1e-6
+    assert joint_speed_share(q) <= 1.0 + 1e-6
+
+
+def test_reseed_forgets_everything():
+    """After a reseed the command stands where it was told, with no goal left."""
+    motion = MotionGenerator(ARM, HOME)
+    assert motion.start_by(np.full(6, 0.1), MotionSpeed()) == ""
+    motion.tick(DT_S)
+    elsewhere = HOME + 0.01
+    motion.reseed(elsewhere)
+    assert motion.state == "idle"
+    assert np.array_equal(motion.tick(DT_S), elsewhere)

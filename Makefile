@@ -13,7 +13,7 @@ LOCK := pip compile -q --universal --generate-hashes --no-emit-index-url \
 
 # A python asked for by name replaces a .venv that was made with another one.
 ifneq ($(filter command environment,$(firstword $(origin PYTHON))),)
-ifneq ($(shell ($(PYTHON) -V) 2>&1),$(shell ($(BIN)/python -V) 2>&1))
+ifneq ($(shell $(PYTHON) -V 2>&1 || true),$(shell $(BIN)/python -V 2>&1 || true))
 .PHONY: $(STAMP)
 endif
 endif

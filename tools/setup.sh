@@ -23,7 +23,7 @@ missing=()
 
 echo "Setting up .venv with Python $version: about a minute the first time."
 if [ -n "$uv" ]; then
-  export UV_PYTHON_DOWNLOADS=never
+  export UV_PYTHON_DOWNLOADS=never UV_SYSTEM_CERTS="${UV_SYSTEM_CERTS:-1}"
   same_python || "$uv" venv -q --clear --python "$python" .venv
   pip=("$uv" pip install -q --python .venv/bin/python)
 else

@@ -178,15 +178,18 @@ class GatewaySection(Section):
 
 
 class SimSection(Section):
-    """The simulated arm, its controller, its sensor and the plate below it."""
+    """The simulated arm, its controller, its sensor, its tool and the plate below it."""
 
     seed: int = 0
-    stiffness_N_m: float = Field(2e4, ge=500.0, le=1e6)
+    delay_s: float = Field(0.010, ge=0.0, le=0.2)  # of the controller, whole milliseconds
+    smoothing_s: float = Field(0.008, ge=0.001, le=0.1)  # of its set points
+    stiffness_N_m: float = Field(2e4, ge=1e3, le=2e5)  # of the plate
     tilt_stiffness_Nm_rad: float | None = Field(None, gt=0.0)
     tilt_deg: float = Field(0.0, ge=0.0, le=20.0)
-    gap_m: float = Field(0.005, ge=0.0, le=0.1)
-    delay_s: float = Field(0.010, ge=0.0, le=0.2)
-    smoothing_s: float = Field(0.008, ge=0.001, le=0.1)
+    gap_m: float = Field(0.005, ge=0.0005, le=0.1)
+    tool_mass_kg: float = Field(1.0, ge=0.05, le=7.0)
+    tool_com_m: Vec3 = (0.012, -0.008, 0.055)  # sensor axes, from the sensor's origin
+    disc_radius_m: float = Field(0.025, ge=0.005, le=0.05)
     noise_force_N: NotNegative = 0.1
     noise_torque_Nm: NotNegative = 0.005
     bias_force_N: Vec3 = (1.5, -2.0, 3.0)

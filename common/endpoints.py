@@ -6,7 +6,7 @@ one process on a virtual clock (`common.memory`). Services cannot tell which.
 
 import secrets
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 
 from common.clock import NS_PER_S, Clock
@@ -247,6 +247,10 @@ class Bus:
     timing: Timing
     clock: Clock
     epoch: int = field(default_factory=lambda: secrets.randbits(62))
+
+    def playing(self, role: str) -> "Bus":
+        """Return the view of another role that the same process plays."""
+        return replace(self, role=role, epoch=secrets.randbits(62))
 
     def publisher(self, topic: Topic[M]) -> Publisher[M]:
         """Return the writer of a topic. Raise BusError unless the table names this role."""

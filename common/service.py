@@ -124,10 +124,9 @@ class Runner:
                 self._clock.sleep_s(POLL_S)
 
 
-def make_runner(service: Service, bus: Bus, cell: Cell) -> Runner:
-    """Return the runner of a service that plays the bus's role."""
-    reporter = HealthReporter(bus, cell, bus.publisher(HEALTH[bus.role]))
-    return Runner(service, [reporter], bus.clock)
+def reporter_of(bus: Bus, cell: Cell) -> HealthReporter:
+    """Return what publishes the health of the bus's role."""
+    return HealthReporter(bus, cell, bus.publisher(HEALTH[bus.role]))
 
 
 def main(role: str, make_service: Callable[[Bus, Cell], Service]) -> None:
@@ -135,7 +134,7 @@ def main(role: str, make_service: Callable[[Bus, Cell], Service]) -> None:
     cell = cell_from_arguments(role)
     stop = stop_on_signals()
     with exit_on_error(role), open_bus(cell, role) as bus:
-        make_runner(make_service(bus, cell), bus, cell).run(stop)
+        Runner(make_service(bus, cell), [reporter_of(bus, cell)], bus.clock).run(stop)
 
 
 def cell_from_arguments(role: str) -> Cell:

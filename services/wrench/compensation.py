@@ -18,7 +18,7 @@ import numpy as np
 import pinocchio as pin
 
 from common.frames import Array, rotation_from_vector, skew
-from common.payload import Payload, gravity_in_sensor
+from common.payload import Payload, residual
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,12 +42,6 @@ class Mounting:
         return np.asarray((self.T_flange_sensor.inverse() * self.T_flange_tcp).translation)
 
 
-def weight_at_sensor_in_sensor(payload: Payload, R_base_sensor: Array) -> Wrench:
-    """Return what the sensor shows because of the tool's weight alone, in sensor axes."""
-    weight_N = payload.mass_kg * gravity_in_sensor(payload, R_base_sensor)
-    return Wrench(weight_N, skew(np.asarray(payload.com_m)) @ weight_N)
-
-
 def compensate(
     reading_at_sensor_in_sensor: Wrench,
     *,
@@ -63,12 +57,14 @@ def compensate(
         p_sensor_tcp_in_sensor: Vector from sensor to TCP, sensor axes [m]. Shape (3,).
         payload: Weight below the sensor and the sensor's bias.
     """
-    weight = weight_at_sensor_in_sensor(payload, R_base_sensor)
     R_mount = rotation_from_vector(np.asarray(payload.mounting_rotation_rad))
     R_base_true = R_base_sensor @ R_mount
     p_sensor_tcp_in_true = R_mount.T @ p_sensor_tcp_in_sensor
-    force_N = reading_at_sensor_in_sensor.force_N - np.asarray(payload.bias_force_N)
-    torque_Nm = reading_at_sensor_in_sensor.torque_Nm - np.asarray(payload.bias_torque_Nm)
-    force_N = force_N - weight.force_N
-    torque_Nm = torque_Nm - weight.torque_Nm - skew(p_sensor_tcp_in_true) @ force_N
+    force_N, torque_Nm = residual(
+        payload,
+        R_base_sensor,
+        force_N=reading_at_sensor_in_sensor.force_N,
+        torque_Nm=reading_at_sensor_in_sensor.torque_Nm,
+    )
+    torque_Nm = torque_Nm - skew(p_sensor_tcp_in_true) @ force_N
     return Wrench(R_base_true @ force_N, R_base_true @ torque_Nm)

@@ -5,10 +5,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from common.convert import vec3
 from common.frames import Array
 from common.messages import Reply
-from common.payload import Payload
-from services.wrench.compensation import weight_at_sensor_in_sensor
+from common.payload import Payload, residual
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,7 +24,7 @@ def tare(
 ) -> tuple[Payload, Reply]:
     """Return the payload with the new bias, or the old one with the reason of the refusal.
 
-    Only the bias changes: mean reading minus the weight of the tool in this orientation.
+    Only the bias changes, by the mean of what is left of the readings after bias and weight.
 
     Args:
         payload: The payload so far.
@@ -33,16 +33,16 @@ def tare(
         limits: Largest change of bias that is not taken for contact.
     """
     mean = np.mean(samples, axis=0)
-    weight = weight_at_sensor_in_sensor(payload, R_base_sensor)
-    bias_N, bias_Nm = mean[:3] - weight.force_N, mean[3:] - weight.torque_Nm
-    change_N = float(np.linalg.norm(bias_N - payload.bias_force_N))
-    change_Nm = float(np.linalg.norm(bias_Nm - payload.bias_torque_Nm))
+    shift_N, shift_Nm = residual(payload, R_base_sensor, force_N=mean[:3], torque_Nm=mean[3:])
+    change_N, change_Nm = float(np.linalg.norm(shift_N)), float(np.linalg.norm(shift_Nm))
     if change_N > limits.force_N:
         return payload, _contact("N", change_N, limits.force_N)
     if change_Nm > limits.torque_Nm:
         return payload, _contact("N m", change_Nm, limits.torque_Nm)
     tared = replace(
-        payload, bias_force_N=tuple(bias_N.tolist()), bias_torque_Nm=tuple(bias_Nm.tolist())
+        payload,
+        bias_force_N=vec3(np.array(payload.bias_force_N) + shift_N),
+        bias_torque_Nm=vec3(np.array(payload.bias_torque_Nm) + shift_Nm),
     )
     text = f"bias changed by {change_N:.2f} N and {change_Nm:.3f} N m"
     return tared, Reply(accepted=True, text=text, value=change_N)

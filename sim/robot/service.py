@@ -12,6 +12,7 @@ from common.errors import SimulationError
 from common.messages import (
     Goal,
     GoalReport,
+    GoalState,
     LinkHealth,
     RobotCommand,
     RobotState,
@@ -114,7 +115,7 @@ class SimRobot:
     def _pursue(self, goal: Goal, speed: Speed) -> None:
         if goal.id != self._goal.id:
             reason = self._start(goal, speed)
-            state = "refused" if reason else "running"
+            state: GoalState = "refused" if reason else "running"
             self._goal = GoalReport(id=goal.id, state=state, reason=reason)
         elif self._goal.state == "running" and not self._motion.busy:
             if self._motion.state == "refused":

@@ -47,17 +47,17 @@ def encode(packet: Packet) -> bytes:
     Raises LocalProtocolError, before a byte exists, when a value is no integer or does not fit
     into six characters. Nothing is ever clipped.
     """
-    frames = packet.frames
+    frames: tuple[object, ...] = packet.frames  # callers without a type checker exist
     if len(frames) != FRAMES:
         raise LocalProtocolError(f"a packet has {FRAMES} frames, this one has {len(frames)}")
     for name, value in zip(FRAME_NAMES, frames, strict=True):
-        if type(value) is not int:  # bool and numpy integers are somebody's mistake
+        if not isinstance(value, int) or isinstance(value, bool):
             raise LocalProtocolError(f"{name} is {value!r}, a frame holds an integer")
         if not VALUE_MIN <= value <= VALUE_MAX:
             raise LocalProtocolError(
                 f"{name} is {value}, six characters hold {VALUE_MIN} to {VALUE_MAX}"
             )
-    return "".join(f"{value:06d} " for value in frames).encode("ascii")
+    return "".join(f"{int(value):06d} " for value in packet.frames).encode("ascii")
 
 
 class PacketReader:

@@ -1,6 +1,5 @@
 """SI to packet and back: units, signs, rounding that is carried, and nothing that does not fit."""
 
-from dataclasses import fields
 from math import degrees, inf, nan, pi, radians
 
 import numpy as np
@@ -11,7 +10,7 @@ from hypothesis import strategies as st
 
 from common.errors import LocalProtocolError, RemoteProtocolError
 from common.frames import Oat, R_from_oat, rotation_between
-from common.messages import Gains, Speed
+from common.messages import Gains, Speed, Vec6
 from common.packet import Packet, PacketReader, encode
 from common.packet_table import Com, Status, pack_status
 from services.gateway import commands, reports
@@ -115,7 +114,7 @@ def test_a_stream_that_comes_to_a_pole_keeps_its_o(a_deg: float) -> None:
 
 
 @given(st.tuples(*[st.floats(-2 * pi, 2 * pi)] * 6))
-def test_joint_angles_arrive_within_half_a_unit(q: tuple[float, ...]) -> None:
+def test_joint_angles_arrive_within_half_a_unit(q: Vec6) -> None:
     """Command 2 and the report of joints share unit and sign, for two full turns."""
     packet = over_the_wire(commands.move_to_joints(q, SCALES))
     echoed = Packet(5, Com.JOINTS, pack_status(3, Status.MOVING), packet.vec)
@@ -173,12 +172,11 @@ def test_each_command_has_the_numbers_of_the_table() -> None:
 @pytest.mark.parametrize("index", range(6))
 def test_a_number_that_is_not_finite_is_never_sent(bad: float, index: int) -> None:
     """NaN and infinity in any place of any vector raise."""
-    q = [0.1] * 6
-    q[index] = bad
+    a, b, c, d, e, f = (bad if i == index else 0.1 for i in range(6))
     with pytest.raises(LocalProtocolError):
-        commands.move_to_joints(tuple(q), SCALES)
+        commands.move_to_joints((a, b, c, d, e, f), SCALES)
     with pytest.raises(LocalProtocolError):
-        commands.wrench(tuple(q[:3]), tuple(q[3:]), SCALES)
+        commands.wrench((a, b, c), (d, e, f), SCALES)
     T = pin.SE3(np.eye(3), np.array([bad, 0, 0]))
     with pytest.raises(LocalProtocolError):
         commands.move_to_pose(T, SCALES, PoseCarry())
@@ -208,7 +206,7 @@ def test_a_gain_is_neither_clipped_nor_lost() -> None:
         commands.gains(Gains(torque_i_rad_per_Nms=(0.0, 0.0, 1e-9)))
 
 
-@pytest.mark.parametrize("name", [field.name for field in fields(Scales)])
+@pytest.mark.parametrize("name", SCALE_RANGES)
 def test_scales_are_range_checked_at_both_ends(name: str) -> None:
     """Both bounds of every scale bind, here and in the controller's hello."""
     low, high = SCALE_RANGES[name]
@@ -218,9 +216,9 @@ def test_scales_are_range_checked_at_both_ends(name: str) -> None:
     for value in (low - 1, high + 1):
         with pytest.raises(LocalProtocolError, match=name):
             Scales(**{name: value})
-        vec = [value if f.name == name else getattr(SCALES, f.name) for f in fields(Scales)]
+        a, b, c, d, e, f = (value if n == name else getattr(SCALES, n) for n in SCALE_RANGES)
         with pytest.raises(RemoteProtocolError, match=name):
-            scales_from_hello(tuple(vec))
+            scales_from_hello((a, b, c, d, e, f))
 
 
 def test_the_controllers_hello_must_agree() -> None:

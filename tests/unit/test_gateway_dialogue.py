@@ -1,0 +1,353 @@
+"""The gateway's protocol state, without a socket: order, pacing, permission, refusals."""
+
+from math import nan
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from common.clock import NS_PER_S
+from common.errors import LocalProtocolError, RemoteProtocolError
+from common.messages import Gains, Speed
+from common.packet import Packet, PacketReader, encode
+from common.packet_table import ID_MAX, Com, Status, pack_status
+from services.gateway import commands
+from services.gateway.commands import ControllerLimits
+from services.gateway.dialogue import Dialogue, Pacing
+from services.gateway.reports import HealthReport, HelloReceived, JointReport, PoseReport
+from services.gateway.scales import Scales
+
+MS = NS_PER_S // 1000
+SCALES = Scales()
+GAINS = Gains(force_p_m_per_N=(1e-6, 1e-6, 1e-6))
+KEPT = ControllerLimits(
+    step_m=0.002, step_rad=0.02, speed_m_s=0.05, travel_m=0.1, force_N=60.0, watchdog_s=0.25
+)
+JOINTS = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5)
+SPEED = Speed()
+QUIET = Status(0)
+
+
+def packets(data: bytes) -> list[Packet]:
+    """Read what a dialogue wants to send."""
+    return PacketReader().feed(data)
+
+
+def coms(data: bytes) -> list[tuple[int, int]]:
+    """(Com, Param) of what a dialogue wants to send."""
+    return [(packet.com, packet.param) for packet in packets(data)]
+
+
+def at(x_mm: float) -> pin.SE3:
+    """A pose along x."""
+    return pin.SE3(np.eye(3), np.array([x_mm * 1e-3, 0.4, 0.3]))
+
+
+def pose_report(taken_id: int, status: Status = QUIET) -> bytes:
+    """101 as the controller sends it."""
+    return encode(Packet(taken_id, Com.POSE, pack_status(1, status)))
+
+
+def joint_report(framed_id: int) -> bytes:
+    """102 as the controller sends it."""
+    return encode(Packet(framed_id, Com.JOINTS, pack_status(1, Status(0))))
+
+
+def greeted(pacing: Pacing | None = None, last_id: int = 0) -> Dialogue:
+    """A dialogue after both hellos, at time 0."""
+    dialogue = Dialogue(SCALES, pacing, last_id=last_id)
+    hello = dialogue.connected(0)
+    dialogue.feed(hello, 0)
+    assert dialogue.ready
+    return dialogue
+
+
+def in_feedback() -> Dialogue:
+    """A dialogue whose controller runs position feedback."""
+    dialogue = greeted()
+    dialogue.start_feedback("position", GAINS, KEPT, permitted=True, now_ns=0)
+    dialogue.feed(pose_report(dialogue.last_id, Status.POSITION_FEEDBACK), 0)
+    dialogue.feed(joint_report(dialogue.last_id), 0)
+    return dialogue
+
+
+def test_hello_is_the_first_packet_and_asks_for_the_scales() -> None:
+    """A connection begins with command 9, version in Param, scales in the vector."""
+    (packet,) = packets(Dialogue(SCALES).connected(0))
+    assert packet == commands.hello(SCALES).packet(1)
+
+
+def test_reports_become_events() -> None:
+    """Hello, 101, 102 and 103 in one stream, in their order."""
+    dialogue = Dialogue(SCALES)
+    data = dialogue.connected(0) + pose_report(0) + joint_report(1)
+    data += encode(Packet(0, Com.HEALTH, 0))
+    kinds = [type(event) for event in dialogue.feed(data, 0)]
+    assert kinds == [HelloReceived, PoseReport, JointReport, HealthReport]
+
+
+@pytest.mark.parametrize(
+    "first",
+    [
+        Packet(1, 9, 2, SCALES.vec), Packet(1, 9, 1, (60, 500, 250, 100, 1000, 10)),
+        Packet(1, 101, 0), Packet(1, 9, 1),
+    ],
+)  # fmt: skip
+def test_a_controller_that_does_not_agree_is_refused(first: Packet) -> None:
+    """Another version, another scale, or no hello at all: the link must be closed."""
+    dialogue = Dialogue(SCALES)
+    dialogue.connected(0)
+    with pytest.raises(RemoteProtocolError):
+        dialogue.feed(encode(first), 0)
+    assert not dialogue.ready
+
+
+def test_nothing_but_hello_and_hold_goes_out_before_the_controllers_hello() -> None:
+    """Until both have agreed on the scales no number means anything."""
+    dialogue = Dialogue(SCALES)
+    with pytest.raises(LocalProtocolError, match="no connection"):
+        dialogue.hold(0)
+    dialogue.connected(0)
+    dialogue.offer_setpoint(at(1))
+    assert dialogue.tick(NS_PER_S, permitted=True) == b""
+    with pytest.raises(LocalProtocolError, match="hello"):
+        dialogue.move_to_joints(JOINTS, SPEED, 0)
+    assert coms(dialogue.hold(0)) == [(8, 0)]
+
+
+def test_ids_are_consecutive_over_everything_and_over_reconnects() -> None:
+    """Each packet has the ID after the one before it; 999999 is followed by 1."""
+    dialogue = Dialogue(SCALES, last_id=ID_MAX - 3)
+    sent = packets(dialogue.connected(0))
+    dialogue.feed(encode(sent[0]), 0)
+    sent += packets(dialogue.move_to_pose(at(1), SPEED, 0))
+    sent += packets(dialogue.hold(0))
+    sent += packets(dialogue.connected(0))
+    assert [packet.id for packet in sent] == [ID_MAX - 2, ID_MAX - 1, ID_MAX, 1, 2]
+
+
+def test_speeds_go_before_goals_and_only_when_they_changed() -> None:
+    """Command 5, then the goal; the same speed is not repeated within a connection."""
+    dialogue = greeted()
+    slow, fast = Speed(mechanical_m_s=0.01), Speed(mechanical_m_s=0.1)
+    assert coms(dialogue.move_to_pose(at(1), slow, 0)) == [(5, 0), (1, 0)]
+    assert coms(dialogue.move_to_joints(JOINTS, slow, 0)) == [(2, 0)]
+    assert coms(dialogue.move_by_joints(JOINTS, fast, 0)) == [(5, 0), (3, 0)]
+    assert coms(dialogue.set_speed(fast, 0)) == []
+    dialogue.feed(dialogue.connected(0), 0)
+    assert coms(dialogue.set_speed(fast, 0)) == [(5, 0)]
+
+
+def test_a_refused_batch_leaves_nothing_behind() -> None:
+    """When the goal does not fit, neither the speeds before it nor an ID are used up."""
+    dialogue = greeted()
+    before = dialogue.last_id
+    with pytest.raises(LocalProtocolError):
+        dialogue.move_to_pose(at(-5000), SPEED, 0)
+    with pytest.raises(LocalProtocolError):
+        dialogue.move_to_joints((nan, 0.0, 0.0, 0.0, 0.0, 0.0), SPEED, 0)
+    assert dialogue.last_id == before
+    assert coms(dialogue.move_to_pose(at(1), SPEED, 0)) == [(5, 0), (1, 0)]
+
+
+def test_the_newest_setpoint_waits_until_the_one_before_is_taken() -> None:
+    """Never more than one under way; what is superseded is never sent."""
+    dialogue = greeted()
+    dialogue.offer_setpoint(at(10))
+    (first,) = packets(dialogue.tick(0, permitted=True))
+    for x_mm in (11, 12, 13):
+        dialogue.offer_setpoint(at(x_mm))
+        assert dialogue.tick(0, permitted=True) == b""
+    dialogue.feed(pose_report(first.id - 1), 0)
+    assert dialogue.tick(0, permitted=True) == b""
+    dialogue.feed(pose_report(first.id), 0)
+    (second,) = packets(dialogue.tick(0, permitted=True))
+    assert second.vec[0] == 13 * SCALES.position_per_mm
+    assert dialogue.tick(0, permitted=True) == b""
+
+
+@given(
+    st.integers(1, 4),
+    st.lists(st.sampled_from(["offer", "tick", "take", "wait"]), max_size=60),
+    st.integers(0, ID_MAX - 1),
+)
+def test_setpoints_under_way_never_exceed_what_is_allowed(
+    most: int, steps: list[str], last_id: int
+) -> None:
+    """Whatever happens in whatever order, also where IDs go round."""
+    dialogue = greeted(Pacing(max_untaken=most), last_id)
+    now_ns, under_way, offered = 0, [], 0
+    for step in steps:
+        if step == "offer":
+            offered += 1
+            dialogue.offer_setpoint(at(offered))
+        elif step == "tick":
+            sent = [p for p in packets(dialogue.tick(now_ns, permitted=True)) if p.com == 1]
+            under_way += sent
+            assert all(p.vec[0] == offered * SCALES.position_per_mm for p in sent)
+        elif step == "take" and under_way:
+            dialogue.feed(pose_report(under_way.pop(0).id), now_ns)
+        else:
+            now_ns += 30 * MS
+        assert dialogue.untaken == len(under_way) <= most
+
+
+def test_the_rounding_of_a_stream_of_setpoints_is_carried() -> None:
+    """A constant pose between two units is sent as both, in the right proportion."""
+    dialogue, sent = greeted(), []
+    for _ in range(100):
+        dialogue.offer_setpoint(at(0.005))  # a quarter of a unit
+        (packet,) = packets(dialogue.tick(0, permitted=True))
+        sent.append(packet.vec[0])
+        dialogue.feed(pose_report(packet.id), 0)
+    assert sum(sent) == 25
+
+
+def test_a_heartbeat_fills_40_ms_of_silence_and_only_then() -> None:
+    """Command 12 after 40 ms in which nothing else was sent, counted from whatever was sent."""
+    dialogue = greeted()
+    assert dialogue.tick(39 * MS, permitted=True) == b""
+    assert coms(dialogue.tick(40 * MS, permitted=True)) == [(12, 0)]
+    assert dialogue.tick(79 * MS, permitted=True) == b""
+    dialogue.offer_setpoint(at(1))
+    assert coms(dialogue.tick(79 * MS, permitted=True)) == [(1, 0)]
+    assert dialogue.tick(118 * MS, permitted=True) == b""
+    assert coms(dialogue.tick(119 * MS, permitted=True)) == [(12, 0)]
+
+
+def test_without_permission_nothing_is_sent_and_nothing_is_kept_for_later() -> None:
+    """No set point, no wrench, no heartbeat; and what was offered does not come out afterwards."""
+    dialogue = greeted()
+    dialogue.offer_setpoint(at(1))
+    for now_ms in range(0, 1000, 10):
+        assert dialogue.tick(now_ms * MS, permitted=False) == b""
+    assert coms(dialogue.tick(1000 * MS, permitted=True)) == [(12, 0)]
+    dialogue = in_feedback()
+    dialogue.offer_wrench((1.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    assert dialogue.tick(1000 * MS, permitted=False) == b""
+    assert coms(dialogue.tick(1000 * MS, permitted=True)) == [(12, 0)]
+
+
+def test_limits_and_gains_go_before_the_start_of_feedback() -> None:
+    """10, both 6, then 7: the controller never runs on gains of somebody else."""
+    starts = {"position": [(7, 0)], "orientation": [(7, 1)], "both": [(7, 0), (7, 1)]}
+    for mode, start in starts.items():
+        data = greeted().start_feedback(mode, GAINS, KEPT, permitted=True, now_ns=0)  # type: ignore[arg-type]
+        assert coms(data) == [(10, 0), (6, 0), (6, 1), *start]
+
+
+def test_feedback_does_not_start_without_permission() -> None:
+    """The start is motion."""
+    dialogue = greeted()
+    with pytest.raises(LocalProtocolError, match="permission"):
+        dialogue.start_feedback("both", GAINS, KEPT, permitted=False, now_ns=0)
+    assert not dialogue.feedback_active
+
+
+def test_motion_and_tool_are_refused_while_feedback_runs() -> None:
+    """Commands 1, 2, 3 and 11, and a second start: from the request on, until it has ended."""
+    for dialogue in (greeted(), in_feedback()):
+        if not dialogue.feedback_active:
+            dialogue.start_feedback("position", GAINS, KEPT, permitted=True, now_ns=0)
+        before = dialogue.last_id
+        for refused in (
+            lambda d: d.move_to_pose(at(1), SPEED, 0),
+            lambda d: d.move_to_joints(JOINTS, SPEED, 0),
+            lambda d: d.move_by_joints(JOINTS, SPEED, 0),
+            lambda d: d.offer_setpoint(at(1)),
+            lambda d: d.set_tcp(at(1), 0),
+            lambda d: d.start_feedback("both", GAINS, KEPT, permitted=True, now_ns=0),
+        ):
+            with pytest.raises(LocalProtocolError, match="feedback"):
+                refused(dialogue)
+        assert dialogue.last_id == before
+
+
+def test_motion_waits_until_the_controller_says_that_feedback_has_ended() -> None:
+    """A stop that was sent is not yet a stop that has happened."""
+    dialogue = in_feedback()
+    assert coms(dialogue.stop_feedback(0)) == [(7, 2)]
+    with pytest.raises(LocalProtocolError, match="feedback"):
+        dialogue.move_to_pose(at(1), SPEED, 0)
+    dialogue.feed(pose_report(dialogue.last_id), 0)
+    assert not dialogue.feedback_active
+    assert dialogue.move_to_pose(at(1), SPEED, 0)
+
+
+def test_feedback_that_the_controller_ended_by_itself_is_noticed() -> None:
+    """Its watchdog or its limits may end it; then it is no longer wanted either."""
+    dialogue = in_feedback()
+    dialogue.feed(pose_report(dialogue.last_id, Status.HELD), 0)
+    assert not dialogue.feedback_active
+    with pytest.raises(LocalProtocolError, match="none runs"):
+        dialogue.offer_wrench((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+
+
+def test_feedback_found_running_blocks_motion_too() -> None:
+    """A controller that says it runs is believed, whoever started it."""
+    dialogue = greeted()
+    dialogue.feed(pose_report(0, Status.ORIENTATION_FEEDBACK), 0)
+    with pytest.raises(LocalProtocolError, match="feedback"):
+        dialogue.offer_setpoint(at(1))
+
+
+def test_the_newest_wrench_goes_out_and_does_not_queue_up() -> None:
+    """At most two packets that the receiver has not framed; then the newest waits its turn."""
+    dialogue = in_feedback()
+    sent = []
+    for force_N in range(1, 6):
+        dialogue.offer_wrench((float(force_N), 0.0, 0.0), (0.0, 0.0, 0.0))
+        sent += packets(dialogue.tick(0, permitted=True))
+    assert [packet.vec[0] for packet in sent] == [100, 200]
+    dialogue.feed(joint_report(sent[-1].id), 0)
+    (last,) = packets(dialogue.tick(0, permitted=True))
+    assert (last.com, last.vec[0]) == (4, 500)
+
+
+def test_hold_is_command_8_and_forgets_all_motion() -> None:
+    """After a hold nothing that was offered before comes out, and nothing is waited for."""
+    dialogue = greeted()
+    dialogue.offer_setpoint(at(0.005))
+    dialogue.tick(0, permitted=True)
+    dialogue.offer_setpoint(at(2))
+    assert coms(dialogue.hold(0)) == [(8, 0)]
+    assert dialogue.untaken == 0
+    assert dialogue.tick(0, permitted=True) == b""
+    dialogue.offer_setpoint(at(0.005))
+    assert packets(dialogue.tick(0, permitted=True))[0].vec[0] == 0  # no rounding carried over
+
+
+def test_ids_of_an_earlier_connection_take_nothing() -> None:
+    """A controller that still names an old command has taken none of the new ones."""
+    dialogue = greeted(last_id=500)
+    dialogue.offer_setpoint(at(1))
+    (packet,) = packets(dialogue.tick(0, permitted=True))
+    for stale in (499, 500, packet.id + 1, 0):
+        dialogue.feed(pose_report(stale), 0)
+        assert (dialogue.untaken, dialogue.taken_id) == (1, 0)
+    dialogue.feed(pose_report(packet.id), 0)
+    assert (dialogue.untaken, dialogue.taken_id) == (0, packet.id)
+
+
+def test_the_round_trip_is_measured_from_sending_to_framing() -> None:
+    """102 names what the receiver framed: the time between is the round trip."""
+    dialogue = greeted()
+    dialogue.feed(joint_report(dialogue.last_id), 3 * MS)
+    assert dialogue.round_trip_s == pytest.approx(0.003)
+    dialogue.hold(10 * MS)
+    dialogue.feed(joint_report(dialogue.last_id - 1), 12 * MS)
+    assert dialogue.round_trip_s == pytest.approx(0.003)
+    dialogue.feed(joint_report(dialogue.last_id), 17 * MS)
+    assert dialogue.round_trip_s == pytest.approx(0.007)
+
+
+def test_a_new_connection_knows_nothing_of_the_old_one() -> None:
+    """Half a packet, pending motion and running feedback end with the connection."""
+    dialogue = in_feedback()
+    dialogue.feed(pose_report(0)[:30], 0)
+    hello = dialogue.connected(0)
+    assert not dialogue.ready
+    assert not dialogue.feedback_active
+    assert isinstance(dialogue.feed(hello, 0)[0], HelloReceived)

@@ -1,0 +1,119 @@
+"""What the fake controller's robot program does with a command, and the arm that it moves.
+
+It keeps its own scales, so that a mistake in the gateway's conversions is not mirrored here.
+"""
+
+from collections import deque
+from dataclasses import dataclass, field
+from math import degrees, radians
+
+import numpy as np
+import pinocchio as pin
+
+from common.frames import Oat, R_from_oat, oat_from_R
+from common.packet import ZERO_VEC, Packet, VecInt
+from common.packet_table import FEEDBACK_BITS, NO_ID, Com, Status
+from tests.fakes.arm import JOINT_MAX_RAD, JOINT_MIN_RAD, READY_RAD, FakeArm
+
+MOTIONS = (Com.MOVE_POSE, Com.MOVE_JOINTS, Com.MOVE_BY_JOINTS)
+READY = Status.MOTOR_POWER | Status.REPEAT_MODE | Status.TEACH_LOCK_OFF | Status.PROGRAM_RUNNING
+SETTLED_RAD = 1e-5
+
+
+@dataclass(slots=True)
+class RobotProgram:
+    """The arm, the ring of commands, and everything that commands change."""
+
+    arm: FakeArm = field(default_factory=FakeArm)
+    lag_s: float = 0.02
+    joint_rad: np.ndarray = field(default_factory=READY_RAD.copy)
+    target_rad: np.ndarray = field(default_factory=READY_RAD.copy)
+    status: Status = READY
+    ring: deque[Packet] = field(default_factory=deque)
+    taken_id: int = NO_ID
+    held_id: int = NO_ID
+    watchdog_s: float = 0.25
+    scales: VecInt = ZERO_VEC
+    gains_p: VecInt = ZERO_VEC
+    gains_i: VecInt = ZERO_VEC
+    speeds: VecInt = ZERO_VEC
+    tcp: VecInt = ZERO_VEC
+
+    def take(self) -> None:
+        """Execute the oldest command of the ring, if there is one."""
+        if not self.ring:
+            return
+        packet = self.ring.popleft()
+        self.taken_id = packet.id
+        running = bool(self.status & FEEDBACK_BITS)
+        if packet.com in MOTIONS and not running:
+            self._start_motion(packet)
+        elif packet.com == Com.FEEDBACK:
+            bit = (Status.POSITION_FEEDBACK, Status.ORIENTATION_FEEDBACK)[packet.param]
+            self.status = (self.status & ~Status.HELD) | bit
+        elif packet.com == Com.GAINS and packet.param:
+            self.gains_i = packet.vec
+        elif packet.com == Com.GAINS:
+            self.gains_p = packet.vec
+        elif packet.com == Com.SPEEDS:
+            self.speeds = packet.vec
+        elif packet.com == Com.LIMITS:
+            self.watchdog_s = packet.vec[5] * 1e-3
+        elif packet.com == Com.TCP and not running:
+            self.tcp = packet.vec
+        else:
+            self.status |= Status.TARGET_REFUSED
+
+    def hold(self, id_: int) -> None:
+        """Brake: stand where the arm is; nothing of the ring survives, nothing is corrected."""
+        self.ring.clear()
+        self.target_rad = self.joint_rad.copy()
+        self.status = (self.status & ~FEEDBACK_BITS) | Status.HELD
+        self.held_id = id_
+
+    def correct(self, packet: Packet) -> None:
+        """Force feedback with a proportional gain: displace along the base axes."""
+        if not self.status & Status.POSITION_FEEDBACK:
+            return
+        force_N = np.array(packet.vec[:3]) / self.scales[3]
+        T = self.arm.pose(self.target_rad)
+        T.translation = T.translation + force_N * np.array(self.gains_p[:3]) * 1e-6 * 1e-3
+        joints = self.arm.joints(T, self.target_rad)
+        if joints is not None:
+            self.target_rad = joints
+
+    def move(self, dt_s: float) -> None:
+        """Let the joints follow, first order."""
+        share = 1.0 - np.exp(-dt_s / self.lag_s)
+        self.joint_rad = self.joint_rad + (self.target_rad - self.joint_rad) * share
+        moving = bool(np.abs(self.target_rad - self.joint_rad).max() > SETTLED_RAD)
+        self.status = (self.status & ~Status.MOVING) | (Status.MOVING if moving else Status(0))
+
+    def pose_vec(self) -> VecInt:
+        """X, Y, Z, O, A, T of the flange in packet units."""
+        T = self.arm.pose(self.joint_rad)
+        oat = [degrees(angle) * self.scales[1] for angle in oat_from_R(T.rotation)]
+        x, y, z, o, a, t = (round(v) for v in (*(T.translation * 1e3 * self.scales[0]), *oat))
+        return (x, y, z, o, a, t)
+
+    def joint_vec(self) -> VecInt:
+        """JT1 to JT6 in packet units."""
+        units = np.degrees(self.joint_rad) * self.scales[2]
+        a, b, c, d, e, f = (round(float(unit)) for unit in units)
+        return (a, b, c, d, e, f)
+
+    def _start_motion(self, packet: Packet) -> None:
+        target = self._target(packet)
+        self.status &= ~(Status.TARGET_REFUSED | Status.HELD)
+        if target is None or (target < JOINT_MIN_RAD).any() or (target > JOINT_MAX_RAD).any():
+            self.status |= Status.TARGET_REFUSED
+        else:
+            self.target_rad = target
+
+    def _target(self, packet: Packet) -> np.ndarray | None:
+        if packet.com == Com.MOVE_POSE:
+            position_m = np.array(packet.vec[:3]) / self.scales[0] * 1e-3
+            oat = Oat(*(radians(units / self.scales[1]) for units in packet.vec[3:]))
+            return self.arm.joints(pin.SE3(R_from_oat(oat), position_m), self.target_rad)
+        joints = np.radians(np.array(packet.vec) / self.scales[2])
+        return joints + self.joint_rad if packet.com == Com.MOVE_BY_JOINTS else joints

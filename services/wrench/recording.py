@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Literal, TextIO
 
 import numpy as np
+import numpy.typing as npt
 
 from common.errors import DataError
 from common.frames import Array, R_from_quaternion
@@ -33,8 +34,8 @@ class Samples:
         """Return the number of readings."""
         return len(self.force_N)
 
-    def __getitem__(self, rows: Array | slice) -> "Samples":
-        """Return some of the readings, chosen by index array, mask or slice."""
+    def __getitem__(self, rows: npt.NDArray[np.intp]) -> "Samples":
+        """Return some of the readings, chosen by their numbers."""
         return Samples(self.R_base_sensor[rows], self.force_N[rows], self.torque_Nm[rows])
 
 

@@ -24,7 +24,7 @@ def skeleton(tmp_path_factory: pytest.TempPathFactory) -> Path:
     shutil.copy(ROOT / "pyproject.toml", root)
     named = [module for contract in CONTRACTS for module in contract.get("source_modules", [])]
     fixed = [module for module in named if "*" not in module]
-    others = ["common.bus", "common.clock", "common.codec", "services.one.core", "services.two.x"]
+    others = ["common.bus", "common.clock", "common.codec", "services.one.law", "services.two.x"]
     for module in [*fixed, *others, "sim.robot.contact", "cli.x"]:
         path = root.joinpath(*module.split(".")).with_suffix(".py")
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -59,13 +59,13 @@ def test_empty_modules_break_no_contract(skeleton: Path) -> None:
 @pytest.mark.parametrize(
     ("module", "imported", "contract"),
     [
-        ("common/bus.py", "services.one.core", "Imports point one way"),
+        ("common/bus.py", "services.one.law", "Imports point one way"),
         ("services/two/x.py", "sim.robot.contact", "Imports point one way"),
         ("sim/robot/contact.py", "services.two.x", "Imports point one way"),
-        ("services/two/x.py", "services.one.core", "Services meet on the bus only"),
+        ("services/two/x.py", "services.one.law", "Services meet on the bus only"),
         ("services/two/x.py", "zenoh", "Only common.bus knows Zenoh"),
         ("cli/x.py", "msgpack", "Only common.codec knows MessagePack"),
-        ("services/one/core.py", "common.bus", "Pure modules"),
+        ("services/one/law.py", "common.bus", "Pure modules"),
         ("common/frames.py", "socket", "Pure modules"),
         ("common/packet.py", "time", "Pure modules"),
     ],

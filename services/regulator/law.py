@@ -5,6 +5,8 @@ Velocity form on an unrounded commanded pose x of the TCP, error e = F - F_set:
     x <- x + Kp (e - e_previous) + Ki e dt                       (force feedback position)
     R <- exp(Kpr (M - M_previous) + Kir M dt) R, base axes, about the TCP  (orientation, task c)
 
+In mode both, the turning is fed forward to the position so that the point of contact stays.
+
 Positive force is what the environment does to the robot, so giving way means moving along it.
 """
 
@@ -19,6 +21,7 @@ from common.messages import Mode
 
 Contact = Literal["free", "approach", "contact"]
 RELEASE_FRACTION = 0.5  # contact ends below this part of the touch force
+LONGEST_LEVER_M = 0.1  # a contact farther from the TCP than this is taken for noise
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,22 +79,18 @@ def step(state: LawState, sample: LawInput, gains: PiGains, settings: LawSetting
     error_N = soft_deadband(sample.force_N - wanted_force_N, settings.deadband_N)
     error_Nm = soft_deadband(sample.torque_Nm, settings.deadband_Nm)
     contact = next_contact(state.contact, sample, press_axis, settings.touch_N)
-    seeking = contact == "approach" and sample.mode != "orientation"
-    shift_m, turn_rad = np.zeros(3), np.zeros(3)
-    if seeking:
+    turn_rad, shift_m = np.zeros(3), np.zeros(3)
+    if sample.mode != "position":
+        proportional_rad = gains.torque_p_rad_per_Nm * change(error_Nm, state.error_torque_Nm)
+        turn_rad = proportional_rad + gains.torque_i_rad_per_Nms * error_Nm * sample.dt_s
+        turn_rad = limit_norm(turn_rad, settings.speed_max_rad_s * sample.dt_s)
+    if sample.mode != "orientation" and contact == "approach":
         shift_m = settings.approach_m_s * sample.dt_s * press_axis
     elif sample.mode != "orientation":
-        change_N = change(error_N, state.error_force_N)
-        integral_m = gains.force_i_m_per_Ns * error_N * sample.dt_s
-        shift_m = gains.force_p_m_per_N * change_N + integral_m
-    if sample.mode != "position":
-        change_Nm = error_Nm - (
-            error_Nm if state.error_torque_Nm is None else state.error_torque_Nm
-        )
-        integral_rad = gains.torque_i_rad_per_Nms * error_Nm * sample.dt_s
-        turn_rad = gains.torque_p_rad_per_Nm * change_Nm + integral_rad
-    shift_m = limit_norm(shift_m, settings.speed_max_m_s * sample.dt_s)
-    turn_rad = limit_norm(turn_rad, settings.speed_max_rad_s * sample.dt_s)
+        proportional_m = gains.force_p_m_per_N * change(error_N, state.error_force_N)
+        shift_m = proportional_m + gains.force_i_m_per_Ns * error_N * sample.dt_s
+        shift_m = shift_m - np.cross(turn_rad, contact_point(sample, settings.touch_N))
+        shift_m = limit_norm(shift_m, settings.speed_max_m_s * sample.dt_s)
     R_base_tcp = rotate_about_base_axes(state.T_base_tcp.rotation, turn_rad)
     T_base_tcp = pin.SE3(R_base_tcp, state.T_base_tcp.translation + shift_m)
     return LawState(T_base_tcp, error_N, error_Nm, contact)
@@ -105,6 +104,19 @@ def next_contact(contact: Contact, sample: LawInput, press_axis: Array, touch_N:
     if pushed_back_N > threshold_N:
         return "contact"
     return "approach" if sample.setpoint_N > 0.0 else "free"
+
+
+def contact_point(sample: LawInput, touch_N: float) -> Array:
+    """Return the vector from the TCP to the line along which the force acts [m]. Shape (3,).
+
+    r = F x M / |F|^2. Turning about the TCP moves the point of contact by turn x r; taking that
+    back keeps the force while the tool turns, instead of leaving it to the force loop's delay.
+    """
+    square = float(sample.force_N @ sample.force_N)
+    if square < touch_N * touch_N:
+        return np.zeros(3)
+    lever_m = np.cross(sample.force_N, sample.torque_Nm) / square
+    return limit_norm(lever_m, LONGEST_LEVER_M)
 
 
 def change(now: Array, before: Array | None) -> Array:

@@ -8,13 +8,13 @@ feels the whole weight of the tool.
 import math
 from dataclasses import dataclass
 
-import mujoco
 import numpy as np
 import pinocchio as pin
 
 from common.frames import GRAVITY_M_S2, Array
 from sim.robot.contact import plate_point_under
 from sim.robot.decor import add_decor, draw_plate, draw_sensor, draw_tool
+from sim.robot.engine import mujoco
 from sim.robot.kinematics import JOINTS, MODEL_PATH, ArmKinematics
 from sim.robot.settings import TICK_S, SimSettings
 
@@ -64,7 +64,7 @@ def build_spec(settings: SimSettings) -> mujoco.MjSpec:
     # A diverged simulation must be reported, not silently put back to its start.
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET.value
     plate = plate_at_rest(settings)
-    add_decor(spec, plate.point_m)
+    add_decor(spec, plate_point_m=plate.point_m, plate_normal=plate.normal)
     _add_tool(spec, settings)
     _add_plate(spec, settings, plate)
     return spec
@@ -142,7 +142,11 @@ def _add_rim(tool: mujoco.MjsBody, settings: SimSettings) -> None:
 
 
 def _add_plate(spec: mujoco.MjSpec, settings: SimSettings, plate: Plate) -> None:
-    """A box on a slide along its normal and two hinges in its upper face, all with springs."""
+    """A box on three slides and three hinges in its upper face, all with springs.
+
+    It gives way within its plane as along its normal: a rigid grip would have friction and the
+    force loop chase each other sideways, which is no property of a sprung plate.
+    """
     mass, k = settings.plate_mass_kg, settings.stiffness_N_m
     k_tilt, half = settings.plate_tilt_stiffness_Nm_rad, PLATE_HALF_SIDE_M
     tilt = math.radians(settings.tilt_deg)
@@ -154,14 +158,24 @@ def _add_plate(spec: mujoco.MjSpec, settings: SimSettings, plate: Plate) -> None
     )
     extent = (half, half, PLATE_THICKNESS_M / 2)
     inertia = _set_inertia(body, mass, (0.0, 0.0, -PLATE_THICKNESS_M / 2), extent)
-    body.add_joint(
-        name="plate_slide",
-        type=mujoco.mjtJoint.mjJNT_SLIDE,
-        axis=[0.0, 0.0, 1.0],
-        stiffness=[k, 0.0, 0.0],
-        damping=[2.0 * settings.plate_damping_ratio * math.sqrt(k * mass), 0.0, 0.0],
-    )
-    for name, axis in (("plate_tilt_x", [1.0, 0.0, 0.0]), ("plate_tilt_y", [0.0, 1.0, 0.0])):
+    for name, axis in (
+        ("plate_slide_x", [1.0, 0.0, 0.0]),
+        ("plate_slide_y", [0.0, 1.0, 0.0]),
+        ("plate_slide", [0.0, 0.0, 1.0]),
+    ):
+        damping = 2.0 * settings.plate_damping_ratio * math.sqrt(k * mass)
+        body.add_joint(
+            name=name,
+            type=mujoco.mjtJoint.mjJNT_SLIDE,
+            axis=axis,
+            stiffness=[k, 0.0, 0.0],
+            damping=[damping, 0.0, 0.0],
+        )
+    for name, axis in (
+        ("plate_tilt_x", [1.0, 0.0, 0.0]),
+        ("plate_tilt_y", [0.0, 1.0, 0.0]),
+        ("plate_twist", [0.0, 0.0, 1.0]),
+    ):
         damping = 2.0 * PLATE_TILT_DAMPING_RATIO * math.sqrt(k_tilt * inertia)
         body.add_joint(
             name=name,

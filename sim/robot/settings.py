@@ -10,7 +10,7 @@ import pinocchio as pin
 from common.errors import SimulationError
 
 TICK_S = 0.001  # of physics and set-point generator; delays and smoothing are whole ticks
-PLATE_CORNER_M = 0.05  # the plate rests on four springs at (+-50, +-50) mm
+PLATE_CORNER_M = 0.025  # the plate rests on four springs at (+-25, +-25) mm
 
 Vector3 = tuple[float, float, float]
 
@@ -67,7 +67,7 @@ class SimSettings:
     p_sensor_com_m: Vector3 = (0.012, -0.008, 0.055)  # centre of mass, sensor frame
     disc_radius_m: float = 0.025  # flat face of the tool; the TCP is its centre, z points out
 
-    stiffness_N_m: float = 2.0e4  # of the plate along its normal
+    stiffness_N_m: float = 2.0e4  # of the plate, along its normal and within its plane
     tilt_stiffness_Nm_rad: float | None = None  # None: springs of that stiffness at the corners
     tilt_deg: float = 0.0  # of the plate about base x, through the point under the tool
     gap_m: float = 0.005  # at home, vertically from the disc's lowest edge

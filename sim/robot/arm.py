@@ -5,16 +5,15 @@ delay + half the smoothing window + servo lag. The gain rule of force control ne
 the bandwidth, so both are functions of the settings here.
 """
 
-import logging
 from dataclasses import dataclass
 
-import mujoco
 import numpy as np
 import pinocchio as pin
 
 from common.errors import SimulationError
 from common.frames import Array
 from sim.robot.contact import lift_off_m
+from sim.robot.engine import mujoco
 from sim.robot.ft_sensor import FtSample, FtSensor
 from sim.robot.kinematics import JOINTS, ArmKinematics
 from sim.robot.scene import build_model, home_rad, plate_at_rest
@@ -24,8 +23,6 @@ from sim.robot.settings import TICK_S, SimSettings
 STILL_RAD_S = 0.002  # below this joint speed, with no command under way, the arm is not moving
 # -3 dB of a critically damped servo: sqrt(sqrt(2) - 1) times its natural frequency 2 / lag.
 _SERVO_BANDWIDTH = 2.0 * (2.0**0.5 - 1.0) ** 0.5
-
-_log = logging.getLogger(__name__)
 
 
 def motion_lag_s(settings: SimSettings) -> float:
@@ -63,8 +60,6 @@ class SimArm:
 
     def __init__(self, settings: SimSettings, *, seed: int) -> None:
         """Build the cell and stand still at home. Raises SimulationError on impossible settings."""
-        # Without a handler MuJoCo appends its warnings to a file in the working directory.
-        mujoco.set_mju_user_warning(_log.warning)
         self.settings = settings
         self.kinematics = ArmKinematics()
         self.model = build_model(settings)

@@ -2,11 +2,11 @@
 
 import math
 
-import mujoco
 import numpy as np
 import pinocchio as pin
 
 from common.frames import Array
+from sim.robot.engine import mujoco
 from sim.robot.settings import PLATE_CORNER_M
 
 FLOOR_Z_M = -0.36  # the arm's foot stands on it; the base frame is at joint 2
@@ -21,11 +21,11 @@ _CYLINDER = mujoco.mjtGeom.mjGEOM_CYLINDER
 _BOX = mujoco.mjtGeom.mjGEOM_BOX
 
 
-def add_decor(spec: mujoco.MjSpec, plate_point_m: Array) -> None:
+def add_decor(spec: mujoco.MjSpec, *, plate_point_m: Array, plate_normal: Array) -> None:
     """Add sky, floor, lights and the stand below the plate."""
     _add_floor(spec)
     _add_lights(spec)
-    _add_stand(spec, plate_point_m)
+    _add_stand(spec, plate_point_m, plate_normal)
 
 
 def draw_sensor(housing: mujoco.MjsBody, T_flange_sensor: pin.SE3) -> None:
@@ -87,12 +87,12 @@ def _add_floor(spec: mujoco.MjSpec) -> None:
         name="floor",
         type=mujoco.mjtTexture.mjTEXTURE_2D,
         builtin=mujoco.mjtBuiltin.mjBUILTIN_CHECKER,
-        rgb1=[0.83, 0.85, 0.87],
-        rgb2=[0.78, 0.80, 0.83],
+        rgb1=[0.86, 0.87, 0.89],
+        rgb2=[0.80, 0.82, 0.84],
         width=256,
         height=256,
     )
-    floor = spec.add_material(name="floor", texrepeat=[4, 4], texuniform=True, reflectance=0.08)
+    floor = spec.add_material(name="floor", texrepeat=[4, 4], texuniform=True)
     floor.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "floor"
     spec.worldbody.add_geom(
         name="floor",
@@ -107,8 +107,8 @@ def _add_floor(spec: mujoco.MjSpec) -> None:
 
 
 def _add_lights(spec: mujoco.MjSpec) -> None:
-    spec.visual.headlight.ambient = [0.38, 0.38, 0.38]
-    spec.visual.headlight.diffuse = [0.28, 0.28, 0.28]
+    spec.visual.headlight.ambient = [0.34, 0.34, 0.34]
+    spec.visual.headlight.diffuse = [0.20, 0.20, 0.20]
     spec.visual.headlight.specular = [0.05, 0.05, 0.05]
     spec.visual.quality.shadowsize = 4096
     for pos, strength, shadow in (([1.4, 1.2, 2.4], 0.55, True), ([-1.5, 0.4, 1.8], 0.18, False)):
@@ -122,7 +122,7 @@ def _add_lights(spec: mujoco.MjSpec) -> None:
         )
 
 
-def _add_stand(spec: mujoco.MjSpec, plate_point_m: Array) -> None:
+def _add_stand(spec: mujoco.MjSpec, plate_point_m: Array, plate_normal: Array) -> None:
     """A column on the floor, a level table, and four springs from it to the plate's corners."""
     x, y, z = (float(value) for value in plate_point_m)
     top = z - STAND_TOP_BELOW_PLATE_M
@@ -132,8 +132,9 @@ def _add_stand(spec: mujoco.MjSpec, plate_point_m: Array) -> None:
     _show(world, _BOX, [0.09, 0.09, 0.010], pos=[x, y, top - 0.010], rgba=_DARK)
     for sx in (-1.0, 1.0):
         for sy in (-1.0, 1.0):
-            corner = [x + sx * PLATE_CORNER_M, y + sy * PLATE_CORNER_M]
-            _add_spring(spec, corner, bottom_m=top, top_m=z - 0.02)
+            dx, dy = sx * PLATE_CORNER_M, sy * PLATE_CORNER_M
+            rise = -(plate_normal[0] * dx + plate_normal[1] * dy) / plate_normal[2]
+            _add_spring(spec, [x + dx, y + dy], bottom_m=top, top_m=z + float(rise) - 0.02)
 
 
 def _add_spring(spec: mujoco.MjSpec, corner: list[float], *, bottom_m: float, top_m: float) -> None:

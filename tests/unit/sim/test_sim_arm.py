@@ -9,7 +9,7 @@ import pytest
 from common.errors import SimulationError
 from common.frames import GRAVITY_M_S2
 from sim.robot.arm import SimArm, bandwidth_rad_s, motion_lag_s
-from sim.robot.settings import TICK_S, SensorSettings, SimSettings
+from sim.robot.settings import PLATE_CORNER_M, TICK_S, SensorSettings, SimSettings
 
 QUIET = SensorSettings(
     force_noise_N=0.0,
@@ -209,11 +209,11 @@ def test_the_plate_gives_way_in_tilt_with_its_own_stiffness():
     settings = SimSettings(tilt_deg=10.0, stiffness_N_m=2e4)
     arm = pressed(SimArm(settings, seed=0), 0.001)
     k_tilt = settings.plate_tilt_stiffness_Nm_rad
-    assert k_tilt == pytest.approx(50.0)
+    assert k_tilt == pytest.approx(2e4 * PLATE_CORNER_M**2)
     truth, point = arm.true_wrench(), arm.plate.point_m
     lever = arm.data.site("tcp").xpos - point
     on_plate = -(truth.torque_Nm + np.cross(lever, truth.force_N))
-    assert arm.data.qpos[7] == pytest.approx(on_plate[0] / k_tilt, rel=0.05)
+    assert arm.data.joint("plate_tilt_x").qpos[0] == pytest.approx(on_plate[0] / k_tilt, rel=0.05)
 
 
 def test_divergence_is_an_error_and_leaves_no_log_behind(tmp_path, monkeypatch):

@@ -1,0 +1,124 @@
+"""Pictures of the cell without a screen, with the force on the tool as an arrow.
+
+The drawing is done by a child process (`sim.robot.render_job`). MuJoCo chooses its graphics
+library once, while it is imported, and fails in many ways where none is usable: import errors,
+attribute errors, aborts inside a driver. A child turns every one of them into the same
+`RenderUnavailable`, and a process that simulates never loads graphics at all.
+"""
+
+import json
+import os
+import subprocess
+import sys
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+
+from common.errors import ForcemeshError
+from common.frames import Array
+from sim.robot.contact import lift_off_m
+from sim.robot.kinematics import ArmKinematics
+from sim.robot.scene import build_spec, plate_at_rest
+from sim.robot.settings import SimSettings
+
+_ROOT = Path(__file__).resolve().parents[2]
+_TIMEOUT_S = 60.0  # a picture takes 2 s on a slow machine without a graphics card
+
+
+class RenderUnavailable(ForcemeshError):  # noqa: N818 - a state of the machine, not a mistake
+    """This machine cannot render; the text says what failed and what would help."""
+
+
+@dataclass(frozen=True, slots=True)
+class View:
+    """A camera that looks at a point of the base frame, and the size of its picture."""
+
+    look_at_m: tuple[float, float, float] = (0.02, 0.25, 0.07)
+    distance_m: float = 1.45
+    azimuth_deg: float = 205.0
+    elevation_deg: float = -14.0
+    width_px: int = 1280
+    height_px: int = 960
+
+
+DEFAULT_VIEW = View()
+
+
+def render_png(
+    settings: SimSettings,
+    path: Path,
+    *,
+    q: Array,
+    force_N: Array | None = None,
+    view: View = DEFAULT_VIEW,
+) -> None:
+    """Write a picture of the cell with the arm at joint angles q [rad], shape (6,).
+
+    The plate is drawn pushed in as far as the disc pushes it. Raises RenderUnavailable.
+
+    Args:
+        settings: The cell.
+        path: PNG file to write; its folder must exist.
+        q: Joint angles of the arm [rad]. Shape (6,).
+        force_N: Force on the tool in base axes [N]; drawn as an arrow beside the tool.
+        view: Camera and size of the picture.
+    """
+    tcp_m, pushed_m = _tcp_and_plate(settings, q)
+    job = {
+        "xml": _described(settings),
+        "joints": {f"joint{k}": float(angle) for k, angle in enumerate(q, 1)}
+        | {"plate_slide": pushed_m},
+        "tcp_m": tcp_m,
+        "force_N": [0.0, 0.0, 0.0] if force_N is None else [float(f) for f in force_N],
+        "view": asdict(view),
+        "path": str(path.resolve()),
+    }
+    environment = {"MUJOCO_GL": "egl"} | dict(os.environ)
+    try:
+        done = subprocess.run(
+            [sys.executable, "-m", "sim.robot.render_job"],
+            input=json.dumps(job),
+            env=environment,
+            cwd=_ROOT,
+            capture_output=True,
+            text=True,
+            timeout=_TIMEOUT_S,
+            check=False,
+        )
+    except (OSError, subprocess.TimeoutExpired) as error:
+        raise RenderUnavailable(_explain(environment, str(error))) from error
+    if done.returncode != 0:
+        raise RenderUnavailable(_explain(environment, _last_line(done)))
+
+
+def _described(settings: SimSettings) -> str:
+    spec = build_spec(settings)
+    spec.compile()  # MuJoCo writes only what it has compiled
+    return str(spec.to_xml())
+
+
+def _tcp_and_plate(settings: SimSettings, q: Array) -> tuple[list[float], float]:
+    """Return where the TCP is [m], and how far the plate is pushed along its normal [m]."""
+    T_base_flange = ArmKinematics().flange_pose(np.asarray(q, dtype=float))
+    T_base_tcp = T_base_flange * settings.T_flange_sensor * settings.T_sensor_tcp
+    plate = plate_at_rest(settings)
+    lift_m = lift_off_m(
+        T_base_tcp,
+        plate_point_m=plate.point_m,
+        plate_normal=plate.normal,
+        disc_radius_m=settings.disc_radius_m,
+    )
+    return [float(x) for x in T_base_tcp.translation], min(0.0, lift_m)
+
+
+def _last_line(done: subprocess.CompletedProcess[str]) -> str:
+    lines = [line.strip() for line in done.stderr.splitlines() if line.strip()]
+    return lines[-1] if lines else f"the drawing process ended with code {done.returncode}"
+
+
+def _explain(environment: dict[str, str], cause: str) -> str:
+    return (
+        f"no picture: drawing with MUJOCO_GL={environment['MUJOCO_GL']} failed ({cause[:200]});"
+        " it needs an EGL library, on Debian and Ubuntu the packages libegl1 and libegl-mesa0"
+    )

@@ -1,0 +1,107 @@
+"""The child process that draws: a job as JSON on standard input, a PNG file as the answer.
+
+Ends with a code other than 0, and the reason as the last line on standard error, where drawing
+is impossible. Started by `sim.robot.render`, which also chooses the graphics library.
+"""
+
+import json
+import struct
+import sys
+import zlib
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import numpy.typing as npt
+
+ARROW_M_PER_N = 0.006
+ARROW_LONGEST_M = 0.25
+ARROW_WIDTH_M = 0.012
+ARROW_BESIDE_M = 0.06  # of the tool: at the contact itself, plate and tool would hide it
+LEAST_FORCE_N = 0.5  # shorter arrows would only be blots
+_ARROW_RGBA = np.array([0.86, 0.12, 0.16, 1.0], dtype=np.float32)
+
+Pixels = npt.NDArray[np.uint8]
+
+
+def main() -> int:
+    """Draw one job. Returns the exit code."""
+    job = json.load(sys.stdin)
+    Path(job["path"]).write_bytes(png(draw(job)))
+    return 0
+
+
+def draw(job: dict[str, Any]) -> Pixels:
+    """Return the picture. Shape (height, width, 3)."""
+    view = job["view"]
+    model = mujoco.MjModel.from_xml_string(job["xml"])
+    model.vis.global_.offwidth, model.vis.global_.offheight = view["width_px"], view["height_px"]
+    data = mujoco.MjData(model)
+    for name, value in job["joints"].items():
+        data.joint(name).qpos[:] = value
+    mujoco.mj_forward(model, data)
+    with mujoco.Renderer(model, view["height_px"], view["width_px"]) as renderer:
+        renderer.update_scene(data, _camera(view), _options())
+        right = _right_of(view["azimuth_deg"])
+        beside_m = np.array(job["tcp_m"]) + ARROW_BESIDE_M * right
+        _add_arrow(renderer.scene, beside_m, np.array(job["force_N"]))
+        return np.array(renderer.render(), dtype=np.uint8)
+
+
+def png(rgb: Pixels) -> bytes:
+    """Encode 8-bit RGB, shape (height, width, 3), as PNG (RFC 2083)."""
+    height, width, _ = rgb.shape
+    rows = np.zeros((height, 1 + 3 * width), dtype=np.uint8)  # each row: filter type 0, pixels
+    rows[:, 1:] = rgb.reshape(height, 3 * width)
+    header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
+    chunks = (
+        (b"IHDR", header),
+        (b"IDAT", zlib.compress(rows.tobytes(), 9)),
+        (b"IEND", b""),
+    )
+    return b"\x89PNG\r\n\x1a\n" + b"".join(
+        struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
+        for kind, body in chunks
+    )
+
+
+def _right_of(azimuth_deg: float) -> npt.NDArray[np.float64]:
+    """Return the horizontal direction that a camera sees as right; it looks along its azimuth."""
+    azimuth = np.radians(azimuth_deg)
+    return np.array([np.sin(azimuth), -np.cos(azimuth), 0.0])
+
+
+def _camera(view: dict[str, Any]) -> mujoco.MjvCamera:
+    camera = mujoco.MjvCamera()
+    camera.lookat[:] = view["look_at_m"]
+    camera.distance = view["distance_m"]
+    camera.azimuth, camera.elevation = view["azimuth_deg"], view["elevation_deg"]
+    return camera
+
+
+def _options() -> mujoco.MjvOption:
+    options = mujoco.MjvOption()
+    options.geomgroup[:] = 0
+    options.geomgroup[1] = 1
+    options.sitegroup[:] = 0
+    return options
+
+
+def _add_arrow(
+    scene: mujoco.MjvScene, tail_m: npt.NDArray[np.float64], force_N: npt.NDArray[np.float64]
+) -> None:
+    """Draw the force of the environment on the tool, from a point."""
+    size_N = float(np.linalg.norm(force_N))
+    if size_N < LEAST_FORCE_N:
+        return
+    length_m = min(ARROW_M_PER_N * size_N, ARROW_LONGEST_M)
+    tip_m = tail_m + force_N / size_N * 2.0 * length_m  # MuJoCo draws arrows at half their size
+    kind, geom = mujoco.mjtGeom.mjGEOM_ARROW, scene.geoms[scene.ngeom]
+    mujoco.mjv_initGeom(geom, kind, np.zeros(3), np.zeros(3), np.eye(3).ravel(), _ARROW_RGBA)
+    mujoco.mjv_connector(geom, kind, ARROW_WIDTH_M, tail_m, tip_m)
+    scene.ngeom += 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,95 @@
+"""Pictures of the cell: everything a reader should recognise is in them, or one clear error."""
+
+import os
+import subprocess
+import sys
+
+import matplotlib.image
+import numpy as np
+import pytest
+
+from sim.robot import render
+from sim.robot.render import RenderUnavailable, View, render_png
+from sim.robot.render_job import png
+from sim.robot.scene import home_rad
+from sim.robot.settings import SimSettings
+
+SETTINGS = SimSettings(tilt_deg=10.0)
+SMALL = View(width_px=320, height_px=240)
+
+
+def pixels(tmp_path, force_N) -> np.ndarray:
+    """Return a small picture of the cell at home, 0..1. Shape (240, 320, 3)."""
+    path = tmp_path / "cell.png"
+    try:
+        render_png(SETTINGS, path, q=home_rad(SETTINGS), force_N=force_N, view=SMALL)
+    except RenderUnavailable as error:
+        pytest.skip(str(error))
+    return matplotlib.image.imread(path)[:, :, :3]
+
+
+def share_of(picture: np.ndarray, main: int) -> float:
+    """Return the share of pixels in which one colour is twice as strong as the others."""
+    others = np.delete(picture, main, axis=2).max(axis=2)
+    return float(((picture[:, :, main] > 2.0 * others) & (picture[:, :, main] > 0.2)).mean())
+
+
+def test_a_picture_shows_sensor_plate_and_force(tmp_path):
+    """Blue sensor always; a red arrow exactly when a force is given; the size asked for."""
+    with_force = pixels(tmp_path, np.array([0.0, 0.0, 30.0]))
+    without = pixels(tmp_path, None)
+    assert with_force.shape == without.shape == (240, 320, 3)
+    assert share_of(without, 2) > 0.001
+    assert share_of(with_force, 0) > share_of(without, 0) + 0.001
+    green = (without[:, :, 1] > 1.3 * without[:, :, 0]) & (
+        without[:, :, 1] > 1.3 * without[:, :, 2]
+    )
+    assert green.mean() > 0.002
+    assert without.std() > 0.05
+
+
+def test_the_png_holds_the_pixels_that_were_given(tmp_path):
+    """A foreign reader decodes what the encoder wrote."""
+    rgb = np.random.default_rng(0).integers(0, 256, (7, 5, 3), dtype=np.uint8)
+    path = tmp_path / "noise.png"
+    path.write_bytes(png(rgb))
+    assert np.array_equal(np.round(matplotlib.image.imread(path) * 255).astype(np.uint8), rgb)
+
+
+@pytest.mark.parametrize("variable", ["MUJOCO_GL", "__EGL_VENDOR_LIBRARY_FILENAMES"])
+def test_without_graphics_there_is_one_clear_error(tmp_path, monkeypatch, variable):
+    """A wrong library name or no driver at all: the error names the cause and the cure."""
+    monkeypatch.delenv("MUJOCO_GL", raising=False)
+    monkeypatch.setenv(variable, "/nonexistent")
+    path = tmp_path / "cell.png"
+    with pytest.raises(RenderUnavailable, match=r"no picture: .*libegl1"):
+        render_png(SETTINGS, path, q=home_rad(SETTINGS), view=SMALL)
+    assert not path.exists()
+
+
+def test_a_drawing_process_that_hangs_or_cannot_start_is_the_same_error(tmp_path, monkeypatch):
+    """Time-out and missing interpreter end like any other lack of graphics."""
+    path = tmp_path / "cell.png"
+    monkeypatch.setattr(render, "_TIMEOUT_S", 0.01)
+    with pytest.raises(RenderUnavailable, match="timed out"):
+        render_png(SETTINGS, path, q=home_rad(SETTINGS), view=SMALL)
+    monkeypatch.setattr(sys, "executable", str(tmp_path / "python"))
+    with pytest.raises(RenderUnavailable, match="No such file"):
+        render_png(SETTINGS, path, q=home_rad(SETTINGS), view=SMALL)
+
+
+def test_physics_runs_where_the_graphics_library_is_broken():
+    """The simulation needs no graphics, even if the environment names a library that fails."""
+    code = (
+        "import os; from sim.robot.arm import SimArm; from sim.robot.settings import SimSettings;"
+        "SimArm(SimSettings(), seed=0).step(); print(os.environ['MUJOCO_GL'])"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        env=dict(os.environ) | {"MUJOCO_GL": "nonsense"},
+        cwd=render._ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.stdout.strip() == "nonsense", done.stderr

@@ -2,7 +2,6 @@
 
 import math
 
-import mujoco
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -11,6 +10,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from common.frames import GRAVITY_M_S2, Oat, R_from_oat, oat_from_R, rotation_between
+from sim.robot.engine import mujoco
 from sim.robot.kinematics import MODEL_PATH, ArmKinematics
 
 ARM = ArmKinematics()

@@ -27,7 +27,11 @@ class AxesOption(StrEnum):
 
 RecordingArgument = Annotated[
     Path,
-    typer.Argument(help="CSV with t,x,y,z,qx,qy,qz,qw,fx,fy,fz,tx,ty,tz.", show_default=False),
+    typer.Argument(
+        metavar="RECORDING",
+        help="CSV with t,x,y,z,qx,qy,qz,qw,fx,fy,fz,tx,ty,tz.",
+        show_default=False,
+    ),
 ]
 Axes = Annotated[AxesOption, typer.Option(help="Axes of the recorded wrench; auto: find out.")]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]
@@ -157,8 +161,8 @@ def _print_fit(report: dict[str, Any]) -> None:
     console.print(table)
     console.print(_pose_table(report))
     console.print(_model_table(report))
-    for line in report["undetermined"]:
-        console.print(f"not told by these data: {line}", style="dim", markup=False)
+    for line in report["unsure"]:
+        console.print(f"hardly told by these poses: {line}", markup=False)
 
 
 def _pose_table(report: dict[str, Any]) -> Any:

@@ -9,8 +9,8 @@ import numpy.typing as npt
 from common.errors import DataError
 from common.frames import Array, vector_from_rotation
 from common.payload import Payload, Vector, residual
-from services.wrench.least_squares import LINEAR, State
-from services.wrench.model_choice import PLAIN, Candidate, choose
+from services.wrench.least_squares import FORCE_FLOOR_N, LINEAR, TORQUE_FLOOR_NM, State
+from services.wrench.model_choice import Candidate, choose
 from services.wrench.poses import check_poses, sort_into_poses
 from services.wrench.recording import Recording, Samples, WrenchAxes
 
@@ -18,8 +18,8 @@ BOTH_AXES: tuple[WrenchAxes, WrenchAxes] = ("sensor", "base")
 CLEARLY = 2.0  # one reading of the axes must leave residuals this much smaller than the other
 POOR_CONDITIONING = 10.0
 LEAST_MASS_KG = 1e-4
-# Standard deviations beyond which a parameter is called unknown: what a person would notice.
-UNKNOWN = {"mass_kg": 0.1, "com_m": 0.01, "bias_force_N": 1.0, "bias_torque_Nm": 0.1}
+# Standard deviations beyond which a parameter is called unsure: what a person would notice.
+UNSURE = {"mass_kg": 0.1, "com_m": 0.01, "bias_force_N": 1.0, "bias_torque_Nm": 0.1}
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +45,7 @@ class Identification:
     first_row: npt.NDArray[np.intp]
     residual_force_N: Array
     residual_torque_Nm: Array
-    undetermined: tuple[str, ...]
+    unsure: tuple[str, ...]
     warnings: tuple[str, ...]
 
 
@@ -90,7 +90,7 @@ def identify(samples: Samples) -> Identification:
         first_row=poses.first_row,
         residual_force_N=force,
         residual_torque_Nm=torque,
-        undetermined=_undetermined(std, candidates),
+        unsure=_unsure(std),
         warnings=_warnings(payload, chosen),
     )
 
@@ -130,9 +130,9 @@ def axes_of(recording: Recording, payload: Payload) -> tuple[WrenchAxes, str]:
     Raises DataError when neither is clear.
     """
     sizes = {axes: _unexplained(recording.samples(axes), payload) for axes in BOTH_AXES}
-    force, torque = (sizes["sensor"][i] / max(sizes["base"][i], 1e-12) for i in range(2))
+    force, torque = (sizes["sensor"][i] / sizes["base"][i] for i in range(2))
     times = float(np.sqrt(force * torque))
-    if max(times, 1.0 / max(times, 1e-12)) > CLEARLY:
+    if max(times, 1.0 / times) > CLEARLY:
         best: WrenchAxes = "base" if times > 1.0 else "sensor"
         found = ", ".join(f"{sizes[axes][0]:.3g} N in {axes} axes" for axes in BOTH_AXES)
         return best, f"wrench taken to be in {best} axes: rms residual {found}"
@@ -151,7 +151,8 @@ def _unexplained(samples: Samples, payload: Payload) -> tuple[float, float]:
         payload, samples.R_base_sensor, force_N=samples.force_N, torque_Nm=samples.torque_Nm
     )
     root = np.sqrt(len(samples))
-    return float(np.linalg.norm(force) / root), float(np.linalg.norm(torque) / root)
+    force_rms, torque_rms = np.linalg.norm(force) / root, np.linalg.norm(torque) / root
+    return max(float(force_rms), FORCE_FLOOR_N), max(float(torque_rms), TORQUE_FLOOR_NM)
 
 
 def _compared(fits: dict[WrenchAxes, Identification], taken: WrenchAxes) -> Identification:
@@ -205,18 +206,12 @@ def _deviations(chosen: Candidate) -> Deviations:
     )
 
 
-def _undetermined(std: Deviations, candidates: tuple[Candidate, ...]) -> tuple[str, ...]:
-    unknown = [
-        f"{name}: standard deviation {np.max(getattr(std, name)):.3g}"
-        for name, limit in UNKNOWN.items()
+def _unsure(std: Deviations) -> tuple[str, ...]:
+    return tuple(
+        f"{name} (standard deviation {np.max(getattr(std, name)):.3g})"
+        for name, limit in UNSURE.items()
         if np.max(getattr(std, name)) > limit
-    ]
-    refused = [
-        f"{candidate.model.name}: {candidate.verdict}"
-        for candidate in candidates
-        if not candidate.chosen and candidate.model != PLAIN
-    ]
-    return (*unknown, *refused)
+    )
 
 
 def _warnings(payload: Payload, chosen: Candidate) -> tuple[str, ...]:

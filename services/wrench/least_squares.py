@@ -14,8 +14,10 @@ from services.wrench.recording import Samples
 LINEAR = 10
 FORCE_FLOOR_N, TORQUE_FLOOR_NM = 1e-6, 1e-8  # noise-free data must not divide by zero
 ITERATIONS = 50
+REFINEMENTS = 8  # enough where the start is the solution for nearly the same readings
 LARGEST_TURN_RAD = 0.5  # of one step; a longer one leaves the region where it is a step downhill
 CONVERGED = 1e-7
+RANK_TOLERANCE = 1e-7  # of singular values: squared, it is still above the rounding error
 DOWN = np.array([0.0, 0.0, -1.0])
 
 
@@ -83,7 +85,9 @@ def residuals(state: State, samples: Samples) -> tuple[Array, Array]:
     return samples.force_N - m * g_s - b_F, samples.torque_Nm - np.cross(h, g_s) - b_M
 
 
-def solve(samples: Samples, weight: Array, model: Model, start: State) -> Solution:
+def solve(
+    samples: Samples, weight: Array, model: Model, start: State, *, iterations: int = ITERATIONS
+) -> Solution:
     """Fit one model: directions of `start` first kept, then fitted where the model has them.
 
     Args:
@@ -91,13 +95,14 @@ def solve(samples: Samples, weight: Array, model: Model, start: State) -> Soluti
         weight: Weight of each reading. Shape (n,).
         model: What is fitted.
         start: Directions to start from.
+        iterations: At most so many steps.
     """
     state = _upright(_fitted_linear(samples, weight, start))
     noise, noise_ml = _noise(state, samples, weight, np.array([4.0, 6.0]))
     converged = False
-    for _ in range(ITERATIONS):
+    for _ in range(iterations):
         step, shares, _, _ = _step(state, samples, weight, model=model, noise=noise)
-        state = _moved(state, step, model)
+        state = _upright(_moved(state, step, model))
         noise, noise_ml = _noise(state, samples, weight, shares)
         # Signs and turns settle long before the last digit of the variances does.
         if bool(np.linalg.norm(step) < CONVERGED * (1.0 + np.linalg.norm(state.linear))):
@@ -137,28 +142,30 @@ def _step(
     state: State, samples: Samples, weight: Array, *, model: Model, noise: Noise
 ) -> tuple[Array, Array, Array, float]:
     """Return Gauss-Newton step, unknowns borne by force and torque, covariance, conditioning."""
-    n = len(samples)
-    root = np.sqrt(weight)[:, None]
-    scales = (root / noise.force_N, root / noise.torque_Nm)
-    A = np.concatenate(
-        [
-            (J * s[:, :, None]).reshape(3 * n, -1)
-            for J, s in zip(jacobians(state, samples, model), scales, strict=True)
-        ]
+    blocks = zip(
+        jacobians(state, samples, model),
+        residuals(state, samples),
+        (noise.force_N, noise.torque_Nm),
+        strict=True,
     )
-    errors = zip(residuals(state, samples), scales, strict=True)
-    r = np.concatenate([(v * s).ravel() for v, s in errors])
-    length = np.linalg.norm(A, axis=0)
+    squares, slope = [], np.zeros(model.size)
+    for J, error, deviation in blocks:
+        A = (J * (np.sqrt(weight) / deviation)[:, None, None]).reshape(-1, model.size)
+        r = (error * (np.sqrt(weight) / deviation)[:, None]).ravel()
+        squares.append(A.T @ A)
+        slope += A.T @ r
+    total = squares[0] + squares[1]
+    length = np.sqrt(np.diag(total))
     length[length == 0.0] = 1.0
     # Columns of length 1 make the conditioning free of units (Belsley, Kuh, Welsch 1980).
-    U, s, Vt = np.linalg.svd(A / length, full_matrices=False)
-    conditioning = float(s[0] / s[-1]) if s[-1] > 0.0 else np.inf
-    keep = s > s[0] * 1e-10
-    step = Vt[keep].T @ ((U[:, keep].T @ r) / s[keep]) / length
-    leverage = (U[:, keep] ** 2).sum(axis=1)
-    shares = np.array([leverage[: 3 * n].sum(), leverage[3 * n :].sum()])
-    half = Vt[keep].T / s[keep] / length[:, None]
-    return step, shares, half @ half.T, conditioning
+    eigenvalues, V = np.linalg.eigh(total / np.outer(length, length))
+    s = np.sqrt(np.maximum(eigenvalues, 0.0))
+    conditioning = float(s[-1] / s[0]) if s[0] > 0.0 else np.inf
+    keep = s > s[-1] * RANK_TOLERANCE
+    half = V[:, keep] / s[keep] / length[:, None]
+    covariance = half @ half.T
+    shares = np.array([np.trace(covariance @ square) for square in squares])
+    return covariance @ slope, shares, covariance, conditioning
 
 
 def _fitted_linear(samples: Samples, weight: Array, start: State) -> State:

@@ -9,6 +9,7 @@ from common.frames import GRAVITY_M_S2, Array
 from services.wrench.least_squares import (
     DOWN,
     FORCE_FLOOR_N,
+    REFINEMENTS,
     TORQUE_FLOOR_NM,
     Model,
     Solution,
@@ -71,7 +72,7 @@ def choose(poses: Poses) -> tuple[Candidate, ...]:
     return tuple(
         replace(c, chosen=True, verdict="used")
         if c is best
-        else replace(c, verdict=c.verdict or "another model explains more")
+        else replace(c, verdict=c.verdict or "another explains more")
         for c in (plain, *singles, both)
     )
 
@@ -102,13 +103,13 @@ def _objection(candidate: Candidate, best: Candidate, poses: int) -> str:
     if not np.isfinite(candidate.loo_force_N):
         return "it hangs on a single pose"
     if candidate.bic > best.bic - BIC_GAIN:
-        return "no significant improvement"
+        return "not significant"
     worse = max(
         candidate.loo_force_N / max(best.loo_force_N, FORCE_FLOOR_N),
         candidate.loo_torque_Nm / max(best.loo_torque_Nm, TORQUE_FLOOR_NM),
     )
     if worse > NOT_WORSE or candidate.score > best.score * SCORE_GAIN**2:
-        return "left-out poses are not predicted better"
+        return "predicts left-out poses no better"
     return ""
 
 
@@ -142,7 +143,13 @@ def _left_out(poses: Poses, model: Model, solution: Solution) -> tuple[Array, Ar
     force, torque = np.full((n, 3), np.inf), np.full((n, 3), np.inf)
     for fold in np.array_split(np.arange(n), min(n, FOLDS_AT_MOST)):
         kept = np.setdiff1d(np.arange(n), fold)
-        partial = solve(poses.means[kept], poses.weight[kept], model, solution.state)
+        partial = solve(
+            poses.means[kept],
+            poses.weight[kept],
+            model,
+            solution.state,
+            iterations=REFINEMENTS,
+        )
         if partial.conditioning < 1e6:
             force[fold], torque[fold] = residuals(partial.state, poses.means[fold])
     return force, torque

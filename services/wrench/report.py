@@ -45,7 +45,7 @@ def fit_report(recording: Recording, axes: WrenchAxes, fit: Identification) -> d
             for row, f, t in zip(fit.first_row, force, torque, strict=True)
         ],
         "models": [_model_report(candidate) for candidate in fit.candidates],
-        "undetermined": list(fit.undetermined),
+        "unsure": list(fit.unsure),
         "warnings": list(fit.warnings),
     }
 

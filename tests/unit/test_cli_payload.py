@@ -1,0 +1,164 @@
+"""`forcemesh payload`: what goes to which stream, the keys of its JSON, its exit codes."""
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from cli.payload import app
+from common.frames import quaternion_from_R, rotation_from_vector
+from common.payload import Payload, load, predict
+from services.wrench.recording import COLUMNS
+
+TRUTH = Payload(1.5, (0.02, -0.012, 0.085), (1.0, -2.0, 3.0), (0.1, 0.2, -0.3))
+
+
+def write_recording(path, *, axes="sensor", poses=10, seed=0, payload=TRUTH, spread=3.0):
+    """Write a noisy recording of random attitudes and return its path."""
+    rng = np.random.default_rng(seed)
+    lines = [",".join(COLUMNS)]
+    for i in range(poses):
+        R = rotation_from_vector(rng.uniform(-spread, spread, 3))
+        force, torque = predict(payload, R)
+        force = force + 0.01 * rng.normal(size=3)
+        torque = torque + 0.0005 * rng.normal(size=3)
+        turn = R if axes == "base" else np.eye(3)
+        row = [10.0 * i, 0.5, 0.0, 0.6, *quaternion_from_R(R), *(turn @ force), *(turn @ torque)]
+        lines.append(",".join(repr(float(v)) for v in row))
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def run(*arguments):
+    """Run the verb and return its result; exit code, stdout and stderr apart."""
+    return CliRunner().invoke(app, [str(argument) for argument in arguments])
+
+
+@pytest.mark.parametrize("axes", ["sensor", "base"])
+def test_fit_prints_one_json_object_and_its_reasons_elsewhere(tmp_path, axes):
+    """Standard output is JSON alone; which axes were taken, and why, goes to standard error."""
+    result = run("fit", write_recording(tmp_path / "a.csv", axes=axes), "--json")
+    assert result.exit_code == 0
+    report = json.loads(result.stdout)
+    assert report["wrench_axes"] == axes
+    assert f"wrench taken to be in {axes} axes: rms residual" in result.stderr
+    assert report["model"] == "plain"
+    assert report["mass_kg"] == pytest.approx(1.5, abs=0.01)
+    assert report["com_m"] == pytest.approx(TRUTH.com_m, abs=0.001)
+    assert report["bias_force_N"] == pytest.approx(TRUTH.bias_force_N, abs=0.05)
+    assert report["bias_torque_Nm"] == pytest.approx(TRUTH.bias_torque_Nm, abs=0.005)
+    assert 0.0 < report["mass_std_kg"] < 0.01
+    assert len(report["com_std_m"]) == len(report["bias_force_std_N"]) == 3
+    assert 1.0 <= report["conditioning"] < 10.0
+    assert 0.0 < report["residual_force_N_mean"] <= report["residual_force_N_max"] < 0.1
+    assert report["leave_one_out_force_N"] > report["rms_force_N"] > 0.0
+    assert [row["line"] for row in report["residuals"]] == list(range(2, 12))
+    assert report["models"][0]["verdict"] == "used"
+
+
+def test_fit_prints_tables_for_people(tmp_path):
+    """Without --json the parameters, residuals and models come as tables with their units."""
+    result = run("fit", write_recording(tmp_path / "a.csv"))
+    assert result.exit_code == 0
+    for text in ("mass (kg)", "centre of mass (mm)", "bias torque (N·m)", "models tried"):
+        assert text in result.stdout
+
+
+def test_fit_in_the_wrong_axes_warns_and_names_the_flag(tmp_path):
+    """The choice is obeyed; both residuals and the flag to use are on standard error."""
+    path = write_recording(tmp_path / "a.csv", axes="base")
+    result = run("fit", path, "--wrench-axes", "sensor", "--json")
+    assert result.exit_code == 0
+    assert json.loads(result.stdout)["wrench_axes"] == "sensor"
+    assert "warning: rms residual" in result.stderr
+    assert "use --wrench-axes base" in result.stderr
+
+
+def test_a_fitted_payload_explains_another_recording(tmp_path):
+    """After fit --out, check works on attitudes that the fit has not seen, in other axes."""
+    out = tmp_path / "payload.yaml"
+    assert run("fit", write_recording(tmp_path / "a.csv"), "--out", out).exit_code == 0
+    assert load(out).mass_kg == pytest.approx(1.5, abs=0.01)
+    other = write_recording(tmp_path / "b.csv", axes="base", seed=1)
+    result = run("check", other, "--payload", out, "--json")
+    report = json.loads(result.stdout)
+    assert result.exit_code == 0
+    assert report["wrench_axes"] == "base"
+    assert 0.0 < report["residual_force_N_mean"] <= report["residual_force_N_max"] < 0.1
+    assert 0.0 < report["residual_torque_Nm_mean"] <= report["residual_torque_Nm_max"] < 0.01
+
+
+def test_check_shows_that_the_payload_has_changed(tmp_path):
+    """Half a kilogram more shows as its weight, and the table says on which line."""
+    out = tmp_path / "payload.yaml"
+    run("fit", write_recording(tmp_path / "a.csv"), "--out", out)
+    heavy = Payload(2.0, TRUTH.com_m, TRUTH.bias_force_N, TRUTH.bias_torque_Nm)
+    other = write_recording(tmp_path / "b.csv", payload=heavy)
+    report = json.loads(
+        run("check", other, "--payload", out, "--wrench-axes", "sensor", "--json").stdout
+    )
+    assert report["residual_force_N_mean"] == pytest.approx(0.5 * 9.80665, rel=0.02)
+    assert "line of the max" in run("check", other, "--payload", out).stdout
+
+
+def test_check_in_the_wrong_axes_warns_and_names_the_flag(tmp_path):
+    """A payload that explains the other axes far better says so."""
+    out = tmp_path / "payload.yaml"
+    path = write_recording(tmp_path / "a.csv")
+    run("fit", path, "--out", out)
+    result = run("check", path, "--payload", out, "--wrench-axes", "base", "--json")
+    assert result.exit_code == 0
+    assert "use --wrench-axes sensor" in result.stderr
+
+
+@pytest.mark.parametrize(
+    ("change", "problem"),
+    [
+        (lambda text: text.replace("t,x", "x", 1), "line 1: column t is missing"),
+        (lambda text: text.replace("0.5,0.0,0.6", "0.5,oops,0.6", 1), "line 2, column y: 'oops'"),
+        (lambda text: text.replace("0.5,0.0,0.6", "0.5,nan,0.6", 1), "line 2, column y: nan"),
+        (lambda text: "\n".join(text.splitlines()[:4]), "only 3 distinct pose"),
+    ],
+)
+@pytest.mark.parametrize("as_json", [False, True])
+def test_a_bad_recording_ends_with_one_line_and_exit_code_two(tmp_path, change, problem, as_json):
+    """Nothing on standard output, one line with file, line and column on standard error."""
+    path = write_recording(tmp_path / "a.csv")
+    path.write_text(change(path.read_text()))
+    result = run("fit", path, *(["--json"] if as_json else []))
+    assert result.exit_code == 2
+    assert result.stdout == ""
+    assert result.stderr.startswith(f"error: {path}")
+    assert problem in result.stderr
+    assert result.stderr.count("\n") == 1
+
+
+def test_poses_that_are_too_similar_end_with_exit_code_two(tmp_path):
+    """The one line says how far the poses are apart and what to do."""
+    result = run("fit", write_recording(tmp_path / "a.csv", spread=0.06))
+    assert result.exit_code == 2
+    assert "turn the wrist by at least 60 degrees about two axes" in result.stderr
+
+
+def test_a_payload_that_cannot_be_written_or_read_ends_with_exit_code_two(tmp_path):
+    """The file is named in both cases."""
+    path = write_recording(tmp_path / "a.csv")
+    missing = tmp_path / "none" / "payload.yaml"
+    for result in (run("fit", path, "--out", missing), run("check", path, "--payload", missing)):
+        assert result.exit_code == 2
+        assert str(missing) in result.stderr
+
+
+def test_help_needs_no_mathematics():
+    """The verb's help does not wait for numpy or pinocchio."""
+    code = (
+        "import sys; from cli.payload import app\n"
+        "try: app(['fit', '--help'])\n"
+        "except SystemExit: pass\n"
+        "sys.exit('numpy' in sys.modules or 'pinocchio' in sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, check=False)
+    assert done.returncode == 0, done.stderr

@@ -1,0 +1,128 @@
+"""The verb `demo`: the main job on a simulated cell, from nothing to a table and two pictures."""
+
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from common.errors import ForcemeshError
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from cli.measures import Result
+    from cli.scenario import Plan, Trace
+    from common.cell import Cell
+
+UNSETTLED, FAILED = 1, 2
+PLATE = "The plate and the robot"
+JOB = "The job"
+
+
+def demo(
+    *,
+    cell_file: Annotated[
+        Path, typer.Option("--cell", help="Cell file with a section `sim`.")
+    ] = Path("cells/demo.yaml"),
+    mode: Annotated[
+        Literal["position", "orientation", "both"],
+        typer.Option(help="What force feedback may move.", rich_help_panel=JOB),
+    ] = "position",
+    setpoint: Annotated[
+        float | None,
+        typer.Option(
+            help="Press force held at the end [N]; 0, in mode both 10.", rich_help_panel=JOB
+        ),
+    ] = None,
+    force: Annotated[
+        float, typer.Option(help="Force to press with first [N].", rich_help_panel=JOB)
+    ] = 30.0,
+    host: Annotated[
+        Literal["pc", "controller"],
+        typer.Option(help="Where the regulator runs.", rich_help_panel=JOB),
+    ] = "pc",
+    law: Annotated[
+        Literal["plain"], typer.Option(help="The regulator's law.", rich_help_panel=JOB)
+    ] = "plain",
+    stiffness: Annotated[
+        float | None, typer.Option(help="Of the plate [N/m].", rich_help_panel=PLATE)
+    ] = None,
+    delay_ms: Annotated[
+        float | None, typer.Option(help="Of the controller [ms].", rich_help_panel=PLATE)
+    ] = None,
+    tilt_deg: Annotated[
+        float | None,
+        typer.Option(
+            help="Of the plate; 0, in mode orientation and both 5.", rich_help_panel=PLATE
+        ),
+    ] = None,
+    seed: Annotated[
+        int | None, typer.Option(help="Of the sensor's noise.", rich_help_panel=PLATE)
+    ] = None,
+    virtual: Annotated[
+        bool, typer.Option("--virtual", help="In one process, faster than time.")
+    ] = False,
+    linger: Annotated[
+        float, typer.Option(help="Keep the cell up so long after a failure [s].", min=0.0)
+    ] = 5.0,
+    out: Annotated[Path, typer.Option(help="Folder for plot and picture.")] = Path("out"),
+    as_json: Annotated[bool, typer.Option("--json", help="One object on standard output.")] = False,
+) -> None:
+    """Run the main job: press on a plate, then let force feedback bring the force to its aim."""
+    from rich.console import Console
+
+    from cli.demo_cell import DEFAULT_SETPOINT_N, DEFAULT_TILT_DEG, check_plan, demo_cell
+    from cli.demo_play import live_progress, play_real, play_virtual
+    from cli.scenario import Plan
+
+    del law  # there is one so far
+    screen = Console(stderr=True)
+    plan = Plan(
+        mode=mode,
+        host=host,
+        press_N=force,
+        setpoint_N=DEFAULT_SETPOINT_N[mode] if setpoint is None else setpoint,
+    )
+    try:
+        cell = demo_cell(
+            cell_file,
+            stiffness_N_m=stiffness,
+            delay_s=None if delay_ms is None else delay_ms / 1e3,
+            tilt_deg=DEFAULT_TILT_DEG[mode] if tilt_deg is None else tilt_deg,
+            seed=seed,
+        )
+        check_plan(cell, plan)
+        with live_progress(screen, plan) as progress:
+            play = play_virtual if virtual else play_real
+            trace = play(cell, plan, progress, linger)
+    except ForcemeshError as error:
+        screen.print(f"[red]demo:[/red] {error}", highlight=False)
+        raise typer.Exit(FAILED) from None
+    result = report(screen, cell, plan, trace=trace, out=out)
+    if as_json:
+        sys.stdout.write(json.dumps(result.as_dict()) + "\n")
+    raise typer.Exit(0 if result.settled else UNSETTLED)
+
+
+def report(screen: "Console", cell: "Cell", plan: "Plan", *, trace: "Trace", out: Path) -> "Result":
+    """Print the table, write plot and picture, and say what was left out."""
+    from cli import demo_report
+    from cli.demo_cell import surface_of
+    from cli.measures import measure
+    from services.regulator.tuning import tune
+    from sim.robot.render import RenderUnavailable
+
+    surface = surface_of(cell)
+    result = measure(trace, plan, surface, tune(cell).tau_s)
+    screen.print(demo_report.table(result, plan))
+    out.mkdir(parents=True, exist_ok=True)
+    demo_report.plot(trace, plan, surface, out / "demo.png")
+    screen.print(f"plot: {out / 'demo.png'}", highlight=False)
+    try:
+        demo_report.picture(cell, trace.press[-1], out / "demo-scene.png")
+        screen.print(f"picture: {out / 'demo-scene.png'}", highlight=False)
+    except RenderUnavailable as error:
+        screen.print(f"[yellow]picture left out:[/yellow] {error}", highlight=False)
+    return result

@@ -1,0 +1,89 @@
+"""The cell that the demo runs: the cell file with the plate and the delay that were asked for."""
+
+from pathlib import Path
+
+import numpy as np
+
+from cli.measures import Surface
+from cli.scenario import Plan
+from common.cell import Cell
+from common.config import load_cell
+from common.errors import ConfigError
+from sim.robot.scene import plate_at_rest
+from sim.robot.service import sim_settings
+
+DEFAULT_TILT_DEG = {"position": 0.0, "orientation": 5.0, "both": 5.0}
+DEFAULT_SETPOINT_N = {"position": 0.0, "orientation": 0.0, "both": 10.0}
+LEAST_PRESS_N = 5.0
+
+
+def demo_cell(
+    path: Path,
+    *,
+    stiffness_N_m: float | None,
+    delay_s: float | None,
+    tilt_deg: float,
+    seed: int | None,
+) -> Cell:
+    """Load a cell file with the demo's options put in; the gain rule is told the same.
+
+    The plate rests on springs at its corners, so its tilt stiffness goes with its stiffness.
+
+    Raises:
+        ConfigError: The cell file or an option is wrong.
+    """
+    overrides: dict[str, object] = {"sim.tilt_deg": tilt_deg}
+    if stiffness_N_m is not None:
+        overrides["sim.stiffness_N_m"] = stiffness_N_m
+        overrides["contact.stiffness_N_m"] = stiffness_N_m
+    if delay_s is not None:
+        overrides["sim.delay_s"] = delay_s
+        overrides["robot.delay_s"] = delay_s
+    if seed is not None:
+        overrides["sim.seed"] = seed
+    if load_cell(path).sim is None:
+        raise ConfigError(str(path), ["the demo needs a cell with a section `sim`"])
+    cell = load_cell(path, overrides)
+    if cell.sim is not None and stiffness_N_m is not None:
+        tilt_stiffness = sim_settings(cell, cell.sim).plate_tilt_stiffness_Nm_rad
+        overrides["contact.tilt_stiffness_Nm_rad"] = tilt_stiffness
+        cell = load_cell(path, overrides)
+    return cell
+
+
+def check_plan(cell: Cell, plan: Plan) -> None:
+    """Raise ConfigError for what the cell cannot show, before anything is started."""
+    mistakes = []
+    highest_N = min(cell.force.setpoint_max_N, cell.limits.force_N)
+    if plan.host not in cell.robot.hosts:
+        mistakes.append(
+            f"--host {plan.host}: it needs a cell with a controller that runs force feedback; "
+            f"cell {cell.cell} offers {', '.join(cell.robot.hosts)}"
+        )
+    if not LEAST_PRESS_N <= plan.press_N <= highest_N:
+        mistakes.append(
+            f"--force {plan.press_N:g}: must be within {LEAST_PRESS_N:g} .. {highest_N:g} N"
+        )
+    if not 0.0 <= plan.setpoint_N <= highest_N:
+        mistakes.append(f"--setpoint {plan.setpoint_N:g}: must be within 0 .. {highest_N:g} N")
+    if plan.mode == "both" and plan.setpoint_N < LEAST_PRESS_N:
+        mistakes.append(
+            f"--setpoint {plan.setpoint_N:g}: a face aligns only while it is pressed, "
+            f"mode both needs at least {LEAST_PRESS_N:g} N"
+        )
+    if mistakes:
+        raise ConfigError("demo", mistakes)
+
+
+def surface_of(cell: Cell) -> Surface:
+    """Return the plate of a simulated cell, where contact truly begins."""
+    if cell.sim is None:
+        raise ConfigError(cell.cell, ["the demo needs a cell with a section `sim`"])
+    plate = plate_at_rest(sim_settings(cell, cell.sim))
+    return Surface(
+        point_m=np.asarray(plate.point_m),
+        normal=np.asarray(plate.normal),
+        disc_radius_m=cell.sim.disc_radius_m,
+        stiffness_N_m=cell.sim.stiffness_N_m,
+        T_flange_tcp=cell.tool.T_flange_tcp.pose,
+    )

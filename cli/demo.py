@@ -98,7 +98,7 @@ def demo(
             play = play_virtual if virtual else play_real
             trace = play(cell, plan, progress, linger)
     except ForcemeshError as error:
-        screen.print(f"[red]demo:[/red] {error}", highlight=False)
+        screen.print(f"[red]demo:[/red] {error}", highlight=False, soft_wrap=True)
         raise typer.Exit(FAILED) from None
     result = report(screen, cell, plan, trace=trace, out=out)
     if as_json:
@@ -119,10 +119,10 @@ def report(screen: "Console", cell: "Cell", plan: "Plan", *, trace: "Trace", out
     screen.print(demo_report.table(result, plan))
     out.mkdir(parents=True, exist_ok=True)
     demo_report.plot(trace, plan, surface, out / "demo.png")
-    screen.print(f"plot: {out / 'demo.png'}", highlight=False)
+    screen.print(f"plot: {out / 'demo.png'}", highlight=False, soft_wrap=True)
     try:
         demo_report.picture(cell, trace.press[-1], out / "demo-scene.png")
-        screen.print(f"picture: {out / 'demo-scene.png'}", highlight=False)
+        screen.print(f"picture: {out / 'demo-scene.png'}", highlight=False, soft_wrap=True)
     except RenderUnavailable as error:
-        screen.print(f"[yellow]picture left out:[/yellow] {error}", highlight=False)
+        screen.print(f"[yellow]picture left out:[/yellow] {error}", highlight=False, soft_wrap=True)
     return result

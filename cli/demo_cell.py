@@ -11,6 +11,7 @@ from common.config import load_cell
 from common.errors import ConfigError
 from sim.robot.scene import plate_at_rest
 from sim.robot.service import sim_settings
+from sim.robot.settings import SimSettings
 
 DEFAULT_TILT_DEG = {"position": 0.0, "orientation": 5.0, "both": 5.0}
 DEFAULT_SETPOINT_N = {"position": 0.0, "orientation": 0.0, "both": 10.0}
@@ -41,14 +42,19 @@ def demo_cell(
         overrides["robot.delay_s"] = delay_s
     if seed is not None:
         overrides["sim.seed"] = seed
-    if load_cell(path).sim is None:
-        raise ConfigError(str(path), ["the demo needs a cell with a section `sim`"])
     cell = load_cell(path, overrides)
-    if cell.sim is not None and stiffness_N_m is not None:
-        tilt_stiffness = sim_settings(cell, cell.sim).plate_tilt_stiffness_Nm_rad
-        overrides["contact.tilt_stiffness_Nm_rad"] = tilt_stiffness
+    if stiffness_N_m is not None:
+        overrides["contact.tilt_stiffness_Nm_rad"] = plate_of(cell).plate_tilt_stiffness_Nm_rad
         cell = load_cell(path, overrides)
+    plate_of(cell)
     return cell
+
+
+def plate_of(cell: Cell) -> SimSettings:
+    """Return the simulated cell's settings, checked before any process is started."""
+    if cell.sim is None:
+        raise ConfigError(cell.cell, ["the demo needs a cell with a section `sim`"])
+    return sim_settings(cell, cell.sim)
 
 
 def check_plan(cell: Cell, plan: Plan) -> None:
@@ -77,13 +83,12 @@ def check_plan(cell: Cell, plan: Plan) -> None:
 
 def surface_of(cell: Cell) -> Surface:
     """Return the plate of a simulated cell, where contact truly begins."""
-    if cell.sim is None:
-        raise ConfigError(cell.cell, ["the demo needs a cell with a section `sim`"])
-    plate = plate_at_rest(sim_settings(cell, cell.sim))
+    settings = plate_of(cell)
+    plate = plate_at_rest(settings)
     return Surface(
         point_m=np.asarray(plate.point_m),
         normal=np.asarray(plate.normal),
-        disc_radius_m=cell.sim.disc_radius_m,
-        stiffness_N_m=cell.sim.stiffness_N_m,
+        disc_radius_m=settings.disc_radius_m,
+        stiffness_N_m=settings.stiffness_N_m,
         T_flange_tcp=cell.tool.T_flange_tcp.pose,
     )

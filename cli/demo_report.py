@@ -6,6 +6,7 @@ import numpy as np
 import pinocchio as pin
 from rich.table import Table
 
+from cli.demo_cell import plate_of
 from cli.measures import Result, Surface
 from cli.scenario import SETTLED_FORCE_N, SETTLED_TORQUE_NM, Plan, Sample, Trace
 from common.cell import Cell
@@ -82,11 +83,8 @@ def picture(cell: Cell, sample: Sample, path: Path) -> None:
     from sim.robot.kinematics import ArmKinematics
     from sim.robot.render import render_png
     from sim.robot.scene import home_rad
-    from sim.robot.service import sim_settings
 
-    if cell.sim is None:
-        return
-    settings = sim_settings(cell, cell.sim)
+    settings = plate_of(cell)
     T_base_flange = pin.SE3(sample.T_base_flange)
     solution = ArmKinematics().solve(T_base_flange, home_rad(settings), jump_rad=np.pi)
     q = home_rad(settings) if solution.q is None else solution.q

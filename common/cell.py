@@ -100,12 +100,14 @@ class ToolSection(Section):
 
 
 class PayloadSection(Section):
-    """Weight below the sensor and the sensor's bias, from `forcemesh payload fit`."""
+    """Weight below the sensor and the sensor's bias: what `forcemesh payload fit --out` writes."""
 
     mass_kg: NotNegative
     com_m: Vec3
     bias_force_N: Vec3 = (0.0, 0.0, 0.0)
     bias_torque_Nm: Vec3 = (0.0, 0.0, 0.0)
+    gravity_direction_in_base: Vec3 = (0.0, 0.0, -1.0)
+    mounting_rotation_rad: Vec3 = (0.0, 0.0, 0.0)
 
 
 class FilterSection(Section):

@@ -29,13 +29,7 @@ class WrenchService:
         self.fault = ""
         self._sensor_period_s = 1.0 / cell.rates.sensor_hz
         self._mounting = Mounting(cell.sensor.T_flange_sensor.pose, cell.tool.T_flange_tcp.pose)
-        payload = cell.payload
-        self._payload = Payload(
-            mass_kg=payload.mass_kg,
-            com_m=payload.com_m,
-            bias_force_N=payload.bias_force_N,
-            bias_torque_Nm=payload.bias_torque_Nm,
-        )
+        self._payload = Payload(**cell.payload.model_dump())
         self._calibration = "cell file"
         self._tare_limits = TareLimits(cell.force.tare_max_N, cell.force.tare_max_Nm)
         self._empty_filter = Filter(cell.filter.median, cell.filter.lowpass_s)

@@ -19,7 +19,7 @@ endif
 endif
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test check format bench lock clean
+.PHONY: help setup demo test check format readme bench lock clean
 
 help: ## list these targets
 	@grep -hE '^[a-z]+:.*##' Makefile | sed -E 's/:[^#]*## */\t/' | expand -t 10
@@ -47,6 +47,9 @@ check: setup ## lint, format, types, import contracts, sizes
 format: setup ## let ruff format and fix what it can
 	@$(BIN)/ruff format $(CODE)
 	@$(BIN)/ruff check --fix $(CODE)
+
+readme: setup ## write the bus table of common/topics.py into README.md
+	@$(BIN)/python -m tools.readme
 
 bench: setup ## measure what the README states
 	@$(BIN)/python -m bench $(ARGS)

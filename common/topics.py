@@ -52,7 +52,7 @@ SENSOR_WRENCH    = Topic("sensor/wrench",    m.SensorWrench,    "sensor",  "sens
 WRENCH           = Topic("wrench",           m.WrenchAtTcp,     "control", "sensor",  "wrench",    ("regulator", "arbiter", "robot", CLIENT),          "stream", "force and torque of the environment, base axes, about the TCP; raw beside it")
 REGULATOR_TARGET = Topic("regulator/target", m.RegulatorTarget, "control", "command", "regulator", ("arbiter", CLIENT),                                "stream", "proposed flange pose, mode, contact state, reason when not valid")
 ROBOT_COMMAND    = Topic("robot/command",    m.RobotCommand,    "control", "command", "arbiter",   ("robot", "regulator", CLIENT),                     "stream", "goal, setpoint, feedback or hold, with the permission under which the robot acts")
-ARBITER_STATUS   = Topic("arbiter/status",   m.ArbiterStatus,   "status",  "status",  "arbiter",   ("regulator", "wrench", CLIENT),                    "report", "state, who commands, every tripped limit with its number, what clears it")
+ARBITER_STATUS   = Topic("arbiter/status",   m.ArbiterStatus,   "status",  "status",  "arbiter",   ("regulator", CLIENT),                              "report", "state, who commands, every tripped limit with its number, what clears it")
 
 HUB_HEALTH       = Topic("hub/health",       m.Health,          "health",  "health",  "hub",       ("arbiter", CLIENT),                                "report", "loop rate, lateness, counters, version, config hash, last fault")
 ROBOT_HEALTH     = Topic("robot/health",     m.Health,          "health",  "health",  "robot",     ("arbiter", CLIENT),                                "report", "the same of the robot's process")

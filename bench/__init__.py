@@ -1,0 +1,1 @@
+"""What is stated with a number, measured by one command."""

@@ -1,0 +1,66 @@
+"""Settling and overshoot of the main job over stiffness, delay and mode, on the virtual clock."""
+
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from itertools import product
+from pathlib import Path
+from typing import Literal, get_args
+
+from rich.table import Table
+
+from cli.demo_cell import DEFAULT_SETPOINT_N, DEFAULT_TILT_DEG, demo_cell, surface_of
+from cli.demo_play import play_virtual
+from cli.measures import Result, measure
+from cli.scenario import Plan
+from common.messages import Mode
+from services.regulator.tuning import tune
+
+CELL = Path(__file__).resolve().parent.parent / "cells" / "demo.yaml"
+STIFFNESSES_N_M = (5e3, 2e4, 1e5)
+DELAYS_MS = (0, 10, 30)
+MODES: tuple[Literal["position", "orientation", "both"], ...] = get_args(Mode)
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """One cell of the table."""
+
+    mode: Mode
+    stiffness_N_m: float
+    delay_ms: int
+
+
+def run(case: Case) -> Result:
+    """Play one case with the documented gain rule."""
+    cell = demo_cell(
+        CELL,
+        stiffness_N_m=case.stiffness_N_m,
+        delay_s=case.delay_ms / 1e3,
+        tilt_deg=DEFAULT_TILT_DEG[case.mode],
+        seed=None,
+    )
+    plan = Plan(mode=case.mode, setpoint_N=DEFAULT_SETPOINT_N[case.mode])
+    trace = play_virtual(cell, plan, lambda *_: None, 0.0)
+    return measure(trace, plan, surface_of(cell), tune(cell).tau_s)
+
+
+def table() -> Table:
+    """Return settling [ms], in tau, and overshoot for every case."""
+    cases = [Case(*choice) for choice in product(MODES, STIFFNESSES_N_M, DELAYS_MS)]
+    with ProcessPoolExecutor() as pool:
+        results = dict(zip(cases, pool.map(run, cases), strict=True))
+    rows = Table(title="30 N to the aim: settling time, in tau, overshoot", title_justify="left")
+    rows.add_column("mode, stiffness")
+    for delay_ms in DELAYS_MS:
+        rows.add_column(f"delay {delay_ms} ms", justify="right")
+    for mode, stiffness in product(MODES, STIFFNESSES_N_M):
+        cells = [_cell(results[Case(mode, stiffness, delay_ms)]) for delay_ms in DELAYS_MS]
+        rows.add_row(f"{mode}, {stiffness:g} N/m", *cells)
+    return rows
+
+
+def _cell(result: Result) -> str:
+    if result.settling_s is None:
+        return "not settled"
+    taus = result.settling_s / result.tau_s
+    return f"{result.settling_s * 1e3:.0f} ms, {taus:.1f} tau, {result.overshoot_pct:.1f} %"

@@ -189,6 +189,10 @@ class Dialogue:
         """Send both sets of gains; allowed also while force feedback runs."""
         return self._send(now_ns, *commands.gains(gains))
 
+    def set_up(self, kept: ControllerLimits, now_ns: int) -> bytes:
+        """After hello: hold (it empties the ring), then what the controller keeps to by itself."""
+        return self.hold(now_ns) + self._send(now_ns, commands.limits(kept, self.scales))
+
     def set_tcp(self, T_flange_tcp: pin.SE3, now_ns: int) -> bytes:
         """Send the tool centre point; refused while force feedback runs."""
         self._refuse_during_feedback(Com.TCP)

@@ -3,7 +3,7 @@
 import numpy as np
 import pinocchio as pin
 
-READY_RAD = np.radians([-90.0, 30.0, -80.0, 0.0, -70.0, 0.0])
+READY_RAD = np.radians([0.0, 0.0, -90.0, 0.0, -90.0, 0.0])  # tool exactly down: A = 180
 JOINT_MIN_RAD = np.radians([-180.0, -135.0, -157.0, -200.0, -125.0, -360.0])
 JOINT_MAX_RAD = np.radians([180.0, 135.0, 157.0, 200.0, 125.0, 360.0])
 _AXES = ([0, 0, -1], [-1, 0, 0], [1, 0, 0], [0, 0, 1], [1, 0, 0], [0, 0, 1])

@@ -1,8 +1,9 @@
 """A robot controller on a real TCP socket: the other end of the packet protocol, with tantrums.
 
 It reads and writes with `common.packet` alone. Like the real program it streams 101 and 102 (one
-counter for both of a sample) and 103, takes ring commands one by one, and has a watchdog that is
-armed by the first command after hello or hold, and latches.
+counter for both of a sample) and 103, takes ring commands one by one, and has a watchdog that
+latches. It watches from the first packet after hello or hold that is more than a setting: then
+something may move, and silence is a fault.
 """
 
 import random
@@ -32,6 +33,8 @@ from common.packet_table import (
     pack_status,
 )
 from tests.fakes.robot_program import RobotProgram
+
+SETTINGS = {Com.SPEEDS, Com.GAINS, Com.LIMITS, Com.TCP}
 
 
 @dataclass(frozen=True, slots=True)
@@ -185,7 +188,7 @@ class FakeController:
         elif com == Com.HOLD:
             self._hold()
         else:
-            self._armed = True
+            self._armed |= com not in SETTINGS
             if com == Com.WRENCH:
                 robot.correct(packet)
             elif com == Com.FEEDBACK and packet.param == FeedbackSwitch.STOP:

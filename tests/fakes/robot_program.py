@@ -33,6 +33,7 @@ class RobotProgram:
     taken_id: int = NO_ID
     held_id: int = NO_ID
     watchdog_s: float = 0.25
+    rate_rad_s: float = np.inf  # of the joint with the longest way
     scales: VecInt = ZERO_VEC
     gains_p: VecInt = ZERO_VEC
     gains_i: VecInt = ZERO_VEC
@@ -83,9 +84,10 @@ class RobotProgram:
             self.target_rad = joints
 
     def move(self, dt_s: float) -> None:
-        """Let the joints follow, first order."""
-        share = 1.0 - np.exp(-dt_s / self.lag_s)
-        self.joint_rad = self.joint_rad + (self.target_rad - self.joint_rad) * share
+        """Let the joints follow, first order, no faster than the speeds allow."""
+        way_rad = (self.target_rad - self.joint_rad) * (1.0 - np.exp(-dt_s / self.lag_s))
+        fastest_rad = max(float(np.abs(way_rad).max()), 1e-12)
+        self.joint_rad = self.joint_rad + way_rad * min(1.0, self.rate_rad_s * dt_s / fastest_rad)
         moving = bool(np.abs(self.target_rad - self.joint_rad).max() > SETTLED_RAD)
         self.status = (self.status & ~Status.MOVING) | (Status.MOVING if moving else Status(0))
 
@@ -109,6 +111,17 @@ class RobotProgram:
             self.status |= Status.TARGET_REFUSED
         else:
             self.target_rad = target
+            self.rate_rad_s = self._rate_rad_s(target)
+
+    def _rate_rad_s(self, target_rad: np.ndarray) -> float:
+        """Joint rate at which the flange keeps the mechanical times the modular speed."""
+        speed_m_s = self.speeds[3] / self.scales[5] * 1e-3 * self.speeds[2] / 1e4
+        way_m = float(np.linalg.norm(pin.log6(self._pose_of_way(target_rad)).vector[:3]))
+        turn_rad = float(np.abs(target_rad - self.joint_rad).max())
+        return turn_rad * speed_m_s / way_m if way_m > 1e-6 and speed_m_s > 0.0 else np.inf
+
+    def _pose_of_way(self, target_rad: np.ndarray) -> pin.SE3:
+        return self.arm.pose(self.joint_rad).actInv(self.arm.pose(target_rad))
 
     def _target(self, packet: Packet) -> np.ndarray | None:
         if packet.com == Com.MOVE_POSE:

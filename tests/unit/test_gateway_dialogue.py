@@ -2,75 +2,31 @@
 
 from math import nan
 
-import numpy as np
-import pinocchio as pin
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from common.clock import NS_PER_S
 from common.errors import LocalProtocolError, RemoteProtocolError
-from common.messages import Gains, Speed
-from common.packet import Packet, PacketReader, encode
-from common.packet_table import ID_MAX, Com, Status, pack_status
+from common.messages import Speed
+from common.packet import Packet, encode
+from common.packet_table import ID_MAX, Com
 from services.gateway import commands
-from services.gateway.commands import ControllerLimits
 from services.gateway.dialogue import Dialogue, Pacing
 from services.gateway.reports import HealthReport, HelloReceived, JointReport, PoseReport
-from services.gateway.scales import Scales
-
-MS = NS_PER_S // 1000
-SCALES = Scales()
-GAINS = Gains(force_p_m_per_N=(1e-6, 1e-6, 1e-6))
-KEPT = ControllerLimits(
-    step_m=0.002, step_rad=0.02, speed_m_s=0.05, travel_m=0.1, force_N=60.0, watchdog_s=0.25
+from tests.fakes.dialogues import (
+    JOINTS,
+    MS,
+    SCALES,
+    SPEED,
+    at,
+    coms,
+    greeted,
+    in_feedback,
+    joint_report,
+    packets,
+    pose_report,
 )
-JOINTS = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5)
-SPEED = Speed()
-QUIET = Status(0)
-
-
-def packets(data: bytes) -> list[Packet]:
-    """Read what a dialogue wants to send."""
-    return PacketReader().feed(data)
-
-
-def coms(data: bytes) -> list[tuple[int, int]]:
-    """(Com, Param) of what a dialogue wants to send."""
-    return [(packet.com, packet.param) for packet in packets(data)]
-
-
-def at(x_mm: float) -> pin.SE3:
-    """A pose along x."""
-    return pin.SE3(np.eye(3), np.array([x_mm * 1e-3, 0.4, 0.3]))
-
-
-def pose_report(taken_id: int, status: Status = QUIET) -> bytes:
-    """101 as the controller sends it."""
-    return encode(Packet(taken_id, Com.POSE, pack_status(1, status)))
-
-
-def joint_report(framed_id: int) -> bytes:
-    """102 as the controller sends it."""
-    return encode(Packet(framed_id, Com.JOINTS, pack_status(1, Status(0))))
-
-
-def greeted(pacing: Pacing | None = None, last_id: int = 0) -> Dialogue:
-    """A dialogue after both hellos, at time 0."""
-    dialogue = Dialogue(SCALES, pacing, last_id=last_id)
-    hello = dialogue.connected(0)
-    dialogue.feed(hello, 0)
-    assert dialogue.ready
-    return dialogue
-
-
-def in_feedback() -> Dialogue:
-    """A dialogue whose controller runs position feedback."""
-    dialogue = greeted()
-    dialogue.start_feedback("position", GAINS, KEPT, permitted=True, now_ns=0)
-    dialogue.feed(pose_report(dialogue.last_id, Status.POSITION_FEEDBACK), 0)
-    dialogue.feed(joint_report(dialogue.last_id), 0)
-    return dialogue
 
 
 def test_hello_is_the_first_packet_and_asks_for_the_scales() -> None:
@@ -228,82 +184,6 @@ def test_without_permission_nothing_is_sent_and_nothing_is_kept_for_later() -> N
     dialogue.offer_wrench((1.0, 0.0, 0.0), (0.0, 0.0, 0.0))
     assert dialogue.tick(1000 * MS, permitted=False) == b""
     assert coms(dialogue.tick(1000 * MS, permitted=True)) == [(12, 0)]
-
-
-def test_limits_and_gains_go_before_the_start_of_feedback() -> None:
-    """10, both 6, then 7: the controller never runs on gains of somebody else."""
-    starts = {"position": [(7, 0)], "orientation": [(7, 1)], "both": [(7, 0), (7, 1)]}
-    for mode, start in starts.items():
-        data = greeted().start_feedback(mode, GAINS, KEPT, permitted=True, now_ns=0)  # type: ignore[arg-type]
-        assert coms(data) == [(10, 0), (6, 0), (6, 1), *start]
-
-
-def test_feedback_does_not_start_without_permission() -> None:
-    """The start is motion."""
-    dialogue = greeted()
-    with pytest.raises(LocalProtocolError, match="permission"):
-        dialogue.start_feedback("both", GAINS, KEPT, permitted=False, now_ns=0)
-    assert not dialogue.feedback_active
-
-
-def test_motion_and_tool_are_refused_while_feedback_runs() -> None:
-    """Commands 1, 2, 3 and 11, and a second start: from the request on, until it has ended."""
-    for dialogue in (greeted(), in_feedback()):
-        if not dialogue.feedback_active:
-            dialogue.start_feedback("position", GAINS, KEPT, permitted=True, now_ns=0)
-        before = dialogue.last_id
-        for refused in (
-            lambda d: d.move_to_pose(at(1), SPEED, 0),
-            lambda d: d.move_to_joints(JOINTS, SPEED, 0),
-            lambda d: d.move_by_joints(JOINTS, SPEED, 0),
-            lambda d: d.offer_setpoint(at(1)),
-            lambda d: d.set_tcp(at(1), 0),
-            lambda d: d.start_feedback("both", GAINS, KEPT, permitted=True, now_ns=0),
-        ):
-            with pytest.raises(LocalProtocolError, match="feedback"):
-                refused(dialogue)
-        assert dialogue.last_id == before
-
-
-def test_motion_waits_until_the_controller_says_that_feedback_has_ended() -> None:
-    """A stop that was sent is not yet a stop that has happened."""
-    dialogue = in_feedback()
-    assert coms(dialogue.stop_feedback(0)) == [(7, 2)]
-    with pytest.raises(LocalProtocolError, match="feedback"):
-        dialogue.move_to_pose(at(1), SPEED, 0)
-    dialogue.feed(pose_report(dialogue.last_id), 0)
-    assert not dialogue.feedback_active
-    assert dialogue.move_to_pose(at(1), SPEED, 0)
-
-
-def test_feedback_that_the_controller_ended_by_itself_is_noticed() -> None:
-    """Its watchdog or its limits may end it; then it is no longer wanted either."""
-    dialogue = in_feedback()
-    dialogue.feed(pose_report(dialogue.last_id, Status.HELD), 0)
-    assert not dialogue.feedback_active
-    with pytest.raises(LocalProtocolError, match="none runs"):
-        dialogue.offer_wrench((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
-
-
-def test_feedback_found_running_blocks_motion_too() -> None:
-    """A controller that says it runs is believed, whoever started it."""
-    dialogue = greeted()
-    dialogue.feed(pose_report(0, Status.ORIENTATION_FEEDBACK), 0)
-    with pytest.raises(LocalProtocolError, match="feedback"):
-        dialogue.offer_setpoint(at(1))
-
-
-def test_the_newest_wrench_goes_out_and_does_not_queue_up() -> None:
-    """At most two packets that the receiver has not framed; then the newest waits its turn."""
-    dialogue = in_feedback()
-    sent = []
-    for force_N in range(1, 6):
-        dialogue.offer_wrench((float(force_N), 0.0, 0.0), (0.0, 0.0, 0.0))
-        sent += packets(dialogue.tick(0, permitted=True))
-    assert [packet.vec[0] for packet in sent] == [100, 200]
-    dialogue.feed(joint_report(sent[-1].id), 0)
-    (last,) = packets(dialogue.tick(0, permitted=True))
-    assert (last.com, last.vec[0]) == (4, 500)
 
 
 def test_hold_is_command_8_and_forgets_all_motion() -> None:

@@ -1,0 +1,65 @@
+"""Dialogues in memory: what they want to send, and what a controller would say to them."""
+
+import numpy as np
+import pinocchio as pin
+
+from common.clock import NS_PER_S
+from common.messages import Gains, Speed
+from common.packet import Packet, PacketReader, encode
+from common.packet_table import Com, Status, pack_status
+from services.gateway.commands import ControllerLimits
+from services.gateway.dialogue import Dialogue, Pacing
+from services.gateway.scales import Scales
+
+MS = NS_PER_S // 1000
+SCALES = Scales()
+GAINS = Gains(force_p_m_per_N=(1e-6, 1e-6, 1e-6))
+KEPT = ControllerLimits(
+    step_m=0.002, step_rad=0.02, speed_m_s=0.05, travel_m=0.1, force_N=60.0, watchdog_s=0.25
+)
+JOINTS = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5)
+SPEED = Speed()
+QUIET = Status(0)
+
+
+def packets(data: bytes) -> list[Packet]:
+    """Read what a dialogue wants to send."""
+    return PacketReader().feed(data)
+
+
+def coms(data: bytes) -> list[tuple[int, int]]:
+    """(Com, Param) of what a dialogue wants to send."""
+    return [(packet.com, packet.param) for packet in packets(data)]
+
+
+def at(x_mm: float) -> pin.SE3:
+    """A pose along x."""
+    return pin.SE3(np.eye(3), np.array([x_mm * 1e-3, 0.4, 0.3]))
+
+
+def pose_report(taken_id: int, status: Status = QUIET) -> bytes:
+    """101 as the controller sends it."""
+    return encode(Packet(taken_id, Com.POSE, pack_status(1, status)))
+
+
+def joint_report(framed_id: int) -> bytes:
+    """102 as the controller sends it."""
+    return encode(Packet(framed_id, Com.JOINTS, pack_status(1, Status(0))))
+
+
+def greeted(pacing: Pacing | None = None, last_id: int = 0) -> Dialogue:
+    """A dialogue after both hellos, at time 0."""
+    dialogue = Dialogue(SCALES, pacing, last_id=last_id)
+    hello = dialogue.connected(0)
+    dialogue.feed(hello, 0)
+    assert dialogue.ready
+    return dialogue
+
+
+def in_feedback() -> Dialogue:
+    """A dialogue whose controller runs position feedback."""
+    dialogue = greeted()
+    dialogue.start_feedback("position", GAINS, KEPT, permitted=True, now_ns=0)
+    dialogue.feed(pose_report(dialogue.last_id, Status.POSITION_FEEDBACK), 0)
+    dialogue.feed(joint_report(dialogue.last_id), 0)
+    return dialogue

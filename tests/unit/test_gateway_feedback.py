@@ -1,0 +1,95 @@
+"""Force feedback in the dialogue: order of the start, what is refused meanwhile, how it ends."""
+
+import pytest
+
+from common.errors import LocalProtocolError
+from common.packet_table import Status
+from tests.fakes.dialogues import (
+    GAINS,
+    JOINTS,
+    KEPT,
+    SPEED,
+    at,
+    coms,
+    greeted,
+    in_feedback,
+    joint_report,
+    packets,
+    pose_report,
+)
+
+
+def test_limits_and_gains_go_before_the_start_of_feedback() -> None:
+    """10, both 6, then 7: the controller never runs on gains of somebody else."""
+    starts = {"position": [(7, 0)], "orientation": [(7, 1)], "both": [(7, 0), (7, 1)]}
+    for mode, start in starts.items():
+        data = greeted().start_feedback(mode, GAINS, KEPT, permitted=True, now_ns=0)  # type: ignore[arg-type]
+        assert coms(data) == [(10, 0), (6, 0), (6, 1), *start]
+
+
+def test_feedback_does_not_start_without_permission() -> None:
+    """The start is motion."""
+    dialogue = greeted()
+    with pytest.raises(LocalProtocolError, match="permission"):
+        dialogue.start_feedback("both", GAINS, KEPT, permitted=False, now_ns=0)
+    assert not dialogue.feedback_active
+
+
+def test_motion_and_tool_are_refused_while_feedback_runs() -> None:
+    """Commands 1, 2, 3 and 11, and a second start: from the request on, until it has ended."""
+    for dialogue in (greeted(), in_feedback()):
+        if not dialogue.feedback_active:
+            dialogue.start_feedback("position", GAINS, KEPT, permitted=True, now_ns=0)
+        before = dialogue.last_id
+        for refused in (
+            lambda d: d.move_to_pose(at(1), SPEED, 0),
+            lambda d: d.move_to_joints(JOINTS, SPEED, 0),
+            lambda d: d.move_by_joints(JOINTS, SPEED, 0),
+            lambda d: d.offer_setpoint(at(1)),
+            lambda d: d.set_tcp(at(1), 0),
+            lambda d: d.start_feedback("both", GAINS, KEPT, permitted=True, now_ns=0),
+        ):
+            with pytest.raises(LocalProtocolError, match="feedback"):
+                refused(dialogue)
+        assert dialogue.last_id == before
+
+
+def test_motion_waits_until_the_controller_says_that_feedback_has_ended() -> None:
+    """A stop that was sent is not yet a stop that has happened."""
+    dialogue = in_feedback()
+    assert coms(dialogue.stop_feedback(0)) == [(7, 2)]
+    with pytest.raises(LocalProtocolError, match="feedback"):
+        dialogue.move_to_pose(at(1), SPEED, 0)
+    dialogue.feed(pose_report(dialogue.last_id), 0)
+    assert not dialogue.feedback_active
+    assert dialogue.move_to_pose(at(1), SPEED, 0)
+
+
+def test_feedback_that_the_controller_ended_by_itself_is_noticed() -> None:
+    """Its watchdog or its limits may end it; then it is no longer wanted either."""
+    dialogue = in_feedback()
+    dialogue.feed(pose_report(dialogue.last_id, Status.HELD), 0)
+    assert not dialogue.feedback_active
+    with pytest.raises(LocalProtocolError, match="none runs"):
+        dialogue.offer_wrench((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+
+
+def test_feedback_found_running_blocks_motion_too() -> None:
+    """A controller that says it runs is believed, whoever started it."""
+    dialogue = greeted()
+    dialogue.feed(pose_report(0, Status.ORIENTATION_FEEDBACK), 0)
+    with pytest.raises(LocalProtocolError, match="feedback"):
+        dialogue.offer_setpoint(at(1))
+
+
+def test_the_newest_wrench_goes_out_and_does_not_queue_up() -> None:
+    """At most two packets that the receiver has not framed; then the newest waits its turn."""
+    dialogue = in_feedback()
+    sent = []
+    for force_N in range(1, 6):
+        dialogue.offer_wrench((float(force_N), 0.0, 0.0), (0.0, 0.0, 0.0))
+        sent += packets(dialogue.tick(0, permitted=True))
+    assert [packet.vec[0] for packet in sent] == [100, 200]
+    dialogue.feed(joint_report(sent[-1].id), 0)
+    (last,) = packets(dialogue.tick(0, permitted=True))
+    assert (last.com, last.vec[0]) == (4, 500)

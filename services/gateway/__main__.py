@@ -1,0 +1,7 @@
+"""Gateway: plays the robot with a Kawasaki controller."""
+
+from common.service import main
+from services.gateway.service import Gateway
+
+if __name__ == "__main__":
+    main("robot", Gateway)

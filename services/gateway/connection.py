@@ -1,0 +1,139 @@
+"""Link and dialogue joined: keeps a greeted connection up and the newest reports at hand."""
+
+from typing import Protocol
+
+from common.clock import NS_PER_S
+from common.errors import RemoteProtocolError
+from common.packet_table import Status
+from services.gateway.commands import ControllerLimits
+from services.gateway.dialogue import Dialogue
+from services.gateway.goals import Measured
+from services.gateway.link import News
+from services.gateway.reports import Event, HealthReport, HelloReceived, PoseReport
+
+# Bits without which the controller cannot obey, and bits with which it will not.
+NEEDED = {
+    Status.MOTOR_POWER: "the motors are off",
+    Status.PROGRAM_RUNNING: "the controller's program does not run",
+}
+FORBIDDEN = {
+    Status.WATCHDOG_LATCHED: "the controller's watchdog has latched",
+    Status.ERROR: "the controller reports an error",
+}
+
+
+class Wire(Protocol):
+    """What carries the bytes: a socket, or the emulator in lock step."""
+
+    connections: int
+    last_fault: str
+
+    def poll(self, now_ns: int) -> News:
+        """Return what happened since the last poll."""
+
+    def send(self, data: bytes, now_ns: int) -> bool:
+        """Hand bytes over."""
+
+    def greeted(self) -> None:
+        """Take note of a good hello."""
+
+    def close(self, reason: str, now_ns: int) -> None:
+        """Give the connection up."""
+
+
+class Connection:
+    """The way to the controller, as good as it is right now."""
+
+    def __init__(
+        self, wire: Wire, dialogue: Dialogue, kept: ControllerLimits, *, stale_after_s: float
+    ) -> None:
+        """Join the two; `poll` connects. `kept` goes out after every hello and hold."""
+        self.dialogue = dialogue
+        self.errors = 0  # connections that ended because of what the controller sent
+        self.measured: Measured | None = None
+        self.health: HealthReport | None = None
+        self._wire = wire
+        self._kept = kept
+        self._stale_after_s = stale_after_s
+        self._up = False
+        self._pose: PoseReport | None = None
+
+    @property
+    def reconnects(self) -> int:
+        """How often the connection was made again."""
+        return max(0, self._wire.connections - 1)
+
+    @property
+    def is_ready(self) -> bool:
+        """Connected and greeted."""
+        return self._up and self.dialogue.ready
+
+    def poll(self, now_ns: int) -> bool:
+        """Look after the link; tell whether a new pose with its joints has come in."""
+        news = self._wire.poll(now_ns)
+        if news.opened:
+            self._up = True
+            self.send(self.dialogue.connected(now_ns), now_ns)
+        is_new = False
+        try:
+            for event in self.dialogue.feed(news.data, now_ns) if news.data else ():
+                is_new |= self._take(event, now_ns)
+        except RemoteProtocolError as error:
+            self.errors += 1
+            self._wire.close(str(error), now_ns)
+            self._down()
+        if news.lost:
+            self._down()
+        return is_new
+
+    def close(self, now_ns: int) -> None:
+        """End the connection; `poll` would make a new one."""
+        self._wire.close("closed by the gateway", now_ns)
+        self._down()
+
+    def send(self, data: bytes, now_ns: int) -> None:
+        """Send what the dialogue wants sent; a failure shows at the next poll."""
+        if data:
+            self._wire.send(data, now_ns)
+
+    def trouble(self, now_ns: int) -> str:
+        """Return why the robot cannot be commanded, empty when it can."""
+        if not self.is_ready:
+            return self._wire.last_fault or "not connected to the controller yet"
+        if self.measured is None:
+            return "no pose from the controller yet"
+        age_s = (now_ns - self.measured.at_ns) / NS_PER_S
+        if age_s > self._stale_after_s:
+            limit_ms = self._stale_after_s * 1e3
+            return f"the controller's pose is {age_s * 1e3:.0f} ms old, limit {limit_ms:.0f} ms"
+        return ""
+
+    def unfit(self) -> str:
+        """Return which status bit keeps the controller from obeying, empty when none does."""
+        status = Status(0) if self.measured is None else self.measured.status
+        complaints = [text for bit, text in NEEDED.items() if not status & bit]
+        complaints += [text for bit, text in FORBIDDEN.items() if status & bit]
+        return "; ".join(complaints)
+
+    def _down(self) -> None:
+        self._up, self._pose, self.measured, self.health = False, None, None, None
+
+    def _take(self, event: Event, now_ns: int) -> bool:
+        if isinstance(event, HelloReceived):
+            self._wire.greeted()
+            self.send(self.dialogue.set_up(self._kept, now_ns), now_ns)
+        elif isinstance(event, HealthReport):
+            self.health = event
+        elif isinstance(event, PoseReport):
+            self._pose = event
+        elif self._pose is not None:
+            self.measured = Measured(
+                T_base_flange=self._pose.T_base_flange,
+                joint_rad=event.joint_rad,
+                status=event.status,
+                counter=event.counter,
+                taken_id=self.dialogue.taken_id,
+                at_ns=now_ns,
+            )
+            return True
+        return False

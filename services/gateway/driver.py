@@ -1,0 +1,236 @@
+"""Turns what the arbiter lets through into packets, and refuses what breaks a limit. No socket.
+
+A refusal is an exception, and the caller holds then. Whatever the dialogue has numbered is sent at
+once, also when a refusal follows: IDs have no gaps.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from common.clock import NS_PER_S
+from common.convert import pose_of, vec3
+from common.endpoints import Reading
+from common.errors import RefusedError
+from common.limits import Limits, check_wrench
+from common.messages import (
+    Feedback,
+    Goal,
+    GoalReport,
+    RobotCommand,
+    Speed,
+    Trip,
+    WrenchAtTcp,
+)
+from common.packet_table import FEEDBACK_BITS
+from services.gateway import goals
+from services.gateway.commands import ControllerLimits
+from services.gateway.dialogue import Dialogue
+from services.gateway.goals import Measured, Track
+from services.gateway.guard import Guard
+
+FEEDBACK_STARTS_WITHIN_S = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Running:
+    """Force feedback that the controller was asked to run."""
+
+    feedback: Feedback
+    since_ns: int
+
+
+class Driver:
+    """What the gateway does under permission: goals, set points, force feedback; and hold."""
+
+    def __init__(
+        self,
+        dialogue: Dialogue,
+        send: Callable[[bytes, int], None],
+        *,
+        guard: Guard,
+        limits: Limits,
+        kept: ControllerLimits,
+        T_flange_tcp: pin.SE3,
+    ) -> None:
+        """Start in hold, with nothing sent. `send` takes bytes and the time [ns]."""
+        self._dialogue = dialogue
+        self._send = send
+        self._guard = guard
+        self._limits = limits
+        self._kept = kept
+        self._T_flange_tcp = T_flange_tcp
+        self._stream_speed = Speed(mechanical_m_s=limits.speed_m_s)
+        self._track = Track()
+        self._running: Running | None = None
+        self._streaming = False  # set points flow: the first one was the measured pose
+        self._holding = True  # every connection begins with hello and hold
+        self._lease: tuple[int, int] | None = None
+        self._wrench_seen: tuple[int, int] | None = None
+
+    @property
+    def goal(self) -> GoalReport:
+        """What became of the goal that was given last."""
+        return self._track.report
+
+    def disconnected(self) -> None:
+        """A new connection begins in hold, whatever was under way on the old one."""
+        self._holding = True
+
+    def hold(self, reason: str, now_ns: int) -> None:
+        """Brake and hold: command 8 once, and nothing of before goes on."""
+        if self._track.on_the_way:
+            self._track = self._track.ended("refused", reason)
+        self._running, self._streaming = None, False
+        if not self._holding and self._dialogue.ready:
+            self._holding = True
+            self._send(self._dialogue.hold(now_ns), now_ns)
+
+    def follow_goal(self, measured: Measured, now_ns: int) -> None:
+        """Look what became of the goal."""
+        self._track = goals.follow(self._track, measured, now_ns)
+
+    def obey(
+        self,
+        command: RobotCommand,
+        measured: Measured,
+        *,
+        lease: tuple[int, int],
+        wrench: Reading[WrenchAtTcp],
+        is_new: bool,
+        now_ns: int,
+    ) -> None:
+        """Do what a permitted command says.
+
+        Raises RefusedError when it breaks a limit of this cell or asks for what cannot be, and
+        LocalProtocolError when it does not fit into a packet.
+        """
+        self._holding = False
+        if lease != self._lease:
+            self._lease, self._track = lease, Track()
+            self._guard.start(measured.T_base_flange)
+        if wrench.fresh is not None:
+            force_N, torque_Nm = wrench.fresh.force_N, wrench.fresh.torque_Nm
+            _refuse(check_wrench(self._limits, np.array(force_N), np.array(torque_Nm)))
+        if command.kind == "feedback":
+            self._obey_feedback(command, wrench, now_ns)
+            return
+        self._end_feedback(now_ns)
+        if command.kind == "goal" and command.goal is not None:
+            self._pursue(command.goal, command.speed, measured, now_ns)
+        elif command.kind != "setpoint":
+            self._idle(now_ns)
+        elif is_new:
+            self._stream(command, measured, now_ns)
+
+    # --- goals and set points ---------------------------------------------------------------------
+
+    def _pursue(self, goal: Goal, speed: Speed, measured: Measured, now_ns: int) -> None:
+        self._streaming = False
+        track = self._track
+        if goal.id == track.report.id and track.report.state != "queued":
+            return
+        if goal.id != track.report.id and track.on_the_way:
+            self._idle(now_ns)
+            self._track = goals.refused(goal, "a goal was on its way; it is braked")
+            return
+        trip = self._guard.goal(goal, speed, measured.joint_rad)
+        if trip is not None:
+            self._track = goals.refused(goal, trip.text)
+        elif self._dialogue.feedback_active:
+            self._track = goals.queued(goal)
+        else:
+            self._send(self._goal_bytes(goal, speed, now_ns), now_ns)
+            self._track = goals.sent(goal, self._dialogue.last_id, measured.joint_rad, now_ns)
+
+    def _goal_bytes(self, goal: Goal, speed: Speed, now_ns: int) -> bytes:
+        if goal.kind == "pose" and goal.pose is not None:
+            return self._dialogue.move_to_pose(pose_of(goal.pose), speed, now_ns)
+        if goal.joint_rad is None:
+            raise RefusedError("malformed", f"a goal of kind {goal.kind} without its numbers")
+        if goal.kind == "by":
+            return self._dialogue.move_by_joints(goal.joint_rad, speed, now_ns)
+        return self._dialogue.move_to_joints(goal.joint_rad, speed, now_ns)
+
+    def _stream(self, command: RobotCommand, measured: Measured, now_ns: int) -> None:
+        """Offer a set point; the first of a stream is the measured pose, so that nothing jumps."""
+        if command.pose is None:
+            raise RefusedError("malformed", "a set point without a pose")
+        if self._dialogue.feedback_active:  # still ending
+            return
+        if not self._streaming:
+            self._idle(now_ns)
+            self._guard.seed(measured.T_base_flange, now_ns)
+            self._send(self._dialogue.set_speed(self._stream_speed, now_ns), now_ns)
+            self._dialogue.offer_setpoint(measured.T_base_flange)
+            self._send(self._dialogue.tick(now_ns, permitted=True), now_ns)
+            self._streaming = True
+        T_wanted = pose_of(command.pose)
+        _refuse(self._guard.setpoint(T_wanted, measured.T_base_flange, now_ns))
+        self._dialogue.offer_setpoint(T_wanted)
+
+    def _idle(self, now_ns: int) -> None:
+        """Permission without a motion: a goal that is still on its way is braked."""
+        if self._track.on_the_way:
+            self._track = self._track.ended("refused", "the arbiter took the goal back")
+            self._send(self._dialogue.hold(now_ns), now_ns)
+
+    # --- force feedback ---------------------------------------------------------------------------
+
+    def _obey_feedback(
+        self, command: RobotCommand, wrench: Reading[WrenchAtTcp], now_ns: int
+    ) -> None:
+        feedback, permission, running = command.feedback, command.permission, self._running
+        if feedback is None or permission is None or permission.host != "controller":
+            raise RefusedError("host", "force feedback needs a permission for host controller")
+        if wrench.fresh is None or wrench.header is None:
+            raise RefusedError("input", wrench.fault)
+        self._streaming = False
+        self._idle(now_ns)
+        if running is None:
+            self._start_feedback(feedback, now_ns)
+        elif not self._dialogue.feedback_active:
+            raise RefusedError("feedback", "the controller has ended force feedback by itself")
+        elif feedback.mode != running.feedback.mode:
+            self._end_feedback(now_ns)
+        else:
+            if feedback.gains != running.feedback.gains:
+                self._send(self._dialogue.set_gains(feedback.gains, now_ns), now_ns)
+                self._running = Running(feedback, running.since_ns)
+            sample = (wrench.header.epoch, wrench.header.seq)
+            self._feed_back(feedback, wrench.fresh, sample, now_ns - running.since_ns)
+
+    def _start_feedback(self, feedback: Feedback, now_ns: int) -> None:
+        if self._dialogue.feedback_active:  # still ending
+            return
+        self._send(self._dialogue.set_tcp(self._T_flange_tcp, now_ns), now_ns)
+        data = self._dialogue.start_feedback(
+            feedback.mode, feedback.gains, self._kept, permitted=True, now_ns=now_ns
+        )
+        self._send(data, now_ns)
+        self._running = Running(feedback, now_ns)
+
+    def _end_feedback(self, now_ns: int) -> None:
+        if self._running is not None:
+            self._running = None
+            self._send(self._dialogue.stop_feedback(now_ns), now_ns)
+
+    def _feed_back(
+        self, feedback: Feedback, wrench: WrenchAtTcp, sample: tuple[int, int], since_ns: int
+    ) -> None:
+        """Offer each sample once: the controller integrates what it is sent."""
+        if not self._dialogue.status & FEEDBACK_BITS:
+            if since_ns > FEEDBACK_STARTS_WITHIN_S * NS_PER_S:
+                raise RefusedError("feedback", "the controller did not start force feedback")
+        elif sample != self._wrench_seen:
+            self._wrench_seen = sample
+            error_N = np.array(wrench.force_N) - np.array(feedback.setpoint_force_N)
+            self._dialogue.offer_wrench(vec3(error_N), wrench.torque_Nm)
+
+
+def _refuse(trip: Trip | None) -> None:
+    if trip is not None:
+        limit = "" if trip.limit is None else f" (limit {trip.limit:.6g})"
+        raise RefusedError(trip.code, trip.text + limit)

@@ -1,0 +1,135 @@
+"""What became of a goal: told from the IDs and status bits that the controller reports. Pure."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pinocchio as pin
+
+from common.clock import NS_PER_S
+from common.convert import pose_of
+from common.frames import rotation_between
+from common.messages import Goal, GoalReport, GoalState, Vec6
+from common.packet_table import NO_ID, Status, id_reached
+
+NO_GOAL = GoalReport()
+REACHED_M = 5e-4
+REACHED_RAD = 3e-3
+TAKEN_WITHIN_S = 2.0
+# ID and status of a report are not read by the controller at one instant: believe what two say.
+REPORTS_TO_BELIEVE = 2
+STOPPED_SHORT_S = 0.5  # at rest, but not where it should be
+
+
+@dataclass(frozen=True, slots=True)
+class Measured:
+    """The newest pose and joints that the controller reported."""
+
+    T_base_flange: pin.SE3
+    joint_rad: Vec6
+    status: Status
+    counter: int
+    taken_id: int
+    at_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class Track:
+    """A goal from its packet to its end."""
+
+    report: GoalReport = NO_GOAL
+    packet_id: int = NO_ID
+    T_target: pin.SE3 | None = None
+    joint_target_rad: Vec6 | None = None
+    sent_ns: int = 0
+    rest_ns: int | None = None  # since when it was taken and the arm is at rest
+    candidate: GoalState = "running"  # what the last report said
+    counter: int = -1  # of the last report that was looked at
+    agreeing: int = 0  # reports that said the same
+
+    @property
+    def on_the_way(self) -> bool:
+        """The goal is neither done nor refused."""
+        return self.report.state in {"queued", "running"}
+
+    def ended(self, state: GoalState, reason: str = "") -> "Track":
+        """Return the goal as it ended."""
+        report = GoalReport(id=self.report.id, state=state, reason=reason[:400])
+        return replace(self, report=report)
+
+
+def queued(goal: Goal) -> Track:
+    """Return a goal that waits until force feedback has ended."""
+    return Track(GoalReport(id=goal.id, state="queued"))
+
+
+def refused(goal: Goal, reason: str) -> Track:
+    """Return a goal that was never sent."""
+    return Track(GoalReport(id=goal.id, state="refused", reason=reason[:400]))
+
+
+def sent(goal: Goal, packet_id: int, joint_rad: Vec6, now_ns: int) -> Track:
+    """Return a goal whose packet was sent while the joints were at `joint_rad` [rad]."""
+    joints = goal.joint_rad
+    if goal.kind == "by" and joints is not None:
+        a, b, c, d, e, f = (q + dq for q, dq in zip(joint_rad, joints, strict=True))
+        joints = (a, b, c, d, e, f)
+    return Track(
+        GoalReport(id=goal.id, state="running"),
+        packet_id,
+        T_target=None if goal.pose is None or goal.kind != "pose" else pose_of(goal.pose),
+        joint_target_rad=None if goal.kind == "pose" else joints,
+        sent_ns=now_ns,
+    )
+
+
+def follow(track: Track, measured: Measured, now_ns: int) -> Track:
+    """Return the goal as the newest report shows it."""
+    if track.report.state != "running":
+        return track
+    if not id_reached(measured.taken_id, track.packet_id):
+        if now_ns - track.sent_ns > TAKEN_WITHIN_S * NS_PER_S:
+            return track.ended("refused", f"not taken by the controller in {TAKEN_WITHIN_S:g} s")
+        return track
+    if measured.counter == track.counter:
+        return track
+    candidate, reason, rest_ns = _verdict(track, measured, now_ns)
+    agreeing = track.agreeing + 1 if candidate == track.candidate else 1
+    track = replace(
+        track, candidate=candidate, agreeing=agreeing, rest_ns=rest_ns, counter=measured.counter
+    )
+    if candidate == "running" or agreeing < REPORTS_TO_BELIEVE:
+        return track
+    return track.ended(candidate, reason)
+
+
+def _verdict(track: Track, measured: Measured, now_ns: int) -> tuple[GoalState, str, int | None]:
+    """Return what one report says: state, reason, since when the arm is at rest."""
+    if measured.status & Status.MOVING:
+        return "running", "", None
+    rest_ns = now_ns if track.rest_ns is None else track.rest_ns
+    if measured.status & Status.TARGET_REFUSED:
+        return "refused", "the controller refused the target: range, reach or limits", rest_ns
+    if measured.status & Status.HELD:
+        return "refused", "the controller holds", rest_ns
+    missing = _missing(track, measured)
+    if not missing:
+        return "done", "", rest_ns
+    if now_ns - rest_ns > STOPPED_SHORT_S * NS_PER_S:
+        return "refused", f"the arm stopped {missing} away from the target", rest_ns
+    return "running", "", rest_ns
+
+
+def _missing(track: Track, measured: Measured) -> str:
+    """Return how far the arm is from its target in words, empty when it is there."""
+    if track.T_target is not None:
+        T = measured.T_base_flange
+        way_m = float(np.linalg.norm(track.T_target.translation - T.translation))
+        turn_rad = float(np.linalg.norm(rotation_between(T.rotation, track.T_target.rotation)))
+        if way_m <= REACHED_M and turn_rad <= REACHED_RAD:
+            return ""
+        return f"{way_m * 1e3:.2f} mm and {np.degrees(turn_rad):.2f} degrees"
+    if track.joint_target_rad is None:
+        return ""
+    turns = np.array(measured.joint_rad) - np.array(track.joint_target_rad)
+    turn_rad = float(np.abs(turns).max())
+    return "" if turn_rad <= REACHED_RAD else f"{np.degrees(turn_rad):.2f} degrees"

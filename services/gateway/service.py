@@ -1,0 +1,204 @@
+"""The gateway on the bus: the robot's role, played by a Kawasaki controller over TCP."""
+
+from math import radians
+
+from common import topics
+from common.cell import Cell, GatewaySection
+from common.clock import NS_PER_S
+from common.convert import record_of
+from common.endpoints import Bus
+from common.errors import ConfigError, LocalProtocolError, RefusedError
+from common.limits import Limits
+from common.messages import LinkHealth, RobotState, RobotStatus
+from common.packet_table import ID_MAX, Status
+from common.permission import CommandGate, Verdict
+from services.gateway.commands import ControllerLimits
+from services.gateway.connection import Connection, Wire
+from services.gateway.dialogue import Dialogue, Pacing
+from services.gateway.driver import Driver
+from services.gateway.goals import Measured
+from services.gateway.guard import Guard
+from services.gateway.link import Link, LinkSettings
+from services.gateway.scales import Scales
+
+STEP_S = 0.002  # how long a report of the controller may wait in the socket
+EARLY = 0.75  # a report that comes this share of a period after the last one is passed on
+
+
+class Gateway:
+    """Obeys `robot/command` under the arbiter's permission; says where the arm is."""
+
+    def __init__(self, bus: Bus, cell: Cell, wire: Wire | None = None) -> None:
+        """Take the topics of the robot; `wire` replaces the socket."""
+        section = cell.gateway
+        if section is None:
+            raise ConfigError(cell.cell, ["gateway: the section is missing"])
+        self.period_s = STEP_S
+        self.fault = ""
+        limits, kept = Limits.of(cell), controller_limits(cell, section)
+        pacing = Pacing(
+            max_untaken=section.max_untaken_setpoints, heartbeat_after_s=section.heartbeat_s
+        )
+        # A process that starts anew does not take reports about its predecessor's IDs for its own.
+        self._dialogue = Dialogue(scales_of(section), pacing, last_id=bus.epoch % ID_MAX + 1)
+        self._connection = Connection(
+            wire or Link(LinkSettings(section.host, section.port)),
+            self._dialogue,
+            kept,
+            stale_after_s=cell.stale_after_s(topics.ROBOT_STATE),
+        )
+        self._driver = Driver(
+            self._dialogue,
+            self._connection.send,
+            guard=Guard(limits, cell.tool.T_flange_tcp.pose),
+            limits=limits,
+            kept=kept,
+            T_flange_tcp=cell.tool.T_flange_tcp.pose,
+        )
+        self._gate = CommandGate()
+        self._verdict = Verdict(None, "no command yet", None)
+        self._state_period_ns = round(NS_PER_S / cell.rates.robot_hz)
+        self._said_ns = 0
+        self._refusals = 0
+        self._command = bus.reader(topics.ROBOT_COMMAND)
+        self._wrench = bus.reader(topics.WRENCH)
+        self._state = bus.publisher(topics.ROBOT_STATE)
+        self.trigger = self._command
+
+    def counters(self) -> dict[str, int]:
+        """Return what was dropped, refused or lost."""
+        return {
+            "command_superseded": self._command.counters.superseded,
+            "reconnects": self._connection.reconnects,
+            "protocol_errors": self._connection.errors,
+            "refusals": self._refusals,
+            "untaken": self._dialogue.untaken,
+            "unframed": self._dialogue.unframed,
+        }
+
+    def close(self, now_ns: int) -> None:
+        """Let the controller go: it holds when the connection ends."""
+        self._connection.close(now_ns)
+
+    def step(self, now_ns: int) -> None:
+        """Listen to the controller, obey or hold, say where the arm is."""
+        is_new = self._connection.poll(now_ns)
+        self.fault = self._connection.trouble(now_ns)
+        self._verdict = self._judge(now_ns)
+        if self._verdict.command is None:
+            self._driver.hold(self._verdict.hold_reason, now_ns)
+        measured = self._connection.measured
+        if measured is not None:
+            self._driver.follow_goal(measured, now_ns)
+        self._say(is_new, now_ns)
+
+    # --- obeying ----------------------------------------------------------------------------------
+
+    def _judge(self, now_ns: int) -> Verdict:
+        """Obey a permitted command; whatever stands in the way ends its lease."""
+        verdict = self._gate.judge(self._command.read(now_ns), now_ns)
+        measured = self._connection.measured
+        if not self._connection.is_ready:
+            self._driver.disconnected()
+        if self.fault or measured is None:
+            return self._gate.revoke(self.fault)
+        if verdict.command is None:
+            return verdict
+        if complaint := self._connection.unfit():
+            return self._gate.revoke(complaint)
+        try:
+            self._obey(verdict, measured, now_ns)
+        except (LocalProtocolError, RefusedError) as error:
+            self._refusals += 1
+            return self._gate.revoke(str(error))
+        return verdict
+
+    def _obey(self, verdict: Verdict, measured: Measured, now_ns: int) -> None:
+        command, accepted = verdict.command, verdict.accepted
+        if command is None or command.permission is None or accepted is None:
+            return
+        self._driver.obey(
+            command,
+            measured,
+            lease=(accepted.epoch, command.permission.lease),
+            wrench=self._wrench.read(now_ns),
+            is_new=verdict.is_new,
+            now_ns=now_ns,
+        )
+        self._connection.send(self._dialogue.tick(now_ns, permitted=True), now_ns)
+
+    # --- saying -----------------------------------------------------------------------------------
+
+    def _say(self, is_new: bool, now_ns: int) -> None:  # noqa: FBT001 - one flag of one caller
+        """Pass every report on; when none comes any more, say so at the usual rate."""
+        since_ns = now_ns - self._said_ns
+        measured = self._connection.measured
+        if is_new and measured is not None and since_ns >= EARLY * self._state_period_ns:
+            self._said_ns = now_ns
+            self._state.put(self._state_of(measured))
+        elif self.fault and since_ns >= self._state_period_ns:
+            self._said_ns = now_ns
+            self._state.put(
+                RobotState(
+                    valid=False,
+                    reason=self.fault[:400],
+                    goal=self._driver.goal,
+                    hold_reason=self._verdict.hold_reason[:400],
+                    link=self._link_health(),
+                )
+            )
+
+    def _state_of(self, measured: Measured) -> RobotState:
+        flange, health = record_of(measured.T_base_flange), self._connection.health
+        return RobotState(
+            position_m=flange.position_m,
+            orientation_xyzw=flange.orientation_xyzw,
+            joint_rad=measured.joint_rad,
+            status=robot_status(measured.status),
+            error_code=0 if health is None else health.error_code,
+            goal=self._driver.goal,
+            accepted=self._verdict.accepted,
+            hold_reason=self._verdict.hold_reason[:400],
+            link=self._link_health(),
+        )
+
+    def _link_health(self) -> LinkHealth:
+        return LinkHealth(
+            connected=self._connection.is_ready,
+            round_trip_s=self._dialogue.round_trip_s,
+            reconnects=self._connection.reconnects,
+            errors=self._connection.errors,
+        )
+
+
+def robot_status(status: Status) -> RobotStatus:
+    """Return the controller's bits by name."""
+    return RobotStatus(**{bit.name.lower(): bool(status & bit) for bit in Status if bit.name})
+
+
+def scales_of(section: GatewaySection) -> Scales:
+    """Return the scales that a cell file asks for. Raise ConfigError for impossible ones."""
+    try:
+        return Scales(
+            position_per_mm=section.position_per_mm,
+            oat_per_deg=section.oat_per_deg,
+            joint_per_deg=section.joint_per_deg,
+            force_per_N=section.force_per_N,
+            torque_per_Nm=section.torque_per_Nm,
+            speed_per_mm_s=section.speed_per_mm_s,
+        )
+    except LocalProtocolError as error:
+        raise ConfigError("section gateway", [str(error)]) from error
+
+
+def controller_limits(cell: Cell, section: GatewaySection) -> ControllerLimits:
+    """Return what the controller shall keep to by itself, also when nobody hears us."""
+    limits = cell.limits
+    return ControllerLimits(
+        step_m=limits.step_m,
+        step_rad=radians(limits.step_deg),
+        speed_m_s=min(limits.speed_m_s, cell.force.speed_max_m_s),
+        travel_m=limits.tether_m,
+        force_N=limits.force_N,
+        watchdog_s=section.watchdog_s,
+    )

@@ -1,0 +1,121 @@
+"""Force feedback in the controller, as the gateway runs it: start, wrenches, end."""
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from common.messages import Feedback, Gains, WrenchAtTcp
+from common.packet import Packet
+from common.packet_table import Com, Status
+from tests.contract.rig import pose_goal, shifted
+from tests.fakes.gateway_cell import GatewayCell, a_cell
+
+GAINS = Gains(force_p_m_per_N=(2e-6, 2e-6, 2e-6), force_i_m_per_Ns=(1e-5, 1e-5, 1e-5))
+
+
+@pytest.fixture
+def cell() -> Iterator[GatewayCell]:
+    """A connected cell."""
+    with a_cell() as cell:
+        cell.rig.connect()
+        yield cell
+
+
+def start_feedback(cell: GatewayCell) -> None:
+    """Run position feedback with 10 N as set point, while 12 N push along z."""
+    cell.rig.arm()
+    cell.rig.wrench = WrenchAtTcp(force_N=(1.0, 0.0, 12.0), torque_Nm=(0.1, 0.2, 0.3))
+    feedback = Feedback(mode="position", setpoint_force_N=(0.0, 0.0, 10.0), gains=GAINS)
+    cell.rig.say("feedback", host="controller", feedback=feedback)
+    cell.rig.until(lambda: len(cell.controller.of(Com.WRENCH)) >= 5)
+
+
+def test_the_controller_gets_tool_and_gains_then_the_start_then_wrench_minus_set_point(
+    cell: GatewayCell,
+) -> None:
+    """11, 10, 6, 6, 7, and then 4 with newtons and newton metres in base axes."""
+    start_feedback(cell)
+    assert cell.coms()[3:9] == [
+        Com.TCP, Com.LIMITS, Com.GAINS, Com.GAINS, Com.FEEDBACK, Com.WRENCH,
+    ]  # fmt: skip
+    assert cell.controller.robot.tcp == (0, 0, 160 * 50, 0, 0, 0)
+    assert cell.controller.of(Com.WRENCH)[0].vec == (100, 0, 200, 100, 200, 300)
+    assert cell.controller.robot.gains_p == (2000, 2000, 2000, 0, 0, 0)
+    assert cell.controller.robot.gains_i == (100, 100, 100, 0, 0, 0)
+    assert cell.rig.state.status.position_feedback
+    assert not cell.rig.state.status.orientation_feedback
+
+
+def test_a_wrench_is_sent_once(cell: GatewayCell) -> None:
+    """The controller integrates what it is sent: the same sample again would count twice."""
+    start_feedback(cell)
+    cell.rig._next_ns += 10**12  # the stand-ins for arbiter and wrench say nothing new
+    cell.rig.advance(0.02)
+    sent = len(cell.controller.of(Com.WRENCH))
+    cell.rig.advance(0.05)
+    assert len(cell.controller.of(Com.WRENCH)) <= sent + 1
+    assert cell.rig.state.hold_reason == ""
+
+
+def test_idle_stops_force_feedback(cell: GatewayCell) -> None:
+    """7 with Param 2, and moves are possible again."""
+    start_feedback(cell)
+    cell.rig.say("idle")
+    cell.rig.until(lambda: not cell.rig.state.status.position_feedback)
+    assert Packet(0, 7, 2).frames[1:] in [p.frames[1:] for p in cell.controller.of(Com.FEEDBACK)]
+    cell.rig.say("goal", goal=pose_goal(1, shifted(cell.rig.T, z_m=0.005)))
+    cell.rig.until(lambda: cell.rig.state.goal.state == "done")
+
+
+def test_a_move_waits_until_force_feedback_has_ended(cell: GatewayCell) -> None:
+    """Commanded in the same breath: stop first, then the move."""
+    start_feedback(cell)
+    cell.rig.say("goal", goal=pose_goal(1, shifted(cell.rig.T, z_m=0.005)))
+    cell.rig.until(lambda: cell.rig.state.goal.state == "done")
+    tail = [com for com in cell.coms() if com in {Com.FEEDBACK, Com.MOVE_POSE}]
+    assert tail == [Com.FEEDBACK, Com.FEEDBACK, Com.MOVE_POSE]
+
+
+def test_new_gains_reach_a_running_feedback(cell: GatewayCell) -> None:
+    """Without a stop."""
+    start_feedback(cell)
+    gains = GAINS.model_copy(update={"force_p_m_per_N": (3e-6, 3e-6, 3e-6)})
+    cell.rig.say("feedback", host="controller", feedback=Feedback(mode="position", gains=gains))
+    cell.rig.until(lambda: cell.controller.robot.gains_p[0] == 3000)
+    assert len(cell.controller.of(Com.FEEDBACK)) == 1
+
+
+@pytest.mark.parametrize("cause", ["hold", "no wrench", "too much force", "ended by itself"])
+def test_force_feedback_ends_in_hold(cell: GatewayCell, cause: str) -> None:
+    """8 goes out, no wrench follows, and it does not start again under the same lease."""
+    start_feedback(cell)
+    if cause == "hold":
+        cell.rig.say_hold()
+    elif cause == "no wrench":
+        cell.rig.wrench = None
+    elif cause == "too much force":
+        cell.rig.wrench = WrenchAtTcp(force_N=(0.0, 0.0, 61.0))
+    else:
+        cell.controller.robot.status &= ~Status.POSITION_FEEDBACK
+    cell.rig.until(lambda: cell.rig.state.hold_reason)
+    cell.rig.until(lambda: not cell.rig.state.status.position_feedback)
+    cell.rig.advance(0.05)
+    assert cell.controller.received[-1].packet.com == Com.HOLD
+    cell.rig.wrench = WrenchAtTcp()
+    starts, wrenches = len(cell.controller.of(Com.FEEDBACK)), len(cell.controller.of(Com.WRENCH))
+    cell.rig.advance(0.2)
+    assert len(cell.controller.of(Com.FEEDBACK)) == starts
+    assert len(cell.controller.of(Com.WRENCH)) == wrenches
+
+
+def test_the_arm_gives_way_to_the_force(cell: GatewayCell) -> None:
+    """Sign, end to end: the environment pushes up, the flange goes up, and nowhere else."""
+    start = cell.controller.T_base_flange.translation
+    cell.rig.arm()
+    cell.rig.wrench = WrenchAtTcp(force_N=(0.0, 0.0, 20.0))
+    feedback = Feedback(mode="position", gains=GAINS)
+    cell.rig.say("feedback", host="controller", feedback=feedback)
+    cell.rig.until(lambda: cell.controller.T_base_flange.translation[2] > start[2] + 0.001)
+    moved = cell.controller.T_base_flange.translation - start
+    assert np.abs(moved[:2]).max() < 1e-5

@@ -1,0 +1,131 @@
+"""The limits at the last hop: the same laws as the arbiter's, with a state of their own."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from common.clock import NS_PER_S
+from common.config import load_cell
+from common.convert import record_of
+from common.frames import rotation_from_vector
+from common.limits import Limits
+from common.messages import Goal, Speed, Trip
+from services.gateway.guard import SPEED_MARGIN, Guard
+from tests.contract.rig import DEMO_CELL, shifted
+
+CELL = load_cell(
+    DEMO_CELL,
+    {"limits.tether_m": 0.2, "limits.step_m": 0.01, "limits.speed_m_s": 0.1, "limits.step_deg": 5},
+)
+LIMITS = Limits.of(CELL)
+T_FLANGE_TCP = CELL.tool.T_flange_tcp.pose
+DOWN = pin.SE3(np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.5, 0.3]))  # TCP 160 mm below
+JOINTS = (0.0, 0.0, -1.5, 0.0, -1.5, 0.0)
+MS = NS_PER_S // 1000
+
+
+def guard_at(T: pin.SE3, now_ns: int = 0) -> Guard:
+    """A guard whose lease and stream begin at a pose."""
+    guard = Guard(LIMITS, T_FLANGE_TCP)
+    guard.start(T)
+    guard.seed(T, now_ns)
+    return guard
+
+
+def code(trip: Trip | None) -> str:
+    """The rule, or nothing."""
+    return "" if trip is None else trip.code
+
+
+@pytest.mark.parametrize(
+    ("p_m", "rule"),
+    [
+        ((0.0, 0.5, 0.3), ""),
+        ((0.0, 0.509, 0.3), ""),
+        ((0.0, 0.511, 0.3), "step"),
+        ((0.0, 0.5, -0.05), "workspace"),  # the flange is inside, the tool is not
+        ((float("nan"), 0.5, 0.3), "not_finite"),
+    ],
+)
+def test_a_set_point_is_judged_by_tool_step_and_finiteness(
+    p_m: tuple[float, float, float], rule: str
+) -> None:
+    """Workspace counts at the TCP, the step from the measured pose."""
+    assert code(guard_at(DOWN).setpoint(pin.SE3(DOWN.rotation, np.array(p_m)), DOWN, 0)) == rule
+
+
+def test_a_turn_of_one_step_is_refused_above_its_limit() -> None:
+    """5 degrees at once, not 5.1."""
+    for turn_deg, rule in ((4.9, ""), (5.1, "step")):
+        R = rotation_from_vector(np.array([0.0, 0.0, np.radians(turn_deg)])) @ DOWN.rotation
+        assert code(guard_at(DOWN).setpoint(pin.SE3(R, DOWN.translation), DOWN, 0)) == rule
+
+
+@given(st.floats(0.05, 3.0), st.integers(1, 40))
+def test_a_stream_keeps_the_speed_limit_whatever_its_period(factor: float, period_ms: int) -> None:
+    """Below the limit nothing trips; well above it a second is never survived."""
+    guard, step_m = guard_at(DOWN), factor * LIMITS.speed_m_s * period_ms * 1e-3
+    T, tripped = DOWN, ""
+    for number in range(1, 1000 // period_ms + 1):
+        wanted = shifted(T, x_m=step_m * (-1) ** (number // 20))
+        tripped = code(guard.setpoint(wanted, T, number * period_ms * MS))
+        if tripped:
+            break
+        T = wanted
+    if factor <= 1.0 and step_m < LIMITS.step_m:
+        assert tripped == ""
+    if factor > 1.3 * SPEED_MARGIN:
+        assert tripped in {"speed", "step"}
+
+
+def test_the_tether_is_fastened_where_the_lease_began() -> None:
+    """200 mm from there, however small the steps; a new lease fastens it anew."""
+    guard, T, now_ns = guard_at(DOWN), DOWN, 0
+    rules: list[str] = []
+    while not rules or rules[-1] == "":
+        now_ns += 100 * MS
+        wanted = shifted(T, x_m=0.0051)
+        rules.append(code(guard.setpoint(wanted, T, now_ns)))
+        T = wanted
+    assert (len(rules), rules[-1]) == (40, "tether")  # 39 * 5.1 = 198.9 mm
+    guard.start(T)
+    guard.seed(T, now_ns)
+    assert guard.setpoint(shifted(T, x_m=0.005), T, now_ns) is None
+
+
+@pytest.mark.parametrize(
+    ("goal", "rule"),
+    [
+        (Goal(id=1, kind="pose", pose=record_of(shifted(DOWN, x_m=0.19))), ""),
+        (Goal(id=1, kind="pose", pose=record_of(shifted(DOWN, x_m=0.21))), "tether"),
+        (Goal(id=1, kind="pose", pose=record_of(shifted(DOWN, x_m=0.41))), "workspace"),
+        (Goal(id=1, kind="joints", joint_rad=(0.0, 0.0, 0.0, 0.0, 0.0, 6.2)), ""),
+        (Goal(id=1, kind="joints", joint_rad=(0.0, 0.0, 0.0, 0.0, 0.0, 6.4)), "joint"),
+        (Goal(id=1, kind="by", joint_rad=(0.0, 0.0, -1.0, 0.0, 0.0, 0.0)), ""),
+        (Goal(id=1, kind="by", joint_rad=(0.0, 0.0, -1.5, 0.0, 0.0, 0.0)), "joint"),
+        (Goal(id=1, kind="pose"), "malformed"),
+        (Goal(id=1, kind="by"), "malformed"),
+    ],
+)
+def test_a_goal_is_judged_at_its_end(goal: Goal, rule: str) -> None:
+    """Pose: workspace and tether; joints: their range, relative ones from where they are."""
+    assert code(guard_at(DOWN).goal(goal, Speed(), JOINTS)) == rule
+
+
+def test_a_goal_may_not_run_faster_than_the_cell_allows() -> None:
+    """Mechanical times modular speed."""
+    goal = Goal(id=1, kind="pose", pose=record_of(DOWN))
+    for speed, rule in (
+        (Speed(mechanical_m_s=0.2, modular_fraction=0.5), ""),
+        (Speed(mechanical_m_s=0.2, modular_fraction=0.51), "speed"),
+    ):
+        assert code(guard_at(DOWN).goal(goal, speed, JOINTS)) == rule
+
+
+def test_without_a_lease_nothing_passes() -> None:
+    """A guard that was never started lets nothing through."""
+    guard = Guard(LIMITS, T_FLANGE_TCP)
+    assert guard.setpoint(DOWN, DOWN, 0) is not None
+    assert guard.goal(Goal(id=1, kind="pose", pose=record_of(DOWN)), Speed(), JOINTS) is not None

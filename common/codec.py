@@ -20,10 +20,15 @@ R = TypeVar("R", bound=Record)
 M = TypeVar("M", bound=Message)
 
 
-class Header(Record):
-    """What stands before every message: who said it when, and the sensor sample behind it."""
+class Version(Record):
+    """What stands before everything that is said."""
 
     v: int = SCHEMA_VERSION
+
+
+class Header(Version):
+    """What stands before every message: who said it when, and the sensor sample behind it."""
+
     seq: int
     epoch: int  # random per start of the writer
     boot: str  # clock that the stamps are of
@@ -43,10 +48,7 @@ def encode(header: Header, message: Message) -> bytes:
 def decode(data: bytes, message_type: type[M]) -> tuple[Header, M]:
     """Return header and message. Raise MessageError when the bytes are anything else."""
     fields = _unpack(data)
-    header = _validate(fields, Header)
-    if header.v != SCHEMA_VERSION:
-        raise MessageError(f"schema version {header.v}, this program speaks {SCHEMA_VERSION}")
-    return header, _validate(fields, message_type)
+    return _validate(fields, Header), _validate(fields, message_type)
 
 
 def encode_record(record: Record) -> bytes:
@@ -82,6 +84,9 @@ def _unpack(data: bytes) -> dict[str, object]:
         raise MessageError(f"not MessagePack: {error}") from error
     if not isinstance(fields, dict):
         raise MessageError(f"a {type(fields).__name__} instead of a map of fields")
+    version = _validate(fields, Version).v
+    if version != SCHEMA_VERSION:
+        raise MessageError(f"schema version {version}, this program speaks {SCHEMA_VERSION}")
     return fields
 
 

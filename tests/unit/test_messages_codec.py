@@ -1,0 +1,272 @@
+"""Messages, requests and replies as bytes: what goes through, and that nothing else does."""
+
+import math
+from typing import Any
+
+import msgpack
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from common import messages as m
+from common.codec import (
+    HEADER_FIELDS,
+    MAX_BYTES,
+    MAX_ITEMS,
+    SCHEMA_VERSION,
+    Header,
+    decode,
+    decode_record,
+    encode,
+    encode_record,
+)
+from common.errors import MessageError
+from common.topics import REQUESTS, TOPICS
+from tests.fakes.records import full, places, put, records
+
+MESSAGES = sorted({topic.message for topic in TOPICS}, key=lambda t: t.__name__)
+RECORDS = sorted({r.message for r in REQUESTS} | {m.Reply}, key=lambda t: t.__name__)
+EVERYTHING: list[type[m.Record]] = [*MESSAGES, *RECORDS]
+HEADER = Header(seq=7, epoch=1, boot="boot", stamp_ns=2)
+
+each_message = pytest.mark.parametrize("message_type", MESSAGES)
+each_record = pytest.mark.parametrize("record_type", RECORDS)
+each_type = pytest.mark.parametrize("record_type", EVERYTHING)
+
+headers = records(Header).map(lambda header: header.model_copy(update={"v": SCHEMA_VERSION}))
+anything = st.recursive(
+    st.none() | st.booleans() | st.integers(-(2**63), 2**64 - 1) | st.floats() | st.text()
+    | st.binary(),
+    lambda inner: st.lists(inner, max_size=5) | st.dictionaries(st.text(), inner, max_size=5),
+    max_leaves=12,
+)  # fmt: skip
+
+WRONG: dict[type, tuple[Any, ...]] = {
+    float: ("0.5", True, None, (0.5,), {}),
+    int: (7.5, "7", True, None, (7,), {}),
+    bool: (1, 0.0, "true", None, ()),
+    str: (7, 0.5, True, None, ("text",), {}),
+    tuple: (0.5, "text", None, {}, True),
+    dict: (0.5, "text", None, (), True),
+}
+
+
+def read(data: bytes, record_type: type[m.Record]) -> m.Record:
+    """Decode bytes as the bus does for a type: messages with a header, others without."""
+    if issubclass(record_type, m.Message):
+        return decode(data, record_type)[1]
+    return decode_record(data, record_type)
+
+
+def spelled_out(record_type: type[m.Record]) -> dict[str, Any]:
+    """Return the fields of a record with everything in it, and its header's if it has one."""
+    body: dict[str, Any] = full(record_type)
+    if issubclass(record_type, m.Message):
+        return {**full(Header), **body, "v": SCHEMA_VERSION}
+    return {"v": SCHEMA_VERSION, **body}
+
+
+def nullable(record_type: type[m.Record], path: tuple[str | int, ...]) -> bool:
+    """Tell whether None is a right value at a path: found by asking pydantic itself."""
+    try:
+        record_type.model_validate(put(full(record_type), path, None))
+    except ValueError:
+        return False
+    return True
+
+
+@each_message
+@given(st.data())
+def test_a_message_comes_back_as_it_was(message_type: type[m.Message], data: Any) -> None:
+    """decode(encode(x)) == x, header and body, for every message that can exist."""
+    header, message = data.draw(headers), data.draw(records(message_type))
+
+    assert decode(encode(header, message), message_type) == (header, message)
+
+
+@each_record
+@given(st.data())
+def test_a_request_comes_back_as_it_was(record_type: type[m.Record], data: Any) -> None:
+    """The same for requests and replies, which have no header."""
+    record = data.draw(records(record_type))
+
+    assert decode_record(encode_record(record), record_type) == record
+
+
+@each_message
+def test_any_language_reads_a_flat_map(message_type: type[m.Message]) -> None:
+    """Plain msgpack sees header and body side by side under the names of the fields."""
+    message = message_type.model_validate(full(message_type))
+    fields = msgpack.unpackb(encode(HEADER, message), use_list=False)
+
+    assert fields == HEADER.model_dump() | full(message_type)
+    assert (fields["seq"], fields["epoch"], fields["boot"], fields["stamp_ns"]) == (7, 1, "boot", 2)
+
+
+@each_message
+def test_header_and_body_share_no_name(message_type: type[m.Message]) -> None:
+    """One flat map has room for a name only once."""
+    assert not HEADER_FIELDS & set(message_type.model_fields)
+
+
+@each_type
+def test_a_number_that_is_not_finite_is_refused_everywhere(record_type: type[m.Record]) -> None:
+    """Swept: every number of every message and request, NaN and both infinities."""
+    fields = spelled_out(record_type)
+    read(msgpack.packb(fields), record_type)
+    numbers = [path for path, value in places(fields) if isinstance(value, float | int)]
+    for path in numbers:
+        for bad in (math.nan, math.inf, -math.inf):
+            with pytest.raises(MessageError):
+                read(msgpack.packb(put(fields, path, bad)), record_type)
+
+
+@each_type
+def test_a_number_that_is_not_finite_cannot_even_be_said(record_type: type[m.Record]) -> None:
+    """A record that exists can be trusted: the writer is stopped before the reader."""
+    fields = full(record_type)
+    for path, value in places(fields):
+        if isinstance(value, float | int):
+            for bad in (math.nan, math.inf, -math.inf):
+                with pytest.raises(ValueError, match=str(path[0])):
+                    record_type.model_validate(put(fields, path, bad))
+
+
+@each_type
+def test_a_value_of_another_type_is_refused_everywhere(record_type: type[m.Record]) -> None:
+    """Swept: every field, container and entry; nothing is converted on the way in."""
+    fields = spelled_out(record_type)
+    own = {name: value for name, value in fields.items() if name in record_type.model_fields}
+    for path, value in places(own):
+        for bad in WRONG[type(value)]:
+            if bad is None and nullable(record_type, path):
+                continue
+            if bad in ({}, ()) and path[-1] in {"status", "counters", "trips", "not_ready"}:
+                continue  # may be empty
+            with pytest.raises(MessageError, match=str(path[0])):
+                read(msgpack.packb(put(fields, path, bad)), record_type)
+
+
+@each_type
+def test_a_word_that_is_not_in_the_list_is_refused(record_type: type[m.Record]) -> None:
+    """A mode, host or state that nobody knows is not guessed."""
+    fields = spelled_out(record_type)
+    words = [
+        p for p, value in places(full(record_type)) if isinstance(value, str) and value != "text"
+    ]
+    for path in words:
+        with pytest.raises(MessageError, match=r"Input should be"):
+            read(msgpack.packb(put(fields, path, "no such word")), record_type)
+
+
+@each_type
+def test_a_field_that_must_be_there_is_missed(record_type: type[m.Record]) -> None:
+    """Every field without a default is asked for by name."""
+    fields = spelled_out(record_type)
+    needed = [n for n, info in record_type.model_fields.items() if info.is_required()]
+    if issubclass(record_type, m.Message):
+        needed += [n for n, info in Header.model_fields.items() if info.is_required()]
+    for name in needed:
+        rest = {key: value for key, value in fields.items() if key != name}
+        with pytest.raises(MessageError, match=f"{name}: Field required"):
+            read(msgpack.packb(rest), record_type)
+
+
+@each_type
+def test_bytes_cut_anywhere_are_refused(record_type: type[m.Record]) -> None:
+    """Swept: every length from nothing to all but one."""
+    data = msgpack.packb(spelled_out(record_type))
+    for length in range(len(data)):
+        with pytest.raises(MessageError):
+            read(data[:length], record_type)
+    with pytest.raises(MessageError):
+        read(data + b"\x00", record_type)
+
+
+@each_type
+@given(data=st.binary(max_size=200) | anything.map(msgpack.packb))
+def test_bytes_of_anything_else_are_refused_or_right(
+    record_type: type[m.Record], data: bytes
+) -> None:
+    """Whatever comes in, the only exception is MessageError."""
+    try:
+        record = read(data, record_type)
+    except MessageError:
+        return
+    assert isinstance(record, record_type)
+
+
+@each_type
+@given(data=st.data())
+def test_one_changed_byte_is_refused_or_right(record_type: type[m.Record], data: Any) -> None:
+    """A damaged message never becomes one with a number that is not finite."""
+    good = bytearray(msgpack.packb(spelled_out(record_type)))
+    good[data.draw(st.integers(0, len(good) - 1))] = data.draw(st.integers(0, 255))
+    try:
+        record = read(bytes(good), record_type)
+    except MessageError:
+        return
+    assert record_type.model_validate(record.model_dump()) == record
+
+
+@each_type
+def test_too_many_bytes_are_refused_unread(record_type: type[m.Record]) -> None:
+    """The limit is checked before anything is unpacked, and it is exact."""
+    fields = spelled_out(record_type)
+    spare = MAX_BYTES - len(msgpack.packb({**fields, "more": "x" * 300})) + 300
+    read(msgpack.packb({**fields, "more": "x" * spare}), record_type)
+    with pytest.raises(MessageError, match=rf"{MAX_BYTES + 1} bytes, the limit is {MAX_BYTES}"):
+        read(msgpack.packb({**fields, "more": "x" * (spare + 1)}), record_type)
+
+
+def test_what_nobody_could_read_is_not_sent() -> None:
+    """The writer hears of a message that is too large, not the readers."""
+    endless = m.ArbiterStatus(not_ready=("x" * 500,) * 9)
+    with pytest.raises(MessageError, match="the limit is"):
+        encode(HEADER, endless)
+
+
+@each_type
+def test_deep_and_wide_nesting_is_refused(record_type: type[m.Record]) -> None:
+    """A bomb of containers costs an error message, no more."""
+    fields = msgpack.packb(spelled_out(record_type))
+    for bomb in (b"\x91" * 2000, b"\xdc\xff\xff", b"\xde\xff\xff", b"\xdd\x7f\xff\xff\xff"):
+        with pytest.raises(MessageError):
+            read(bomb, record_type)
+        with pytest.raises(MessageError):
+            read(bytes([fields[0] + 1]) + fields[1:] + b"\xa3new" + bomb, record_type)
+    with pytest.raises(MessageError):
+        read(msgpack.packb({f"k{i}": i for i in range(MAX_ITEMS + 1)}), record_type)
+
+
+@each_type
+def test_unknown_fields_are_ignored(record_type: type[m.Record]) -> None:
+    """A newer writer may say more; what an older reader knows still arrives."""
+    fields = spelled_out(record_type)
+    more = {**fields, "new_field": {"a": (1, 2.5, "b")}}
+
+    assert read(msgpack.packb(more), record_type) == read(msgpack.packb(fields), record_type)
+
+
+@each_type
+def test_of_a_field_said_twice_the_last_one_counts(record_type: type[m.Record]) -> None:
+    """Duplicates in a map are one field, and it is judged like any other."""
+    fields = spelled_out(record_type)
+    right, wrong = list(fields.items()), [(name, ("no", "such", "type")) for name in fields]
+    packer = msgpack.Packer()
+
+    assert isinstance(read(packer.pack_map_pairs(wrong[:5] + right), record_type), record_type)
+    with pytest.raises(MessageError):
+        read(packer.pack_map_pairs(right + wrong[:5]), record_type)
+
+
+@each_type
+def test_another_schema_version_is_refused(record_type: type[m.Record]) -> None:
+    """Two programs that do not speak one language say so, in messages and in requests."""
+    fields = spelled_out(record_type)
+    for version in (0, SCHEMA_VERSION + 1, -1):
+        with pytest.raises(MessageError, match=f"schema version {version}"):
+            read(msgpack.packb({**fields, "v": version}), record_type)
+    for no_version in (True, 1.5, "1", None):
+        with pytest.raises(MessageError):
+            read(msgpack.packb({**fields, "v": no_version}), record_type)

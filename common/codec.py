@@ -62,7 +62,10 @@ def decode_record(data: bytes, record_type: type[R]) -> R:
 
 
 def _pack(fields: dict[str, object]) -> bytes:
-    data: bytes = msgpack.packb(fields)
+    try:
+        data: bytes = msgpack.packb(fields)
+    except OverflowError as error:
+        raise MessageError("a number of more than 64 bits") from error
     if len(data) > MAX_BYTES:
         raise MessageError(f"message of {len(data)} bytes, the limit is {MAX_BYTES}")
     return data

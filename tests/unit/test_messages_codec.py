@@ -226,6 +226,12 @@ def test_what_nobody_could_read_is_not_sent() -> None:
         encode(HEADER, endless)
 
 
+def test_a_number_of_more_than_64_bits_cannot_be_sent() -> None:
+    """MessagePack ends there; the writer gets the one error that it expects."""
+    with pytest.raises(MessageError, match="64 bits"):
+        encode(HEADER, m.Health(counters={"dropped": 2**64}))
+
+
 @each_type
 def test_deep_and_wide_nesting_is_refused(record_type: type[m.Record]) -> None:
     """A bomb of containers costs an error message, no more."""

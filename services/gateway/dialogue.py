@@ -13,7 +13,6 @@ from dataclasses import dataclass
 
 import pinocchio as pin
 
-from common.clock import NS_PER_S
 from common.errors import LocalProtocolError
 from common.messages import Gains, Mode, Speed, Vec3, Vec6
 from common.packet import Packet, PacketReader, encode
@@ -35,6 +34,7 @@ _BITS_OF_MODE = {
     "both": FEEDBACK_BITS,
 }
 _NO_BITS = Status(0)
+S_PER_NS = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,7 +111,7 @@ class Dialogue:
         elif isinstance(event, JointReport):
             self.framed_id = self._ours(event.framed_id)
             if self._probe is not None and id_reached(self.framed_id, self._probe[0]):
-                self.round_trip_s = (now_ns - self._probe[1]) / NS_PER_S
+                self.round_trip_s = (now_ns - self._probe[1]) * S_PER_NS
                 self._probe = None
         return event
 
@@ -231,7 +231,7 @@ class Dialogue:
         if not self.ready:
             return b""
         data = self._due_setpoint(now_ns) + self._due_wrench(now_ns)
-        silence_s = (now_ns - self._last_sent_ns) / NS_PER_S
+        silence_s = (now_ns - self._last_sent_ns) * S_PER_NS
         if not data and silence_s >= self._pacing.heartbeat_after_s:
             return self._send(now_ns, commands.HEARTBEAT)
         return data

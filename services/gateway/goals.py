@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pinocchio as pin
 
-from common.clock import NS_PER_S
 from common.convert import pose_of
 from common.frames import rotation_between
 from common.messages import Goal, GoalReport, GoalState, Vec6
@@ -14,10 +13,10 @@ from common.packet_table import NO_ID, Status, id_reached
 NO_GOAL = GoalReport()
 REACHED_M = 5e-4
 REACHED_RAD = 3e-3
-TAKEN_WITHIN_S = 2.0
+TAKEN_WITHIN_NS = 2_000_000_000
 # ID and status of a report are not read by the controller at one instant: believe what two say.
 REPORTS_TO_BELIEVE = 2
-STOPPED_SHORT_S = 0.5  # at rest, but not where it should be
+STOPPED_SHORT_NS = 500_000_000  # at rest, but not where it should be
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,8 +86,10 @@ def follow(track: Track, measured: Measured, now_ns: int) -> Track:
     if track.report.state != "running":
         return track
     if not id_reached(measured.taken_id, track.packet_id):
-        if now_ns - track.sent_ns > TAKEN_WITHIN_S * NS_PER_S:
-            return track.ended("refused", f"not taken by the controller in {TAKEN_WITHIN_S:g} s")
+        if now_ns - track.sent_ns > TAKEN_WITHIN_NS:
+            return track.ended(
+                "refused", f"not taken by the controller in {TAKEN_WITHIN_NS / 1e9:g} s"
+            )
         return track
     if measured.counter == track.counter:
         return track
@@ -114,7 +115,7 @@ def _verdict(track: Track, measured: Measured, now_ns: int) -> tuple[GoalState, 
     missing = _missing(track, measured)
     if not missing:
         return "done", "", rest_ns
-    if now_ns - rest_ns > STOPPED_SHORT_S * NS_PER_S:
+    if now_ns - rest_ns > STOPPED_SHORT_NS:
         return "refused", f"the arm stopped {missing} away from the target", rest_ns
     return "running", "", rest_ns
 

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from common.clock import NS_PER_S
 from common.convert import pose_of
 from common.frames import Array, rotation_between
 from common.limits import Limits, check_joints, check_step, check_tether, check_workspace
@@ -16,6 +15,7 @@ from common.messages import Goal, Speed, Trip, Vec6
 
 # The arbiter limits speed with its own clock and period; a set point may come a little early.
 SPEED_MARGIN = 1.25
+S_PER_NS = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +84,7 @@ class Guard:
         return trip or check_tether(self._limits, self._armed_at_m, wanted_m)
 
     def _spend(self, budget: Budget, T_wanted: pin.SE3, now_ns: int) -> Budget:
-        limits, elapsed_s = self._limits, (now_ns - budget.at_ns) / NS_PER_S
+        limits, elapsed_s = self._limits, (now_ns - budget.at_ns) * S_PER_NS
         grown_m = budget.way_m + SPEED_MARGIN * limits.speed_m_s * elapsed_s
         grown_rad = budget.turn_rad + SPEED_MARGIN * limits.speed_rad_s * elapsed_s
         way_m = float(np.linalg.norm(T_wanted.translation - budget.T_base_flange.translation))

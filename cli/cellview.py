@@ -1,0 +1,60 @@
+"""What a client hears of a cell: everybody's health and the arbiter's state."""
+
+import time
+from collections.abc import Callable
+
+from common import topics
+from common.cell import Cell
+from common.endpoints import Bus, Reader, Reading
+from common.messages import ArbiterStatus, Health, SensorWrench
+
+POLL_S = 0.02
+
+
+class CellView:
+    """Listens to health and arbiter status of one cell."""
+
+    def __init__(self, bus: Bus, cell: Cell) -> None:
+        """Subscribe. A sensor of somebody else's has no health here; its readings show it."""
+        external = {"sensor"} if cell.roles.sensor == "external" else set()
+        self._clock = bus.clock
+        self.longest_wait_s = cell.stale_after_s(topics.HUB_HEALTH)
+        self._arbiter = bus.reader(topics.ARBITER_STATUS)
+        self._health: dict[str, Reader[Health]] = {
+            role: bus.reader(topics.HEALTH[role]) for role in topics.ROLES if role not in external
+        }
+        self._external: dict[str, Reader[SensorWrench]] = {
+            role: bus.reader(topics.SENSOR_WRENCH) for role in external
+        }
+
+    def health(self, role: str) -> Reading[Health] | Reading[SensorWrench]:
+        """Return the newest health of a role, judged now."""
+        reader = self._external[role] if role in self._external else self._health[role]
+        return reader.read(self._clock.now_ns())
+
+    def pid(self, role: str) -> int | None:
+        """Return the process that plays a role, while its health is fresh."""
+        return getattr(self.health(role).fresh, "pid", None)
+
+    def arbiter(self) -> Reading[ArbiterStatus]:
+        """Return the arbiter's newest status, judged now."""
+        return self._arbiter.read(self._clock.now_ns())
+
+    def missing(self) -> list[str]:
+        """Return what keeps the cell from being ready: silent roles, an arbiter in BOOT."""
+        lines = [fault for role in topics.ROLES if (fault := self.health(role).fault)]
+        arbiter = self.arbiter()
+        if arbiter.fresh is None:
+            lines.append(arbiter.fault)
+        elif arbiter.fresh.state == "BOOT":
+            lines.append(f"the arbiter is BOOT: {'; '.join(arbiter.fresh.not_ready)}")
+        return lines
+
+    def wait(self, done: Callable[[], bool], timeout_s: float) -> bool:
+        """Poll until something is so; tell whether it became so in time."""
+        give_up_s = time.monotonic() + timeout_s
+        while not done():
+            if time.monotonic() >= give_up_s:
+                return False
+            time.sleep(POLL_S)
+        return True

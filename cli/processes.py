@@ -1,0 +1,255 @@
+"""The processes of a cell: the table of who plays which role, and who starts and stops them."""
+
+import threading
+import time
+from collections.abc import Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from types import TracebackType
+
+from cli.cellview import POLL_S, CellView
+from cli.runfile import read_run, writable_folder, write_whole
+from cli.runlog import RunLog
+from cli.running import Died, Process, Running, Say, say_on_stderr
+from common import topics
+from common.bus import endpoint_of, open_bus
+from common.cell import Cell
+from common.config import dump_cell
+from common.endpoints import Bus
+from common.errors import BusError, ForcemeshError
+from common.messages import HoldRequest
+
+# Role: {who plays it in the cell file: module}. None: a process of somebody else's publishes it.
+# fmt: off
+MODULES: dict[str, dict[str, str | None]] = {
+    "hub":       {"": "services.hub"},
+    "arbiter":   {"": "services.arbiter"},
+    "regulator": {"": "services.regulator"},
+    "wrench":    {"": "services.wrench"},
+    "robot":     {"sim": "sim.robot", "gateway": "services.gateway"},
+    "sensor":    {"sim": "sim.robot", "driver": "services.sensor", "external": None},
+}
+# fmt: on
+WATCH_S = 0.02
+HUB_WITHIN_S = 10.0
+ASK_WITHIN_S = 0.5
+HOLD_WITHIN_S = 1.0
+STOP_WITHIN_S = 3.0
+HUB_LAST_S = 0.5  # of those, kept for the hub, which goes last
+IN_MOTION = ("ARMED", "ACTIVE")
+HELD = ("HOLDING", "FAULT", "BOOT")  # what the arbiter is after a hold
+
+
+def processes_of(cell: Cell) -> tuple[Process, ...]:
+    """Return the processes of a cell in the order of their start; one may play several roles."""
+    players = {"robot": cell.roles.robot, "sensor": cell.roles.sensor}
+    roles_of: dict[str, tuple[str, ...]] = {}
+    for role, choices in MODULES.items():
+        module = choices[players.get(role, "")]
+        if module is not None:
+            roles_of[module] = (*roles_of.get(module, ()), role)
+    return tuple(Process(module, roles) for module, roles in roles_of.items())
+
+
+class Supervisor:
+    """Starts a cell's processes, notices when one dies, stops them all: a context manager.
+
+    Enter it in a thread that lives as long as the cell: the processes die with that thread.
+    """
+
+    def __init__(
+        self,
+        cell: Cell,
+        cell_file: Path | None = None,
+        *,
+        processes: Sequence[Process] | None = None,
+        stop: threading.Event | None = None,
+        say: Say = say_on_stderr,
+    ) -> None:
+        """Prepare. Without a cell file the cell is written beside the run file."""
+        self.died: list[Died] = []
+        self._cell = cell
+        self._cell_file = cell_file
+        self._processes = processes_of(cell) if processes is None else tuple(processes)
+        self._stop = stop or threading.Event()
+        self._say = say
+        self._running: list[Running] = []
+        self._log: RunLog | None = None
+        self._stopping = threading.Event()
+        self._watcher = threading.Thread(target=self._watch, daemon=True)
+        self._exits = ExitStack()
+        self._client: Bus | None = None
+        self._view: CellView | None = None
+
+    # --- start and stop ---------------------------------------------------------------------------
+
+    def __enter__(self) -> "Supervisor":
+        """Start everything, the hub first.
+
+        Raises:
+            ForcemeshError: The cell is up already, or its hub did not come up.
+        """
+        before = read_run(self._cell.cell)
+        if before is not None and before.live:
+            raise ForcemeshError(
+                f"cell {self._cell.cell} is already up (pid {before.supervisor_pid}, "
+                f"since {before.started_at}): stop that one first"
+            )
+        path = self._cell_file or writable_folder() / f"{self._cell.cell}.yaml"
+        if self._cell_file is None:
+            write_whole(path, dump_cell(self._cell))
+        self._log = RunLog(self._cell.cell, path.resolve())
+        try:
+            self._start_all(path.resolve(), self._log)
+        except BaseException:
+            self.stop()
+            raise
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Stop everything."""
+        self.stop()
+
+    def stop(self) -> None:
+        """Hold the arm if it may move, end every process, and leave a run file only of a death."""
+        if self._stopping.is_set():
+            return
+        if self._last_state() in IN_MOTION and not self._is_dead("hub", "arbiter"):
+            self._hold("the cell is being stopped")
+        self._stopping.set()
+        self._exits.close()
+        hubs = [running for running in self._running if "hub" in running.process.roles]
+        others = [running for running in self._running if running not in hubs]
+        give_up_s = time.monotonic() + STOP_WITHIN_S
+        _end_all(others, give_up_s - HUB_LAST_S)
+        _end_all(hubs, give_up_s)
+        if self._watcher.is_alive():
+            self._watcher.join()
+        if self._log is not None:
+            self._log.close(keep=bool(self.died))
+
+    # --- while it is up ---------------------------------------------------------------------------
+
+    def missing(self) -> list[str]:
+        """Return what keeps the cell from being ready, and note the arbiter's state."""
+        if self._view is None:
+            return ["no hub among the processes"]
+        self._last_state()
+        return self._view.missing()
+
+    def wait_ready(self, timeout_s: float = 20.0) -> None:
+        """Wait until every role's health is fresh and the arbiter is past BOOT.
+
+        Raises:
+            ForcemeshError: A process died, or the time is up; says what is missing.
+        """
+        give_up_s = time.monotonic() + timeout_s
+        while lines := self.missing():
+            self._raise_death()
+            if self._stop.is_set():
+                raise ForcemeshError("stopped while the cell was starting")
+            if time.monotonic() >= give_up_s:
+                raise ForcemeshError(f"not ready after {timeout_s:g} s: {'; '.join(lines)}")
+            time.sleep(POLL_S)
+        self._raise_death()
+
+    def mourn(self, linger_s: float) -> None:
+        """After a death: let the arbiter hold, and keep the rest up so that status can be asked."""
+        give_up_s = time.monotonic() + 5 * WATCH_S
+        while not self.died and time.monotonic() < give_up_s:
+            time.sleep(WATCH_S)
+        self._say("up", self._hold("; ".join(str(died) for died in self.died) or "stopped"))
+        if linger_s > 0.0 and self.died:
+            self._say("up", f"the others stay up for {linger_s:g} s: ask `forcemesh status`")
+            self._stop.wait(linger_s)
+
+    # --- inside -----------------------------------------------------------------------------------
+
+    def _start_all(self, cell_file: Path, log: RunLog) -> None:
+        self._watcher.start()
+        for process in self._processes:
+            self._raise_death()
+            running = Running(process, cell_file, self._say)
+            log.started(process, running.pid)
+            self._running.append(running)
+            if "hub" in process.roles:
+                self._connect(running.pid)
+
+    def _connect(self, hub_pid: int) -> None:
+        """Wait until our own hub answers: another one there would make two cells of one."""
+        give_up_s = time.monotonic() + HUB_WITHIN_S
+        while True:
+            self._raise_death()
+            if self._stop.is_set():
+                raise ForcemeshError("stopped while the hub was starting")
+            if self._view is None:
+                self._try_to_connect()
+            elif self._view.pid("hub") == hub_pid:
+                return
+            if time.monotonic() >= give_up_s:
+                where = endpoint_of(self._cell)
+                raise ForcemeshError(f"the hub at {where} was not heard in {HUB_WITHIN_S:g} s")
+            time.sleep(POLL_S)
+
+    def _try_to_connect(self) -> None:
+        try:
+            self._client = self._exits.enter_context(
+                open_bus(self._cell, topics.CLIENT, patience_s=0.0)
+            )
+            self._view = CellView(self._client, self._cell)
+        except BusError:
+            self._client = self._view = None
+
+    def _watch(self) -> None:
+        """Notice deaths; runs in its own thread until the cell is stopped."""
+        mourned: set[int] = set()
+        while not self._stopping.wait(WATCH_S):
+            for running in list(self._running):
+                died = None if running.pid in mourned else running.ended()
+                if died is None or self._stopping.is_set():
+                    continue
+                mourned.add(running.pid)
+                if self._log is not None:
+                    self._log.ended(died)
+                self.died.append(died)
+                self._say("up", f"died: {died}")
+
+    def _last_state(self) -> str:
+        """Return the arbiter's state as last heard."""
+        if self._view is not None and (status := self._view.arbiter().message) is not None:
+            if self._log is not None:
+                self._log.state(status.state)
+            return status.state
+        return ""
+
+    def _is_dead(self, *roles: str) -> bool:
+        return any(role in died.process.roles for died in self.died for role in roles)
+
+    def _raise_death(self) -> None:
+        if self.died:
+            raise ForcemeshError("; ".join(str(died) for died in self.died))
+
+    def _hold(self, reason: str) -> str:
+        """Ask the arbiter to hold and wait until it says so; return what came of it."""
+        if self._client is None or self._view is None or self._is_dead("hub", "arbiter"):
+            limit_ms = 1e3 * self._cell.stale_after_s(topics.ROBOT_COMMAND)
+            return f"nobody is left to ask: the robot holds by itself within {limit_ms:.0f} ms"
+        try:
+            reply = self._client.ask(topics.HOLD, HoldRequest(reason=reason[:400]), ASK_WITHIN_S)
+        except ForcemeshError as error:
+            return f"hold was asked for: {error}"
+        self._view.wait(lambda: self._last_state() in HELD, HOLD_WITHIN_S)
+        return f"hold was asked for: {reply.text}; the arbiter is {self._last_state()}"[:300]
+
+
+def _end_all(processes: list[Running], give_up_s: float) -> None:
+    """Ask all of them to end, and take away whatever has not by then (monotonic time [s])."""
+    for running in processes:
+        running.terminate()
+    for running in processes:
+        running.finish(give_up_s - time.monotonic())

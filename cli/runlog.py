@@ -1,0 +1,55 @@
+"""Keeps the run file of one cell up to date while its supervisor runs."""
+
+import threading
+from contextlib import suppress
+from pathlib import Path
+
+from cli.runfile import Ended, Entry, Run, new_run, now, remove_run, start_ticks, write_run
+from cli.running import Died, Process
+
+
+class RunLog:
+    """Writes every change of a run at once; several threads may tell it things."""
+
+    def __init__(self, cell: str, cell_file: Path) -> None:
+        """Begin a run; nothing is written before the first process."""
+        self._run: Run = new_run(cell, cell_file)
+        self._lock = threading.Lock()
+
+    def started(self, process: Process, pid: int) -> None:
+        """Add a process."""
+        entry = Entry(
+            roles=process.roles, module=process.module, pid=pid, started_ticks=start_ticks(pid)
+        )
+        with self._lock:
+            self._put(processes=[*self._run.processes, entry])
+
+    def ended(self, died: Died) -> None:
+        """Say what became of a process."""
+        end = Ended(code=died.code, how=died.how, at=now())
+        with self._lock:
+            self._put(
+                processes=[
+                    entry.model_copy(update={"ended": end}) if entry.pid == died.pid else entry
+                    for entry in self._run.processes
+                ]
+            )
+
+    def state(self, state: str) -> None:
+        """Note the arbiter's state when it is another one."""
+        with self._lock:
+            if state != self._run.last_state:
+                self._put(last_state=state)
+
+    def close(self, *, keep: bool) -> None:
+        """End the run: its file goes, or stays for whoever asks what has died."""
+        with self._lock:
+            if keep:
+                self._put(ended_at=now())
+            else:
+                remove_run(self._run)
+
+    def _put(self, **update: object) -> None:
+        self._run = self._run.model_copy(update=update)
+        with suppress(OSError):  # a full disk is no reason to leave a cell without supervision
+            write_run(self._run)

@@ -1,0 +1,61 @@
+"""The command line `forcemesh`: thin verbs, each of which imports what it needs when it runs."""
+
+from typing import Annotated
+
+import typer
+
+from cli import payload, verbs_force, verbs_motion, verbs_read, verbs_run, verbs_watch
+from cli.context import EXIT_CODES
+from cli.demo import demo
+
+app = typer.Typer(
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="markdown",  # units in square brackets are text
+    epilog=EXIT_CODES,
+    help="Open force control for Kawasaki arms. This is not a safety function.",
+)
+
+RUN, LOOK, MOVE, FORCE = "Run a cell", "Look", "Move", "Force"
+
+app.command(rich_help_panel=RUN)(demo)
+app.command(rich_help_panel=RUN)(verbs_run.up)
+app.add_typer(verbs_run.config, name="config", rich_help_panel=RUN)
+app.command(rich_help_panel=LOOK)(verbs_read.status)
+app.command(rich_help_panel=LOOK)(verbs_read.topics)
+app.command(rich_help_panel=LOOK)(verbs_watch.watch)
+app.command(rich_help_panel=MOVE)(verbs_motion.arm)
+app.command(rich_help_panel=MOVE)(verbs_motion.hold)
+app.command(rich_help_panel=MOVE)(verbs_motion.clear)
+app.add_typer(verbs_motion.move, name="move", rich_help_panel=MOVE)
+app.command(rich_help_panel=MOVE)(verbs_motion.speed)
+app.add_typer(verbs_force.force, name="force", rich_help_panel=FORCE)
+app.command(rich_help_panel=FORCE)(verbs_force.tare)
+app.add_typer(payload.app, name="payload", rich_help_panel=FORCE)
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        from common.service import forcemesh_version
+
+        typer.echo(f"forcemesh {forcemesh_version()}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool,
+        typer.Option("--version", callback=_print_version, is_eager=True, help="Print it and end."),
+    ] = False,
+) -> None:
+    del version
+
+
+def main() -> None:
+    """Entry of the console script."""
+    app(prog_name="forcemesh")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,62 @@
+"""The table of topics and requests with one cell's rates put in."""
+
+from typing import Any
+
+from common.cell import Cell
+from common.topics import REQUESTS, TOPICS
+
+
+def bus_table(cell: Cell) -> dict[str, Any]:
+    """Return the table as one object."""
+    return {
+        "cell": cell.cell,
+        "topics": [
+            {
+                "topic": topic.key,
+                "key": f"{cell.cell}/{topic.key}",
+                "message": topic.message.__name__,
+                "writer": topic.writer,
+                "readers": list(topic.readers),
+                "rate_hz": cell.rate_hz(topic),
+                "stale_after_s": cell.stale_after_s(topic),
+                "qos": topic.qos,
+                "summary": topic.summary,
+            }
+            for topic in TOPICS
+        ],
+        "requests": [
+            {
+                "request": request.key,
+                "key": f"{cell.cell}/{request.key}",
+                "message": request.message.__name__,
+                "server": request.server,
+                "summary": request.summary,
+            }
+            for request in REQUESTS
+        ],
+    }
+
+
+def print_bus_table(cell: Cell) -> None:
+    """Print the table for people."""
+    from rich.console import Console
+    from rich.table import Table
+
+    table = bus_table(cell)
+    topics = Table("topic", "writer", "readers", "rate", "stale", "what", title="topics")
+    for row in table["topics"]:
+        topics.add_row(
+            row["topic"],
+            row["writer"],
+            ", ".join(row["readers"]),
+            f"{row['rate_hz']:g} Hz",
+            f"{1e3 * row['stale_after_s']:.0f} ms",
+            row["summary"],
+        )
+    requests = Table("request", "server", "what", title="requests")
+    for row in table["requests"]:
+        requests.add_row(row["request"], row["server"], row["summary"])
+    console = Console()
+    console.print(f"every key is put behind [bold]{cell.cell}/[/bold]")
+    console.print(topics)
+    console.print(requests)

@@ -1,0 +1,129 @@
+"""What every verb needs: its cell, the way onto the bus, one line and an exit code for trouble."""
+
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, NoReturn, TypeVar
+
+import typer
+
+if TYPE_CHECKING:
+    from common.cell import Cell
+    from common.endpoints import Bus
+    from common.messages import Record, Reply
+    from common.topics import Request
+
+Q = TypeVar("Q", bound="Record")
+
+OK, NOT_WELL, USAGE, REFUSED, NO_ANSWER = 0, 1, 2, 3, 4
+EXIT_CODES = (
+    "Exit codes: 0 done and well; 1 not well: a process died, a role is silent, a move did not get "
+    "there; 2 wrong usage or a wrong cell file; 3 refused, with the reason; 4 no answer: the cell is "
+    "not up, or does not say what was waited for."
+)
+CELL_VARIABLE = "FORCEMESH_CELL"
+DEFAULT_CELL = Path("cells/demo.yaml")
+PATIENCE_S = 1.0  # with the hub: a cell that is up answers at once
+
+CellOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--cell",
+        envvar=CELL_VARIABLE,
+        metavar="FILE",
+        help="Cell file; without it the cell that is up, else cells/demo.yaml.",
+        show_default=False,
+    ),
+]
+JsonOption = Annotated[bool, typer.Option("--json", help="For programs: JSON on standard output.")]
+
+
+def default_cell_file() -> Path:
+    """Return cells/demo.yaml, here or in the project's folder."""
+    if DEFAULT_CELL.exists():
+        return DEFAULT_CELL
+    return Path(__file__).resolve().parent.parent / DEFAULT_CELL
+
+
+def find_cell_file(named: Path | None, *, ended: bool = False) -> Path:
+    """Return the cell file that a verb is about.
+
+    Args:
+        named: What the user named, if anything.
+        ended: Whether a cell whose run has ended with a death may be meant, too.
+    """
+    if named is not None:
+        return named
+    from cli.runfile import read_runs
+
+    runs = read_runs()
+    live = [run for run in runs if run.live]
+    if len(live) > 1:
+        names = ", ".join(f"{run.cell} ({run.cell_file})" for run in live)
+        fail(f"several cells are up: {names}; choose one with --cell", USAGE)
+    found = live or (runs if ended else [])
+    return Path(found[0].cell_file) if found else default_cell_file()
+
+
+@contextmanager
+def one_line_errors() -> Iterator[None]:
+    """Turn every error that forcemesh raises on purpose into one line and an exit code."""
+    from common.errors import BusError, ConfigError, ForcemeshError, RefusedError
+
+    try:
+        yield
+    except ConfigError as error:
+        fail(str(error), USAGE)
+    except RefusedError as error:
+        fail(f"refused ({error.code}): {error}", REFUSED)
+    except BusError as error:
+        fail(f"{error} Try `forcemesh status`; `forcemesh up` starts a cell.", NO_ANSWER)
+    except ForcemeshError as error:
+        fail(str(error), NOT_WELL)
+
+
+def fail(text: str, code: int) -> NoReturn:
+    """Say what is wrong on standard error and end with an exit code."""
+    typer.echo(text, err=True)
+    raise typer.Exit(code)
+
+
+@contextmanager
+def client_of(named: Path | None) -> "Iterator[tuple[Cell, Bus]]":
+    """Connect to the cell that a verb is about; errors become one line and an exit code."""
+    from common.bus import open_bus
+    from common.config import load_cell
+    from common.topics import CLIENT
+
+    with one_line_errors():
+        cell = load_cell(find_cell_file(named))
+        with open_bus(cell, CLIENT, patience_s=PATIENCE_S) as bus:
+            yield cell, bus
+
+
+def ask(bus: "Bus", request: "Request[Q]", message: Q) -> "Reply":
+    """Send a request and print the answer. Raise RefusedError when it is refused."""
+    from common.errors import RefusedError
+
+    reply = bus.ask(request, message)
+    if not reply.accepted:
+        raise RefusedError(reply.code, reply.text + numbers_of(reply))
+    typer.echo(reply.text or "accepted")
+    return reply
+
+
+def numbers_of(reply: "Reply") -> str:
+    """Return the number that broke a rule and its limit, as far as the reply names them."""
+    parts = []
+    if reply.value is not None:
+        parts.append(f"value {reply.value:.6g}")
+    if reply.limit is not None:
+        parts.append(f"limit {reply.limit:.6g}")
+    return f" [{', '.join(parts)}]" if parts else ""
+
+
+def is_terminal() -> bool:
+    """Tell whether a person looks at standard error."""
+    return sys.stderr.isatty() and os.environ.get("TERM") != "dumb"

@@ -1,0 +1,57 @@
+"""Numbers as a person types them: commas between, millimetres and degrees."""
+
+import math
+from dataclasses import dataclass
+
+import typer
+
+# A vector may begin with a minus sign; without this it would be taken for an option.
+NEGATIVE_NUMBERS = {"ignore_unknown_options": True}
+
+
+@dataclass(frozen=True, slots=True)
+class Names:
+    """What the numbers of a vector are called, and their unit."""
+
+    names: tuple[str, ...]
+    unit: str
+
+    def __str__(self) -> str:
+        return f"{','.join(self.names)} ({self.unit})"
+
+
+POSE = Names(("X", "Y", "Z", "O", "A", "T"), "mm and degrees")
+JOINTS = Names(("J1", "J2", "J3", "J4", "J5", "J6"), "degrees")
+
+
+def parse_vector(text: str, names: Names) -> tuple[float, ...]:
+    """Return the numbers of a vector. Raise typer.BadParameter for anything else."""
+    parts = [part.strip() for part in text.strip().strip("[]()").split(",")]
+    if len(parts) != len(names.names):
+        raise typer.BadParameter(
+            f"{len(names.names)} numbers are needed, {names}, without spaces; "
+            f"found {len(parts)}: {text!r}"
+        )
+    return tuple(_parse_number(part, name) for part, name in zip(parts, names.names, strict=True))
+
+
+def parse_gain(text: str | None, unit: str) -> tuple[float, float, float] | None:
+    """Return three gains; one number counts for all three axes. None stays None."""
+    if text is None:
+        return None
+    if "," not in text:
+        text = ",".join([text] * 3)
+    x, y, z = parse_vector(text, Names(("x", "y", "z"), unit))
+    if min(x, y, z) < 0.0:
+        raise typer.BadParameter(f"a gain is zero or positive, found {text!r}")
+    return (x, y, z)
+
+
+def _parse_number(text: str, name: str) -> float:
+    try:
+        number = float(text)
+    except ValueError:
+        raise typer.BadParameter(f"{name} is not a number: {text!r}") from None
+    if not math.isfinite(number):
+        raise typer.BadParameter(f"{name} must be finite, found {text!r}")
+    return number

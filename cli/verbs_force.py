@@ -1,0 +1,81 @@
+"""Verbs of force feedback: force start, force stop, force gains, tare."""
+
+from typing import Annotated, Any, Literal
+
+import typer
+
+from cli.context import CellOption, ask, client_of
+from cli.numbers import NEGATIVE_NUMBERS, parse_gain
+
+force = typer.Typer(no_args_is_help=True, help="Force feedback: start, stop, gains.")
+
+
+def _gain(unit: str) -> Any:
+    return typer.Option(metavar="x,y,z", help=f"[{unit}]", show_default=False)
+
+
+@force.command("start")
+def force_start(
+    mode: Annotated[
+        Literal["position", "orientation", "both"], typer.Option(help="What it may move.")
+    ] = "position",
+    setpoint: Annotated[
+        float, typer.Option(min=0.0, help="Force to press with along the tool's axis [N].")
+    ] = 0.0,
+    host: Annotated[
+        Literal["pc", "controller"], typer.Option(help="Where the regulator runs.")
+    ] = "pc",
+    cell: CellOption = None,
+) -> None:
+    """Start force feedback; in free space it approaches along the tool's axis until it touches."""
+    from common import topics
+    from common.messages import ForceStartRequest
+
+    with client_of(cell) as (_, bus):
+        request = ForceStartRequest(mode=mode, host=host, setpoint_N=setpoint)
+        ask(bus, topics.FORCE_START, request)
+
+
+@force.command("stop")
+def force_stop(cell: CellOption = None) -> None:
+    """Stop force feedback; the arm stays where it is."""
+    from common import topics
+    from common.messages import Empty
+
+    with client_of(cell) as (_, bus):
+        ask(bus, topics.FORCE_STOP, Empty())
+
+
+@force.command("gains", context_settings=NEGATIVE_NUMBERS)
+def force_gains(
+    *,
+    force_p: Annotated[str | None, _gain("m/N")] = None,
+    force_i: Annotated[str | None, _gain("m/(N s)")] = None,
+    torque_p: Annotated[str | None, _gain("rad/(N m)")] = None,
+    torque_i: Annotated[str | None, _gain("rad/(N m s)")] = None,
+    cell: CellOption = None,
+) -> None:
+    """Set gains about the base axes x,y,z, or one number for all three; print them all.
+
+    What is left out keeps its value, so without options the present gains are printed.
+    """
+    from common import topics
+    from common.messages import GainsRequest
+
+    request = GainsRequest(
+        force_p_m_per_N=parse_gain(force_p, "m/N"),
+        force_i_m_per_Ns=parse_gain(force_i, "m/(N s)"),
+        torque_p_rad_per_Nm=parse_gain(torque_p, "rad/(N m)"),
+        torque_i_rad_per_Nms=parse_gain(torque_i, "rad/(N m s)"),
+    )
+    with client_of(cell) as (_, bus):
+        ask(bus, topics.GAINS, request)
+
+
+def tare(cell: CellOption = None) -> None:
+    """Take the present reading as zero force; refused in motion or contact."""
+    from common import topics
+    from common.messages import Empty
+
+    with client_of(cell) as (_, bus):
+        ask(bus, topics.TARE, Empty())

@@ -1,0 +1,100 @@
+"""Verbs that only look: status, topics."""
+
+import json
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from cli.context import (
+    NOT_WELL,
+    OK,
+    USAGE,
+    CellOption,
+    JsonOption,
+    fail,
+    find_cell_file,
+    one_line_errors,
+)
+
+if TYPE_CHECKING:
+    from cli.status import CellStatus
+
+COLOURS = {"IDLE": "cyan", "ARMED": "yellow", "ACTIVE": "green", "HOLDING": "yellow"}
+
+
+def status(
+    as_json: JsonOption = False,
+    service: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="Only whether this role is alive (for healthchecks)."),
+    ] = None,
+    cell: CellOption = None,
+) -> None:
+    """Show who is alive and who commands; exit code 0 only when all is well."""
+    with one_line_errors():
+        from cli.runfile import read_run
+        from cli.status import cell_status, is_well
+        from common.config import load_cell
+        from common.topics import ROLES
+
+        if service is not None and service not in ROLES:
+            fail(f"no role is called {service!r}: there are {', '.join(ROLES)}", USAGE)
+        loaded = load_cell(find_cell_file(cell, ended=True))
+        found = cell_status(loaded, read_run(loaded.cell), only=service)
+    if service is not None:
+        row = next(row for row in found["services"] if row["name"] == service)
+        _print(row, as_json, f"{service}: {'alive' if row['alive'] else row['fault']}")
+        raise typer.Exit(OK if row["alive"] else NOT_WELL)
+    if as_json:
+        print(json.dumps(found))
+    else:
+        _print_status(found)
+    raise typer.Exit(OK if is_well(found) else NOT_WELL)
+
+
+def topics(as_json: JsonOption = False, cell: CellOption = None) -> None:
+    """Show the bus: every topic and request, who says it, how often, when it is stale."""
+    with one_line_errors():
+        from cli.bus_table import bus_table, print_bus_table
+        from common.config import load_cell
+
+        loaded = load_cell(find_cell_file(cell))
+    if as_json:
+        print(json.dumps(bus_table(loaded)))
+    else:
+        print_bus_table(loaded)
+
+
+def _print(row: Any, as_json: bool, line: str) -> None:
+    print(json.dumps(row) if as_json else line)
+
+
+def _print_status(found: "CellStatus") -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    state = found["state"]
+    console = Console(highlight=False, soft_wrap=True)
+    was = f" (was {found['last_state']})" if state == "DOWN" and found["last_state"] else ""
+    console.print(
+        f"cell [bold]{found['cell']}[/bold]: "
+        f"[bold {COLOURS.get(state, 'red')}]{state}[/]{was}, commander {found['commander']}"
+    )
+    for label, lines in (
+        ("tripped", [str(trip["text"]) for trip in found["trips"]]),
+        ("not ready", found["not_ready"]),
+        ("next", [found["clears"]] if found["clears"] else []),
+    ):
+        for line in lines:
+            console.print(f"  {label}: {line}", markup=False)
+    table = Table("role", "pid", "alive", "rate", "age", "fault")
+    for row in found["services"]:
+        table.add_row(
+            row["name"],
+            str(row["pid"] or "-"),
+            "[green]yes[/]" if row["alive"] else "[red]no[/]",
+            "-" if row["rate_hz"] is None else f"{row['rate_hz']:.1f} Hz",
+            "-" if row["age_s"] is None else f"{1e3 * row['age_s']:.0f} ms",
+            row["fault"],
+        )
+    console.print(table)

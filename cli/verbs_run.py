@@ -1,0 +1,101 @@
+"""Verbs that run a cell or look at its file: up, config check."""
+
+import signal
+import threading
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from cli.context import (
+    CELL_VARIABLE,
+    NOT_WELL,
+    USAGE,
+    default_cell_file,
+    fail,
+    one_line_errors,
+)
+
+if TYPE_CHECKING:
+    from cli.processes import Supervisor
+    from common.cell import Cell
+
+config = typer.Typer(no_args_is_help=True, help="Cell files.")
+
+POLL_S = 0.05
+SLOW_S = 15.0
+
+
+def up(
+    cell: Annotated[
+        Path | None,
+        typer.Option(
+            "--cell",
+            envvar=CELL_VARIABLE,
+            metavar="FILE",
+            help="Cell file; without it cells/demo.yaml.",
+            show_default=False,
+        ),
+    ] = None,
+    linger: Annotated[
+        float,
+        typer.Option(min=0.0, help="After a death, keep the others up so long [s]."),
+    ] = 5.0,
+) -> None:
+    """Start the processes of a cell; stop them all on Ctrl-C, or when one of them dies."""
+    stop = threading.Event()
+    with one_line_errors():
+        from cli.processes import Supervisor
+        from common.config import load_cell
+
+        path = cell or default_cell_file()
+        loaded = load_cell(path)
+    from common.errors import ForcemeshError
+
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, lambda *_: stop.set())
+    supervisor = Supervisor(loaded, path, stop=stop)
+    try:
+        supervisor.__enter__()
+    except ForcemeshError as error:
+        fail(f"up: {error}", USAGE)
+    try:
+        _watch(supervisor, loaded, path, stop=stop)
+        if supervisor.died:
+            supervisor.mourn(linger)
+    finally:
+        supervisor.stop()
+    if supervisor.died:
+        fail("; ".join(f"died: {died}" for died in supervisor.died), NOT_WELL)
+    typer.echo(f"cell {loaded.cell} is down", err=True)
+
+
+@config.command("check")
+def config_check(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="The cell file.")],
+) -> None:
+    """Check a cell file: all its mistakes at once, each with its path."""
+    with one_line_errors():
+        from common.config import cell_hash, load_cell
+
+        cell = load_cell(file)
+        typer.echo(
+            f"{file}: cell {cell.cell}, robot {cell.roles.robot}, sensor {cell.roles.sensor}, "
+            f"configuration {cell_hash(cell)}: no mistakes"
+        )
+
+
+def _watch(supervisor: "Supervisor", cell: "Cell", path: Path, *, stop: threading.Event) -> None:
+    """Wait for the end: Ctrl-C, or a death. Say once when the cell is ready, or what it lacks."""
+    import time
+
+    started_s, said_slow, ready = time.monotonic(), False, False
+    while not stop.wait(POLL_S) and not supervisor.died:
+        lines = supervisor.missing()
+        elapsed_s = time.monotonic() - started_s
+        if not ready and not lines:
+            ready = True
+            typer.echo(f"cell {cell.cell} ({path}) is up; Ctrl-C stops it", err=True)
+        elif not ready and not said_slow and elapsed_s > SLOW_S:
+            said_slow = True
+            typer.echo(f"after {elapsed_s:.0f} s still waiting: {'; '.join(lines)}", err=True)

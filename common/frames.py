@@ -70,8 +70,14 @@ def quaternion_from_R(R: Array) -> tuple[float, float, float, float]:
 
 
 def R_from_quaternion(xyzw: tuple[float, float, float, float] | Array) -> Array:
-    """Return the rotation matrix of a quaternion (x, y, z, w); its length is divided out."""
-    x, y, z, w = xyzw
+    """Return the rotation matrix of a quaternion (x, y, z, w); its length is divided out.
+
+    One of length zero has no direction: it gives NaN, which every limit refuses, not "unturned".
+    """
+    largest = float(np.max(np.abs(xyzw)))
+    if largest == 0.0:
+        return np.full((3, 3), np.nan)
+    x, y, z, w = np.asarray(xyzw) / largest  # squares overflow long before the numbers do
     quaternion = pin.Quaternion(w, x, y, z)
     quaternion.normalize()
     return np.asarray(quaternion.toRotationMatrix())

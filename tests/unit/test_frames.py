@@ -15,6 +15,7 @@ from common.frames import (
     Oat,
     R_from_oat,
     R_from_quaternion,
+    is_finite_pose,
     oat_from_R,
     pose,
     quaternion_from_R,
@@ -25,6 +26,7 @@ from common.frames import (
     unwrap_oat,
     vector_from_rotation,
 )
+from common.messages import PoseRecord
 
 angles = st.floats(-math.pi, math.pi)
 tilts = st.floats(0.0, math.pi)
@@ -194,6 +196,22 @@ def test_a_half_turn_has_a_quaternion() -> None:
         for sign in (1.0, -1.0):
             R = rotation_from_vector(sign * math.pi * axis)
             assert R_from_quaternion(quaternion_from_R(R)) == pytest.approx(R, abs=1e-12)
+
+
+@pytest.mark.parametrize("scale", [1e-300, 1e-160, 1e-3, 1.0, 1e160, 1e300])
+def test_the_length_of_a_quaternion_is_divided_out_however_small_or_large(scale: float) -> None:
+    """Squares overflow and underflow long before the numbers themselves do."""
+    q = np.array([0.1, -0.7, 0.5, 0.5])
+
+    assert R_from_quaternion(q * scale) == pytest.approx(R_from_quaternion(q), abs=1e-12)
+
+
+def test_a_quaternion_without_direction_is_no_orientation() -> None:
+    """All zeros must not pass for "not turned": every limit refuses what is not finite."""
+    nowhere = PoseRecord(position_m=(0.0, 0.5, 0.0), orientation_xyzw=(0.0, 0.0, 0.0, 0.0))
+
+    assert np.isnan(R_from_quaternion((0.0, 0.0, 0.0, 0.0))).all()
+    assert not is_finite_pose(pose_of(nowhere))
 
 
 @given(vectors, turns)

@@ -129,6 +129,7 @@ class ContactSection(Section):
 class ForceSection(Section):
     """How the regulator behaves around its gains."""
 
+    chain_s: NotNegative = 0.004  # from sensor sample to robot, as the demo's last line says
     deadband_N: NotNegative = 0.3
     deadband_Nm: NotNegative = 0.02
     speed_max_m_s: float = Field(0.05, gt=0.0, le=0.25)

@@ -19,8 +19,9 @@ from common.cell import Cell
 from common.clock import NS_PER_S, Clock
 from common.config import cell_hash, load_cell
 from common.endpoints import Bus, Publisher, Reader
-from common.errors import ForcemeshError
+from common.errors import ConfigError, ForcemeshError
 from common.messages import Health
+from common.priority import has_realtime_priority, take_realtime_priority
 from common.topics import HEALTH
 
 POLL_S = 0.0005
@@ -78,7 +79,7 @@ class HealthReporter:
                 pid=os.getpid(),
                 rate_hz=self._steps / elapsed_s,
                 lateness_p99_s=late[int(0.99 * (len(late) - 1))],
-                counters=service.counters(),
+                counters={"realtime": int(has_realtime_priority()), **service.counters()},
                 fault=service.fault,
                 version=self._version,
                 config_hash=self._config_hash,
@@ -129,12 +130,37 @@ def reporter_of(bus: Bus, cell: Cell) -> HealthReporter:
     return HealthReporter(bus, cell, bus.publisher(HEALTH[bus.role]))
 
 
-def main(role: str, make_service: Callable[[Bus, Cell], Service]) -> None:
-    """Run one service as a process until SIGTERM or SIGINT."""
+def main(
+    role: str, make_service: Callable[[Bus, Cell], Service], *, player: str | None = None
+) -> None:
+    """Run one service as a process until SIGTERM or SIGINT.
+
+    A process that plays a swappable role (robot, sensor) names itself as the cell file would:
+    `player`. It refuses a cell that gives the role to another process.
+    """
     cell = cell_from_arguments(role)
     stop = stop_on_signals()
-    with exit_on_error(role), open_bus(cell, role) as bus:
-        Runner(make_service(bus, cell), [reporter_of(bus, cell)], bus.clock).run(stop)
+    take_realtime_priority()
+    with exit_on_error(role):
+        if player is not None:
+            refuse_unless_played_by(cell, role, player)
+        with open_bus(cell, role) as bus:
+            Runner(make_service(bus, cell), [reporter_of(bus, cell)], bus.clock).run(stop)
+
+
+def refuse_unless_played_by(cell: Cell, role: str, player: str) -> None:
+    """Keep two processes from playing one role.
+
+    Raises:
+        ConfigError: The cell file gives the role to another process than `player`.
+    """
+    chosen = getattr(cell.roles, role)
+    if chosen != player:
+        mistake = (
+            f"roles.{role} is {chosen}, and this process is the {player}: "
+            f"start the one that plays it, or write `{role}: {player}` in the cell file"
+        )
+        raise ConfigError(f"cell {cell.cell}", [mistake])
 
 
 def cell_from_arguments(role: str) -> Cell:

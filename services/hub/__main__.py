@@ -3,6 +3,7 @@
 from common.bus import open_hub
 from common.cell import Cell
 from common.clock import MonotonicClock
+from common.priority import take_realtime_priority
 from common.service import (
     Runner,
     cell_from_arguments,
@@ -43,6 +44,7 @@ def main() -> None:
     """Run until SIGTERM or SIGINT; end with exit code 2 when the endpoint is taken."""
     cell = cell_from_arguments("hub")
     stop = stop_on_signals()
+    take_realtime_priority()
     with exit_on_error("hub"), open_hub(cell, clock=UnhurriedClock()) as bus:
         Runner(Hub(cell), [reporter_of(bus, cell)], bus.clock).run(stop)
 

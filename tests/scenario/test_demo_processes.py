@@ -1,0 +1,167 @@
+"""The main job in real processes over real sockets, and what happens when one of them dies."""
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from common import topics
+from common.bus import open_bus
+from common.config import dump_cell, load_cell
+
+ROOT = Path(__file__).parents[2]
+PATIENCE_S = 60.0  # of the test, not of the cell: a loaded machine is slow to start processes
+
+pytestmark = pytest.mark.processes
+
+
+@pytest.fixture
+def cell_file(tmp_path) -> Path:
+    """The demo's cell under a name and an endpoint of this test alone."""
+    with socket.create_server(("127.0.0.1", 0)) as probe:
+        port = probe.getsockname()[1]
+    overrides = {"cell": f"demo-{port}", "bus.endpoint": f"tcp/127.0.0.1:{port}"}
+    path = tmp_path / "cell.yaml"
+    path.write_text(dump_cell(load_cell(ROOT / "cells" / "demo.yaml", overrides)))
+    return path
+
+
+def forcemesh(*words: object) -> list[str]:
+    """Return the command line of a verb."""
+    return [sys.executable, "-m", "cli", *(str(word) for word in words)]
+
+
+@contextmanager
+def running_demo(cell_file: Path, *words: object):
+    """A demo that the test leaves in any case."""
+    out = cell_file.parent / "out"
+    command = forcemesh("demo", "--cell", cell_file, "--json", "--out", out, *words)
+    demo = subprocess.Popen(
+        command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    try:
+        yield demo
+    finally:
+        demo.terminate()
+        demo.communicate(timeout=PATIENCE_S)
+
+
+@pytest.mark.parametrize(
+    ("mode", "stiffness_N_m", "delay_ms"),
+    [("position", 5e3, 0), ("orientation", 2e4, 10), ("both", 1e5, 30)],
+)
+def test_the_main_job_settles_in_real_processes(cell_file, mode, stiffness_N_m, delay_ms):
+    """Six processes and a hub do what one process on a virtual clock does."""
+    words = ("--mode", mode, "--stiffness", stiffness_N_m, "--delay-ms", delay_ms)
+    with running_demo(cell_file, *words) as demo:
+        out, err = demo.communicate(timeout=2 * PATIENCE_S)
+
+    result = json.loads(out)
+    assert demo.returncode == 0, err
+    assert result["settled"]
+    assert result["overshoot_pct"] <= 5.0
+    assert result["peak_force_N"] == pytest.approx(30.0, abs=2.0)
+    assert result["chain_latency_us_p50"] < result["chain_latency_us_p99"]
+    assert (cell_file.parent / "out" / "demo.png").stat().st_size > 10_000
+
+
+class Watcher:
+    """What a client sees of a cell while its processes die."""
+
+    def __init__(self, bus) -> None:
+        """Subscribe."""
+        self.clock = bus.clock
+        self.arbiter = bus.reader(topics.ARBITER_STATUS)
+        self.robot = bus.reader(topics.ROBOT_STATE)
+        self.health = {role: bus.reader(topic) for role, topic in topics.HEALTH.items()}
+
+    def until(self, what) -> None:
+        """Wait until something is true; fail when it does not become true."""
+        give_up = time.monotonic() + PATIENCE_S
+        while not what():
+            assert time.monotonic() < give_up, "it did not happen"
+            time.sleep(0.005)
+
+    def state(self) -> str:
+        """The arbiter's state, empty when it is not heard."""
+        status = self.arbiter.read(self.clock.now_ns()).fresh
+        return "" if status is None else status.state
+
+    def pid(self, role: str) -> int:
+        """The process that plays a role, 0 when it is not heard."""
+        health = self.health[role].read(self.clock.now_ns()).fresh
+        return 0 if health is None else health.pid
+
+    def held(self) -> bool:
+        """Whether a fresh robot says that it holds."""
+        robot = self.robot.read(self.clock.now_ns()).fresh
+        return robot is not None and bool(robot.hold_reason)
+
+    def joints(self) -> np.ndarray:
+        """The measured joint angles."""
+        return np.array(self.robot.read(self.clock.now_ns()).message.joint_rad)
+
+
+def status_of(cell_file: Path) -> dict:
+    """Ask `forcemesh status --json`."""
+    command = forcemesh("status", "--json", "--cell", cell_file)
+    done = subprocess.run(command, cwd=ROOT, stdout=subprocess.PIPE, text=True, check=False)
+    return json.loads(done.stdout)
+
+
+@contextmanager
+def another_hub(cell_file: Path):
+    """A hub in the place of one that died, so that the others can be heard again."""
+    command = [sys.executable, "-m", "services.hub", "--cell", str(cell_file)]
+    hub = subprocess.Popen(command, cwd=ROOT)
+    try:
+        yield
+    finally:
+        hub.terminate()
+        hub.wait(PATIENCE_S)
+
+
+@pytest.mark.parametrize("role", topics.ROLES)
+def test_killing_a_process_holds_the_arm_and_status_names_it(cell_file, role):
+    """Kill -9 while force feedback runs: the arm stands, and the screen says who died."""
+    cell = load_cell(cell_file)
+    with running_demo(cell_file, "--linger", 20) as demo:
+        with open_bus(cell, topics.CLIENT, patience_s=PATIENCE_S) as bus:
+            watcher = Watcher(bus)
+            watcher.until(lambda: watcher.state() == "ACTIVE" and watcher.pid(role))
+            os.kill(watcher.pid(role), signal.SIGKILL)
+            if role not in ("hub", "robot", "sensor"):
+                assert_held(watcher)
+                assert_held(watcher)
+        if role == "hub":
+            with another_hub(cell_file), open_bus(cell, topics.CLIENT) as bus:
+                assert_held(Watcher(bus))
+        status = status_of(cell_file)
+        demo.terminate()
+        _, err = demo.communicate(timeout=PATIENCE_S)
+
+    dead = {service["name"]: service for service in status["services"]}[role]
+    assert not dead["alive"]
+    assert "SIGKILL" in dead["fault"]
+    assert status["state"] in ("HOLDING", "FAULT", "DOWN", "IDLE", "BOOT")
+    assert demo.returncode != 0
+    assert "SIGKILL" in err
+
+
+def assert_held(watcher: Watcher) -> None:
+    """The robot says that it holds, and its joints stand still from then on."""
+    watcher.until(watcher.held)
+    time_to_brake = time.monotonic() + 0.5
+    watcher.until(lambda: time.monotonic() > time_to_brake and watcher.held())
+    before = watcher.joints()
+    later = time.monotonic() + 0.3
+    watcher.until(lambda: time.monotonic() > later and watcher.held())
+    assert np.abs(watcher.joints() - before).max() < 1e-4

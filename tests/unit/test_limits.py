@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from common.config import load_cell
-from common.frames import rotation_between, rotation_from_vector
+from common.frames import is_finite_pose, rotation_between, rotation_from_vector
 from common.limits import (
     Limits,
     check_joints,
@@ -29,6 +29,8 @@ CELL = load_cell(Path(__file__).resolve().parents[2] / "cells" / "demo.yaml")
 LIMITS = Limits.of(CELL)
 CENTRE = (LIMITS.workspace_min_m + LIMITS.workspace_max_m) / 2.0
 MIDDLE = (LIMITS.joint_min_rad + LIMITS.joint_max_rad) / 2.0
+NOT_FINITE = (math.nan, math.inf, -math.inf)
+HUGE = (1e30, 1e154, 1e200, 1.7e308)  # squares of the larger ones overflow
 
 directions = hnp.arrays(float, 3, elements=st.floats(-1.0, 1.0)).filter(
     lambda v: np.linalg.norm(v) > 1e-2
@@ -164,6 +166,50 @@ def test_the_ceiling_is_of_the_length_not_of_one_axis() -> None:
     )
 
 
+@pytest.mark.parametrize("bad", NOT_FINITE)
+def test_a_number_that_is_not_finite_is_a_trip_in_every_rule(bad: float) -> None:
+    """Swept through every argument and place: a trip that can be sent, never silence or a crash."""
+    good = at(CENTRE)
+    for place in range(3):
+        p = CENTRE.copy()
+        p[place] = bad
+        R = np.eye(3)
+        R[place, place] = math.nan
+        v = np.zeros(3)
+        v[place] = bad
+        trips = [
+            check_workspace(LIMITS, at(p)),
+            check_workspace(LIMITS, pin.SE3(R, CENTRE)),
+            check_step(LIMITS, good, at(p)),
+            check_step(LIMITS, at(p), good),
+            check_step(LIMITS, good, pin.SE3(R, CENTRE)),
+            check_step(LIMITS, pin.SE3(R, CENTRE), good),
+            check_tether(LIMITS, CENTRE, p),
+            check_tether(LIMITS, p, CENTRE),
+            check_wrench(LIMITS, v, np.zeros(3)),
+            check_wrench(LIMITS, np.zeros(3), v),
+            check_joints(LIMITS, np.array([*v, 0.0, 0.0, 0.0])),
+            check_joints(LIMITS, np.array([0.0, 0.0, 0.0, *v])),
+        ]
+        assert [trip.code if trip else None for trip in trips] == ["not_finite"] * len(trips)
+
+
+@pytest.mark.parametrize("huge", HUGE)
+def test_a_huge_number_is_a_trip_that_can_be_sent(huge: float) -> None:
+    """Finite numbers whose squares are not finite: the rule they broke, not an exception."""
+    v = np.array([huge, 0.0, -huge])
+    codes = [
+        check_workspace(LIMITS, at(v)),
+        check_step(LIMITS, at(CENTRE), at(v)),
+        check_tether(LIMITS, CENTRE, v),
+        check_wrench(LIMITS, v, np.zeros(3)),
+        check_wrench(LIMITS, np.zeros(3), v),
+        check_joints(LIMITS, np.array([*v, *v])),
+    ]
+    names = ["workspace", "step", "tether", "force", "torque", "joint"]
+    assert [trip.code if trip else None for trip in codes] == names
+
+
 @given(spots, turns, st.lists(st.tuples(spots, turns, st.floats(0.0, 0.1)), max_size=20))
 def test_no_sequence_of_wishes_is_faster_than_the_limits(
     p: np.ndarray, turn: np.ndarray, wishes: list[Any]
@@ -212,6 +258,15 @@ def test_no_time_means_no_motion() -> None:
     T = at(CENTRE)
 
     assert limit_speed(LIMITS, T, at(CENTRE + 0.1, [0.1, 0, 0]), 0.0) == T
+
+
+@pytest.mark.parametrize("bad", NOT_FINITE)
+def test_a_wish_that_is_not_finite_stays_recognisable(bad: float) -> None:
+    """Limiting speed never turns NaN into a pose that looks like one."""
+    for wish in (at([bad, 0.5, 0.0]), pin.SE3(np.full((3, 3), math.nan), CENTRE)):
+        T = limit_speed(LIMITS, at(CENTRE), wish, 0.004)
+        assert not is_finite_pose(T)
+        assert check_workspace(LIMITS, T) is not None
 
 
 def test_limits_are_those_of_the_cell_file_in_si_units() -> None:

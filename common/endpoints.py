@@ -18,6 +18,8 @@ from common.topics import CLIENT, Qos, Request, Topic
 M = TypeVar("M", bound=Message)
 Q = TypeVar("Q", bound=Record)
 
+LONGEST_FAULT = 400  # leaves room for what the next service says before it
+
 
 class Source(Protocol):
     """Newest bytes of one key; older ones that nobody took are gone."""
@@ -148,7 +150,7 @@ class Reader(Generic[M]):
             )
         elif not message.valid:
             fault = f"{self.topic.key} invalid: {message.reason or 'no reason given'}"
-        return Reading(message, header, age_s, fault)
+        return Reading(message, header, age_s, fault[:LONGEST_FAULT])
 
     def _accept(self, header: Header, message: M) -> bool:
         if header.epoch in self._retired_epochs:

@@ -14,12 +14,13 @@ from common.config import load_cell
 from common.endpoints import Bus, Origin, Reader, Reading
 from common.errors import BusError
 from common.memory import MemorySource, MemoryTransport
-from common.messages import SensorWrench
+from common.messages import SensorWrench, WrenchAtTcp
 from common.topics import CLIENT, REQUESTS, ROLES, TOPICS, Request, Topic
 
 CELL = load_cell(Path(__file__).resolve().parents[2] / "cells" / "demo.yaml")
 STALE_S = 0.1
 MS = 1_000_000
+LONGEST_REASON = "y" * 500
 
 each_topic = pytest.mark.parametrize("topic", TOPICS, ids=lambda topic: topic.key)
 each_request = pytest.mark.parametrize("request_row", REQUESTS, ids=lambda row: row.key)
@@ -91,6 +92,14 @@ def test_what_the_writer_calls_invalid_is_a_fault_with_its_reason(line: Line) ->
     line.say(2, SensorWrench(valid=False))
     assert line.read().fault == "sensor/wrench invalid: no reason given"
     assert line.read().fresh is None
+
+
+def test_a_fault_can_be_passed_on_however_long_the_reason_was(line: Line) -> None:
+    """Each hop puts its own words before the reason; the text must still fit a message."""
+    line.say(1, SensorWrench(valid=False, reason=LONGEST_REASON))
+    passed_on = WrenchAtTcp(valid=False, reason=line.read().fault)
+
+    assert passed_on.reason.startswith("sensor/wrench invalid: yyy")
 
 
 def test_a_message_that_waited_through_a_freeze_is_stale_when_it_is_found(line: Line) -> None:

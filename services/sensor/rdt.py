@@ -1,0 +1,203 @@
+"""RDT, the UDP protocol of ATI Net F/T, ATI Axia and OnRobot: bytes and sequences, no socket.
+
+A request is 8 bytes, a record 36, both big endian. Every record carries two numbers: its place in
+the stream (rdt_sequence: gaps are datagrams lost on the way) and the sample of the sensor that it
+shows (ft_sequence: a sensor that stands still repeats it).
+Source: ATI, Network Force/Torque Sensor System manual 9620-05-Net F/T, chapter on UDP with RDT.
+"""
+
+import struct
+from dataclasses import dataclass, replace
+from enum import IntEnum
+from typing import Literal
+
+from common.messages import ZERO3, Vec3
+
+REQUEST = struct.Struct(">HHI")  # header, command, number of records (0: endless)
+RECORD = struct.Struct(">III6i")  # rdt_sequence, ft_sequence, status, Fx Fy Fz Tx Ty Tz
+REQUEST_HEADER = 0x1234
+
+HEALTHY = 0
+MONITOR_CONDITION = 0x8001_0000  # a threshold that the user set in the sensor: the reading is good
+SATURATED_FROM = 0.95  # of the range, on any one axis
+AXES = (("Fx", "N"), ("Fy", "N"), ("Fz", "N"), ("Tx", "N m"), ("Ty", "N m"), ("Tz", "N m"))
+
+LATE_WINDOW = 64  # a record this many places late is no straggler: the stream began anew
+JUMP = 10_000  # more at once is not loss either: over a second at the fastest rate
+SEQUENCES = 1 << 32
+FROZEN_AFTER_NS = 100_000_000  # the noise of a live sensor never repeats six counts for so long
+FROZEN_RECORDS = 20
+
+
+class Command(IntEnum):
+    """What is asked of the sensor. Taring it is not among them: that would be everybody's tare."""
+
+    STOP = 0x0000
+    START = 0x0002  # real-time stream
+
+
+@dataclass(frozen=True, slots=True)
+class Record:
+    """One record as it came."""
+
+    rdt_sequence: int
+    ft_sequence: int
+    status: int
+    counts: tuple[int, ...]  # Fx Fy Fz Tx Ty Tz
+
+
+def request(command: Command) -> bytes:
+    """Return the datagram that asks for a command, endless where it streams."""
+    return REQUEST.pack(REQUEST_HEADER, command, 0)
+
+
+def parse(datagram: bytes) -> Record | None:
+    """Return the record in a datagram, or None when it is not one."""
+    if len(datagram) != RECORD.size:
+        return None
+    rdt_sequence, ft_sequence, status, *counts = RECORD.unpack(datagram)
+    return Record(rdt_sequence, ft_sequence, status, tuple(counts))
+
+
+# --- what a record says ---------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Scale:
+    """Calibration and range of the sensor; one range for the three forces, one for the torques."""
+
+    counts_per_N: float
+    counts_per_Nm: float
+    force_range_N: float
+    torque_range_Nm: float
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """A reading in SI, sensor axes, about the sensor's origin, and whether it can be trusted."""
+
+    force_N: Vec3
+    torque_Nm: Vec3
+    status: Literal["ok", "saturated", "fault"] = "ok"
+    reason: str = ""
+
+
+def fault_sample(reason: str) -> Sample:
+    """Return a sample without a reading: a sensor in fault has none."""
+    return Sample(ZERO3, ZERO3, "fault", reason)
+
+
+def sample_of(record: Record, scale: Scale) -> Sample:
+    """Return what a record says, in N and N m.
+
+    A saturated axis bends the others too, so it takes the whole sample with it; its numbers stay,
+    because they show a person which axis it was.
+    """
+    if record.status not in {HEALTHY, MONITOR_CONDITION}:
+        return fault_sample(f"the sensor reports status 0x{record.status:08X}")
+    fx, fy, fz, tx, ty, tz = record.counts
+    force_N = (fx / scale.counts_per_N, fy / scale.counts_per_N, fz / scale.counts_per_N)
+    torque_Nm = (tx / scale.counts_per_Nm, ty / scale.counts_per_Nm, tz / scale.counts_per_Nm)
+    ranges = (scale.force_range_N,) * 3 + (scale.torque_range_Nm,) * 3
+    for (axis, unit), value, full in zip(AXES, force_N + torque_Nm, ranges, strict=True):
+        if abs(value) >= SATURATED_FROM * full:
+            reason = (
+                f"{axis} reads {value:.4g} {unit}, "
+                f"{SATURATED_FROM:.0%} or more of its range of {full:g} {unit}"
+            )
+            return Sample(force_N, torque_Nm, "saturated", reason)
+    return Sample(force_N, torque_Nm)
+
+
+# --- where a record stands in the stream ----------------------------------------------------------
+
+Kind = Literal["sample", "repeated", "duplicate", "reordered"]  # only a sample is news
+
+
+@dataclass(frozen=True, slots=True)
+class Tally:
+    """What has come since the start of the process."""
+
+    records: int = 0
+    lost: int = 0  # never came; one that comes late is taken off again
+    duplicates: int = 0
+    reordered: int = 0  # came late, after newer ones
+    repeated: int = 0  # next in the stream, but with the sample of the one before
+    restarts: int = 0  # the sensor began its numbers anew without being asked
+
+
+@dataclass(frozen=True, slots=True)
+class Stream:
+    """Newest record of a stream and what is known of those before it."""
+
+    newest: Record | None = None
+    missing: int = 0  # bit i: the record i places before the newest has not come
+    number: int = 0  # of the newest record since the process started, lost ones counted
+    still_records: int = 0  # that showed the very same six counts as the newest
+    still_since_ns: int = 0
+    tally: Tally = Tally()
+
+
+def follow(stream: Stream, record: Record, now_ns: int) -> tuple[Stream, Kind]:
+    """Take one record in; tell what it is. Only the newest record of a stream is a sample."""
+    tally = replace(stream.tally, records=stream.tally.records + 1)
+    newest = stream.newest
+    if newest is None:
+        return _begin(stream, record, tally, now_ns), "sample"
+    ahead = _signed(record.rdt_sequence - newest.rdt_sequence)
+    is_later_sample = _signed(record.ft_sequence - newest.ft_sequence) > 0
+    if not -LATE_WINDOW < ahead < JUMP or (ahead <= 0 and is_later_sample):
+        tally = replace(tally, restarts=tally.restarts + 1)
+        return _begin(stream, record, tally, now_ns), "sample"
+    if ahead > 0:
+        return _go_on(stream, record, tally, now_ns)
+    bit = 1 << -ahead
+    if stream.missing & bit:
+        tally = replace(tally, reordered=tally.reordered + 1, lost=tally.lost - 1)
+        return replace(stream, missing=stream.missing & ~bit, tally=tally), "reordered"
+    tally = replace(tally, duplicates=tally.duplicates + 1)
+    return replace(stream, tally=tally), "duplicate"
+
+
+def begin_anew(stream: Stream) -> Stream:
+    """Expect a new stream, because one was asked for: its numbers may be anything."""
+    return replace(stream, newest=None)
+
+
+def frozen_reason(stream: Stream, now_ns: int) -> str:
+    """Say that the reading stands still although samples are counted, or nothing."""
+    still_ns = now_ns - stream.still_since_ns
+    if stream.still_records < FROZEN_RECORDS or still_ns < FROZEN_AFTER_NS:
+        return ""
+    return f"the sensor is frozen: {stream.still_records} samples without a trace of noise"
+
+
+def _begin(stream: Stream, record: Record, tally: Tally, now_ns: int) -> Stream:
+    return Stream(record, 0, stream.number + 1, 1, now_ns, tally)
+
+
+def _go_on(stream: Stream, record: Record, tally: Tally, now_ns: int) -> tuple[Stream, Kind]:
+    newest = stream.newest or record
+    ahead = _signed(record.rdt_sequence - newest.rdt_sequence)
+    gap = ((1 << ahead) - 1) & ~1  # bits of those between the two
+    missing = (stream.missing << ahead | gap) & ((1 << LATE_WINDOW) - 1)
+    tally = replace(tally, lost=tally.lost + ahead - 1)
+    is_repeated = record.ft_sequence == newest.ft_sequence
+    if is_repeated:
+        tally = replace(tally, repeated=tally.repeated + 1)
+    # A sensor that repeats a sample is stalled, not frozen: its still reading is not counted.
+    is_still = record.counts == newest.counts
+    followed = Stream(
+        newest=record,
+        missing=missing,
+        number=stream.number + ahead,
+        still_records=stream.still_records + (not is_repeated) if is_still else 1,
+        still_since_ns=stream.still_since_ns if is_still else now_ns,
+        tally=tally,
+    )
+    return followed, "repeated" if is_repeated else "sample"
+
+
+def _signed(difference: int) -> int:
+    """Return a difference of two sequence numbers, which wrap at 32 bits."""
+    return (difference + SEQUENCES // 2) % SEQUENCES - SEQUENCES // 2

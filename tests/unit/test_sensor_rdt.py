@@ -1,0 +1,278 @@
+"""RDT without a socket: bytes, counts, sequences, and which samples go on the bus."""
+
+import math
+import random
+from dataclasses import replace
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from common.clock import NS_PER_S
+from services.sensor.rdt import (
+    FROZEN_AFTER_NS,
+    FROZEN_RECORDS,
+    JUMP,
+    LATE_WINDOW,
+    MONITOR_CONDITION,
+    RECORD,
+    SEQUENCES,
+    Command,
+    Record,
+    Scale,
+    Stream,
+    begin_anew,
+    follow,
+    frozen_reason,
+    parse,
+    request,
+    sample_of,
+)
+from services.sensor.thinning import Thinning, pause, thin
+
+SCALE = Scale(counts_per_N=10_000, counts_per_Nm=100_000, force_range_N=200, torque_range_Nm=8)
+PERIOD_NS = 2_000_000
+
+uint32 = st.integers(0, SEQUENCES - 1)
+int32 = st.integers(-(2**31), 2**31 - 1)
+
+
+def record(number: int, *, ft: int | None = None, counts: tuple[int, ...] | None = None) -> Record:
+    """Return the record at a place of the stream; its noise differs from place to place."""
+    noise = counts or (number % 97, -(number % 89), 7, 1, -2, 3)
+    ft_sequence = 14 * number if ft is None else ft
+    return Record(number % SEQUENCES, ft_sequence % SEQUENCES, 0, noise)
+
+
+def follow_all(records: list[Record], stream: Stream | None = None) -> tuple[Stream, list[str]]:
+    """Take records in one period after the other."""
+    stream, kinds = stream or Stream(), []
+    for place, item in enumerate(records):
+        stream, kind = follow(stream, item, place * PERIOD_NS)
+        kinds.append(kind)
+    return stream, kinds
+
+
+# --- bytes ----------------------------------------------------------------------------------------
+
+
+def test_requests_are_the_bytes_of_the_manual() -> None:
+    """Header 0x1234, command, count 0 for endless; big endian."""
+    assert request(Command.START) == bytes.fromhex("1234 0002 00000000")
+    assert request(Command.STOP) == bytes.fromhex("1234 0000 00000000")
+
+
+def test_record_is_the_bytes_of_the_manual() -> None:
+    """Three unsigned numbers, then six signed counts, big endian, 36 bytes."""
+    data = bytes.fromhex("00000001 0000000e 80010000 00000064 ffffff9c 7fffffff 80000000 00000000")
+    expected = (100, -100, 2**31 - 1, -(2**31), 0, -1)
+    assert parse(data + b"\xff\xff\xff\xff") == Record(1, 14, MONITOR_CONDITION, expected)
+
+
+@given(uint32, uint32, uint32, st.tuples(*[int32] * 6))
+def test_every_record_is_read_back_as_it_was_sent(
+    rdt: int, ft: int, status: int, counts: tuple[int, ...]
+) -> None:
+    """No value of any field is special to the parser."""
+    assert parse(RECORD.pack(rdt, ft, status, *counts)) == Record(rdt, ft, status, counts)
+
+
+@given(st.binary(max_size=80).filter(lambda data: len(data) != RECORD.size))
+def test_datagram_of_another_size_is_no_record(data: bytes) -> None:
+    """A datagram is one record or none; it is never cut to fit."""
+    assert parse(data) is None
+
+
+# --- what a record says ---------------------------------------------------------------------------
+
+
+@given(st.tuples(*[st.integers(-1_899_999, 1_899_999)] * 3), st.tuples(*[int32] * 3))
+def test_counts_become_newtons_and_newton_metres(
+    force: tuple[int, ...], torque: tuple[int, ...]
+) -> None:
+    """SI = counts / (counts per unit), each axis on its own, sign kept."""
+    torque = tuple(count % 1_519_999 - 759_999 for count in torque)
+    sample = sample_of(Record(1, 1, 0, force + torque), SCALE)
+    assert sample.status == "ok"
+    assert sample.reason == ""
+    assert sample.force_N == pytest.approx([count / 1e4 for count in force])
+    assert sample.torque_Nm == pytest.approx([count / 1e5 for count in torque])
+
+
+@pytest.mark.parametrize("axis", range(6))
+@pytest.mark.parametrize("sign", [-1, 1])
+def test_one_axis_at_95_percent_of_its_range_saturates_the_sample(axis: int, sign: int) -> None:
+    """The boundary itself is saturated, one count below is not; the reason names axis and range."""
+    limit = 1_900_000 if axis < 3 else 760_000
+    at, below = [0] * 6, [0] * 6
+    at[axis], below[axis] = sign * limit, sign * (limit - 1)
+    saturated = sample_of(Record(1, 1, 0, tuple(at)), SCALE)
+    assert saturated.status == "saturated"
+    assert ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")[axis] in saturated.reason
+    assert ("200 N" if axis < 3 else "8 N m") in saturated.reason
+    assert (saturated.force_N + saturated.torque_Nm)[axis] == sign * (190.0 if axis < 3 else 7.6)
+    assert sample_of(Record(1, 1, 0, tuple(below)), SCALE).status == "ok"
+
+
+@given(uint32)
+def test_every_status_but_two_is_a_fault_without_numbers(status: int) -> None:
+    """Healthy and the user's own threshold pass; an unknown bit is never taken for harmless."""
+    sample = sample_of(Record(1, 1, status, (10_000,) * 6), SCALE)
+    if status in {0, MONITOR_CONDITION}:
+        assert sample.status == "ok"
+    else:
+        assert sample.status == "fault"
+        assert f"0x{status:08X}" in sample.reason
+        assert sample.force_N == sample.torque_Nm == (0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("status", [0x8000_0000, 0x0001_0000, 0x8001_0001, 0x8003_0000, 1])
+def test_status_next_to_the_harmless_one_is_a_fault(status: int) -> None:
+    """The harmless status is one word, not a mask: its single bits are not harmless."""
+    assert sample_of(Record(1, 1, status, (0,) * 6), SCALE).status == "fault"
+
+
+# --- sequences ------------------------------------------------------------------------------------
+
+
+@given(uint32, st.integers(1, 200))
+def test_whole_stream_is_all_samples(start: int, length: int) -> None:
+    """Nothing is counted against a stream that is in order, also when its numbers wrap."""
+    stream, kinds = follow_all([record(start + place) for place in range(length)])
+    assert set(kinds) == {"sample"}
+    assert stream.number == length
+    assert stream.tally == replace(Stream().tally, records=length)
+
+
+@given(uint32, st.lists(st.integers(1, JUMP - 1), min_size=1, max_size=20))
+def test_gaps_are_counted_record_by_record(start: int, steps: list[int]) -> None:
+    """Lost is exactly what was left out, and the number of the newest sample counts it too."""
+    places = [sum(steps[:end]) for end in range(len(steps) + 1)]
+    stream, kinds = follow_all([record(start + place) for place in places])
+    assert set(kinds) == {"sample"}
+    assert stream.tally.lost == sum(step - 1 for step in steps)
+    assert stream.number == 1 + sum(steps)
+
+
+@given(uint32, st.integers(0, 2**32))
+def test_any_disorder_within_the_window_is_told_apart(start: int, seed: int) -> None:
+    """Of a shuffled stream with copies and losses every record is accounted for exactly once."""
+    rng = random.Random(seed)
+    length = 60
+    came = [place for place in range(1, length) if rng.random() > 0.2]
+    copies = [place for place in came if rng.random() < 0.2]
+    tail = [*came, *copies]
+    # A record is held back by a few places at most, as a network does it.
+    tail.sort(key=lambda place: place + rng.uniform(0.0, 20.0))
+    order = [0, *tail]
+    stream, kinds = follow_all([record(start + place) for place in order])
+    newest = max(order)
+    assert stream.tally.duplicates == len(copies) == kinds.count("duplicate")
+    assert stream.tally.lost == newest + 1 - len({*order})
+    assert stream.tally.reordered == kinds.count("reordered")
+    assert kinds.count("sample") + kinds.count("reordered") == len({*order})
+    assert stream.tally.restarts == 0
+    assert stream.number == newest + 1
+
+
+def test_only_the_newest_record_is_a_sample() -> None:
+    """What comes after a newer record is counted, and its old numbers are news to nobody."""
+    stream, kinds = follow_all([record(place) for place in (10, 13, 11, 11, 13, 12, 14)])
+    expected = ["sample", "sample", "reordered", "duplicate", "duplicate", "reordered", "sample"]
+    assert kinds == expected
+    assert stream.tally.lost == 0
+
+
+@pytest.mark.parametrize("back", [LATE_WINDOW, LATE_WINDOW + 1, 5_000, 2**31])
+def test_far_step_back_is_a_restart(back: int) -> None:
+    """A sensor that was switched off and on is followed from its first record on."""
+    stream, kinds = follow_all([record(100_000 + back), record(100_000, ft=1), record(100_001)])
+    assert kinds == ["sample"] * 3
+    assert (stream.tally.restarts, stream.tally.lost) == (1, 0)
+
+
+def test_step_back_with_a_later_sample_is_a_restart() -> None:
+    """A stream that began anew near its old numbers shows by its samples: no copy is newer."""
+    stream, kinds = follow_all([record(5), record(1, ft=1_000), record(2, ft=1_014)])
+    assert kinds == ["sample"] * 3
+    assert stream.tally.restarts == 1
+
+
+def test_far_jump_ahead_is_a_restart_and_no_loss() -> None:
+    """Nobody loses more than a second of records and hears nothing of it."""
+    stream, _ = follow_all([record(1), record(1 + JUMP)])
+    assert (stream.tally.restarts, stream.tally.lost) == (1, 0)
+
+
+def test_stream_that_was_asked_for_may_begin_anywhere() -> None:
+    """A new stream begins at 1 again; that is neither loss nor restart nor copy."""
+    stream, _ = follow_all([record(place) for place in range(5, 10)])
+    stream, kinds = follow_all([record(1), record(2)], begin_anew(stream))
+    assert kinds == ["sample", "sample"]
+    assert stream.number == 7
+    assert stream.tally == replace(Stream().tally, records=7)
+
+
+def test_repeated_sample_is_no_news() -> None:
+    """Records that go on while ft_sequence stands are counted, and give no sample."""
+    stream, kinds = follow_all([record(1, ft=5), *(record(n, ft=5) for n in (2, 3)), record(4)])
+    assert kinds == ["sample", "repeated", "repeated", "sample"]
+    assert stream.tally.repeated == 2
+
+
+@pytest.mark.parametrize(("count", "period_ns"), [(FROZEN_RECORDS, 10_000_000), (200, 1_000_000)])
+def test_reading_without_noise_is_frozen(count: int, period_ns: int) -> None:
+    """Six equal counts for long enough and often enough; one other count ends it."""
+    stream, reasons = Stream(), []
+    for number in range(count):
+        stream, _ = follow(stream, record(number, counts=(5,) * 6), number * period_ns)
+        reasons.append(frozen_reason(stream, number * period_ns))
+    since = max(FROZEN_RECORDS - 1, math.ceil(FROZEN_AFTER_NS / period_ns))
+    assert [bool(reason) for reason in reasons] == [place >= since for place in range(count)]
+    stream, _ = follow(stream, record(count, counts=(5, 5, 5, 5, 5, 6)), count * period_ns)
+    assert frozen_reason(stream, count * period_ns) == ""
+
+
+# --- thinning -------------------------------------------------------------------------------------
+
+
+def kept_hz(rate_hz: float, wanted_hz: float, *, lose: float = 0.0) -> tuple[float, int]:
+    """Return how many samples a second are kept, and every which, once the rate is known."""
+    rng = random.Random(1)
+    state, kept = Thinning(wanted_hz), 0
+    for number in range(int(3 * rate_hz)):
+        if rng.random() < lose:
+            continue
+        state, is_kept = thin(state, number, int(number * NS_PER_S / rate_hz))
+        kept += is_kept and number >= rate_hz
+    return kept / 2.0, state.keep_every
+
+
+@given(st.floats(50.0, 1000.0), st.floats(0.1, 2.0))
+def test_up_to_twice_the_wanted_rate_every_sample_is_kept(wanted: float, ratio: float) -> None:
+    """The filter behind gets every sample that it can use."""
+    rate_hz = max(20.0, wanted * ratio)
+    if rate_hz <= 2.0 * wanted:
+        kept, every = kept_hz(rate_hz, wanted)
+        assert every == 1
+        assert kept == pytest.approx(rate_hz, abs=2.0)
+
+
+@pytest.mark.parametrize("rate_hz", [1250.0, 2000.0, 3500.0, 7000.0])
+@pytest.mark.parametrize("lose", [0.0, 0.1])
+def test_faster_sensor_is_thinned_to_about_the_wanted_rate(rate_hz: float, lose: float) -> None:
+    """The nearest whole share is kept; lost samples cost little, the next one takes their place."""
+    kept, every = kept_hz(rate_hz, 500.0, lose=lose)
+    assert every == round(rate_hz / 500.0)
+    assert rate_hz / every * (1.0 - 0.6 * lose) <= kept <= rate_hz / every + 1.0
+
+
+def test_pause_is_not_taken_for_a_slow_sensor() -> None:
+    """After a gap the old choice holds until the rate has been measured anew."""
+    state = Thinning(500.0)
+    for number in range(7000):
+        state, _ = thin(state, number, number * NS_PER_S // 7000)
+    state = pause(state)
+    for number in range(7000, 8000):
+        state, _ = thin(state, number, 10 * NS_PER_S + number * NS_PER_S // 7000)
+        assert state.keep_every == 14

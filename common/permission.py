@@ -1,7 +1,7 @@
 """The robot's side of the arbiter's permission: the same gate in every process that moves an arm.
 
-A command counts while it is fresh and carries a permission. Once a permission was missed, its
-lease is dead: whatever comes under it later is refused, until the arbiter opens a new lease
+A command counts while it is fresh and carries a permission. Once a permission was missed or taken
+away, its lease is dead: whatever comes under it later is refused, until the arbiter opens a new lease
 (and it does so only when a person arms again). So nothing resumes by itself after a freeze.
 """
 
@@ -38,8 +38,7 @@ class CommandGate:
         if command is None or header is None:
             return self._refuse(reading.fault)
         if command.permission is None:
-            self._live_lease = None
-            return self._hold(command.reason or "the arbiter holds")
+            return self._refuse(command.reason or "the arbiter holds")
         if reading.age_s > command.permission.deadline_s:
             age_ms, limit_ms = reading.age_s * 1e3, command.permission.deadline_s * 1e3
             return self._refuse(f"permission {age_ms:.0f} ms old, limit {limit_ms:.0f} ms")

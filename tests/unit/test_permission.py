@@ -1,0 +1,216 @@
+"""The robot's gate: no permission, no motion, and what was lost once never comes back by itself."""
+
+from dataclasses import dataclass
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
+
+from common.clock import NS_PER_S
+from common.codec import Header
+from common.endpoints import Reading
+from common.messages import Accepted, Permission, RobotCommand
+from common.permission import CommandGate, Verdict, chain_latency_s
+
+DEADLINE_S = 0.04
+NOW_NS = 5 * NS_PER_S
+
+
+def said(
+    lease: int | None = 1, *, seq: int = 1, epoch: int = 1, age_s: float = 0.0, fault: str = ""
+) -> Reading[RobotCommand]:
+    """Return the reading of a command; without a lease it is the arbiter's hold."""
+    header = Header(
+        seq=seq, epoch=epoch, boot="b", stamp_ns=1, sensor_stamp_ns=NOW_NS - 3_000_000, sensor_seq=9
+    )
+    if lease is None:
+        return Reading(RobotCommand(reason="the arbiter is FAULT"), header, age_s, fault)
+    permission = Permission(host="pc", lease=lease, deadline_s=DEADLINE_S)
+    return Reading(RobotCommand(kind="idle", permission=permission), header, age_s, fault)
+
+
+NOTHING: Reading[RobotCommand] = Reading(None, None, float("inf"), "robot/command missing")
+
+
+@pytest.fixture
+def gate() -> CommandGate:
+    """A robot that has just started."""
+    return CommandGate()
+
+
+def test_without_a_command_the_robot_holds(gate: CommandGate) -> None:
+    """Nothing heard yet: hold, and say why."""
+    verdict = gate.judge(NOTHING, NOW_NS)
+
+    assert verdict == Verdict(None, "robot/command missing", None)
+
+
+def test_a_fresh_command_with_a_permission_is_obeyed_and_echoed(gate: CommandGate) -> None:
+    """The echo carries who, which, when, and the sensor sample behind it."""
+    reading = said(seq=4, epoch=2)
+    verdict = gate.judge(reading, NOW_NS)
+
+    echo = Accepted(epoch=2, seq=4, at_ns=NOW_NS, sensor_stamp_ns=NOW_NS - 3_000_000, sensor_seq=9)
+    assert verdict == Verdict(reading.message, "", echo, is_new=True)
+    assert chain_latency_s(echo) == pytest.approx(0.003)
+    assert chain_latency_s(Accepted(epoch=1, seq=1, at_ns=5)) is None
+
+
+def test_the_same_command_is_new_only_once(gate: CommandGate) -> None:
+    """Judged each period, it is obeyed as long as it is fresh, but taken once."""
+    assert gate.judge(said(), NOW_NS).is_new
+    again = gate.judge(said(age_s=0.01), NOW_NS + 1)
+    assert again.command is not None
+    assert not again.is_new
+    assert again.accepted is not None
+    assert again.accepted.at_ns == NOW_NS
+    assert gate.judge(said(seq=2), NOW_NS + 2).is_new
+
+
+def test_a_permission_counts_up_to_its_deadline_and_not_beyond(gate: CommandGate) -> None:
+    """The boundary is exact, and the hold says both numbers."""
+    assert gate.judge(said(age_s=DEADLINE_S), NOW_NS).command is not None
+    late = gate.judge(said(age_s=DEADLINE_S + 1e-9), NOW_NS)
+    assert (late.command, late.hold_reason) == (None, "permission 40 ms old, limit 40 ms")
+
+
+@pytest.mark.parametrize(
+    "missed",
+    [
+        NOTHING,
+        said(age_s=1.0),
+        said(fault="robot/command stale: 50 ms old"),
+        said(fault="robot/command invalid: no reason given"),
+        said(None, seq=2),
+    ],
+    ids=["missing", "late", "stale", "invalid", "held"],
+)
+def test_what_was_missed_once_never_comes_back_under_the_same_lease(
+    gate: CommandGate, missed: Reading[RobotCommand]
+) -> None:
+    """After a missed deadline, or a hold, only a new lease moves the arm: a person armed again."""
+    assert gate.judge(said(seq=1), NOW_NS).command is not None
+    assert gate.judge(missed, NOW_NS).command is None
+    for seq in range(3, 50):
+        verdict = gate.judge(said(seq=seq), NOW_NS)
+        assert verdict.command is None
+        assert verdict.hold_reason.startswith("lease 1 ended: ")
+    assert gate.judge(said(lease=2, seq=50), NOW_NS).command is not None
+
+
+def test_a_lease_number_of_another_arbiter_is_another_lease(gate: CommandGate) -> None:
+    """A restarted arbiter counts its leases anew; its first one is not the dead one."""
+    gate.judge(said(lease=1, epoch=1), NOW_NS)
+    gate.judge(NOTHING, NOW_NS)
+
+    assert gate.judge(said(lease=1, epoch=1, seq=2), NOW_NS).command is None
+    assert gate.judge(said(lease=1, epoch=2), NOW_NS).command is not None
+
+
+def test_a_lease_that_never_lived_cannot_be_missed(gate: CommandGate) -> None:
+    """Before the first permission there is nothing to lose: the first lease is good."""
+    gate.judge(NOTHING, NOW_NS)
+    gate.judge(said(None), NOW_NS)
+
+    assert gate.judge(said(lease=1, seq=2), NOW_NS).command is not None
+
+
+def test_the_robot_itself_can_end_a_lease(gate: CommandGate) -> None:
+    """Asked for what it cannot do, it holds until a person arms again."""
+    gate.judge(said(), NOW_NS)
+    assert gate.revoke("out of reach").hold_reason == "out of reach"
+    assert gate.judge(said(seq=2), NOW_NS).hold_reason == "lease 1 ended: out of reach"
+
+
+@dataclass
+class Model:
+    """What the gate must remember, in the plainest way."""
+
+    live: tuple[int, int] | None = None
+    dead: frozenset[tuple[int, int]] = frozenset()
+
+
+class GateMachine(RuleBasedStateMachine):
+    """Random commands, delays and silences; leases of one arbiter only grow, as its do."""
+
+    def __init__(self) -> None:
+        """Start a robot and a model of it."""
+        super().__init__()
+        self.gate = CommandGate()
+        self.model = Model()
+        self.epoch, self.lease, self.seq = 1, 1, 0
+        self.verdict = Verdict(None, "nothing yet", None)
+
+    def hear(self, reading: Reading[RobotCommand], *, good: bool) -> None:
+        """Let the gate judge, and compare with the model."""
+        self.verdict = self.gate.judge(reading, NOW_NS)
+        key = (self.epoch, self.lease)
+        obeyed = good and key not in self.model.dead
+        assert (self.verdict.command is not None) == obeyed
+        if obeyed:
+            self.model.live = key
+        elif self.model.live is not None and not good:
+            self.model.dead |= {self.model.live}
+            self.model.live = None
+
+    @rule(age_s=st.floats(0.0, 2.0 * DEADLINE_S))
+    def command(self, age_s: float) -> None:
+        """A command with a permission, in time or not."""
+        self.seq += 1
+        reading = said(self.lease, seq=self.seq, epoch=self.epoch, age_s=age_s)
+        self.hear(reading, good=age_s <= DEADLINE_S)
+
+    @rule()
+    def repeat(self) -> None:
+        """Nothing new came; the last command is still fresh."""
+        if self.seq:
+            self.hear(said(self.lease, seq=self.seq, epoch=self.epoch), good=True)
+
+    @rule()
+    def silence(self) -> None:
+        """The reader finds fault."""
+        self.hear(NOTHING, good=False)
+
+    @rule()
+    def hold(self) -> None:
+        """The arbiter takes the permission away."""
+        self.seq += 1
+        self.hear(said(None, seq=self.seq, epoch=self.epoch), good=False)
+
+    @rule()
+    def revoke(self) -> None:
+        """The robot cannot go on."""
+        self.verdict = self.gate.revoke("cannot")
+        if self.model.live is not None:
+            self.model.dead |= {self.model.live}
+            self.model.live = None
+
+    @rule()
+    def arm(self) -> None:
+        """A person arms again: a new lease."""
+        self.lease += 1
+
+    @rule()
+    def restart_the_arbiter(self) -> None:
+        """A new epoch; leases count anew."""
+        self.epoch += 1
+        self.lease, self.seq = 1, 0
+
+    @invariant()
+    def a_hold_has_a_reason_and_a_command_has_none(self) -> None:
+        """Exactly one of the two."""
+        assert bool(self.verdict.hold_reason) == (self.verdict.command is None)
+
+
+TestGateMachine = GateMachine.TestCase
+
+
+@given(st.permutations(list(range(1, 9))))
+def test_leases_die_one_by_one_in_any_order_of_arrival(order: list[int]) -> None:
+    """Whichever lease is live when the deadline is missed, that one is dead."""
+    gate = CommandGate()
+    for seq, lease in enumerate(order, start=1):
+        assert gate.judge(said(lease, seq=seq), NOW_NS).command is not None
+        assert gate.judge(NOTHING, NOW_NS).command is None
+        assert gate.judge(said(lease, seq=seq + 100), NOW_NS).command is None

@@ -8,7 +8,7 @@ away, its lease is dead: whatever comes under it later is refused, until the arb
 from dataclasses import dataclass
 
 from common.clock import NS_PER_S
-from common.endpoints import Reading
+from common.endpoints import LONGEST_FAULT, Reading
 from common.messages import Accepted, RobotCommand
 
 
@@ -70,7 +70,7 @@ class CommandGate:
         return self._hold(reason)
 
     def _hold(self, reason: str) -> Verdict:
-        return Verdict(None, reason or "no permission", self._accepted)
+        return Verdict(None, reason[:LONGEST_FAULT] or "no permission", self._accepted)
 
 
 def chain_latency_s(accepted: Accepted) -> float | None:

@@ -10,7 +10,7 @@ from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 from common.clock import NS_PER_S
 from common.codec import Header
 from common.endpoints import Reading
-from common.messages import Accepted, Permission, RobotCommand
+from common.messages import Accepted, Permission, RobotCommand, RobotState
 from common.permission import CommandGate, Verdict, chain_latency_s
 
 DEADLINE_S = 0.04
@@ -121,6 +121,20 @@ def test_the_robot_itself_can_end_a_lease(gate: CommandGate) -> None:
     gate.judge(said(), NOW_NS)
     assert gate.revoke("out of reach").hold_reason == "out of reach"
     assert gate.judge(said(seq=2), NOW_NS).hold_reason == "lease 1 ended: out of reach"
+
+
+def test_a_hold_always_has_a_reason_that_fits_a_message(gate: CommandGate) -> None:
+    """However it came about, and however long the words were."""
+    gate.judge(said(), NOW_NS)
+    verdicts = [
+        gate.revoke("y" * 500),
+        gate.judge(said(seq=2), NOW_NS),
+        gate.judge(Reading(None, None, 0.0, ""), NOW_NS),
+        gate.judge(said(lease=None), NOW_NS),
+    ]
+    for verdict in verdicts:
+        assert verdict.command is None
+        assert RobotState(hold_reason=verdict.hold_reason).hold_reason
 
 
 @dataclass

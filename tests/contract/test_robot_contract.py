@@ -10,7 +10,7 @@ import pytest
 from common.clock import NS_PER_S
 from common.convert import record_of
 from common.frames import rotate_about_base_axes
-from common.messages import Feedback, Gains, Speed
+from common.messages import Feedback, Gains, Speed, WrenchAtTcp
 from sim.robot.service import SimRobot
 from tests.contract.rig import SENSOR_STAMP, Rig, gateway_rig, goal, pose_goal, shifted, sim_rig
 from tests.fakes.arm import FakeArm
@@ -243,6 +243,7 @@ def test_force_feedback_needs_a_permission_that_names_the_controller(rig: Rig) -
     """Host pc permits streamed poses only."""
     rig.arm()
     before = rig.T
+    rig.wrench = WrenchAtTcp(force_N=(0.0, 0.0, 10.0))
     gains = Gains(force_p_m_per_N=(1e-6, 1e-6, 1e-6))
     rig.say("feedback", feedback=Feedback(mode="position", gains=gains))
     rig.until(lambda: rig.state.hold_reason)

@@ -125,6 +125,25 @@ def test_the_first_set_point_is_the_measured_pose(cell: GatewayCell) -> None:
         rig.connect()
 
 
+def test_a_controller_that_greets_is_not_kept_waiting(cell: GatewayCell) -> None:
+    """Pauses grow over failed attempts, not over connections that worked."""
+    for lost in range(1, 5):
+        cell.controller.drop()
+        cell.rig.until(lambda: not cell.rig.state.valid)
+        started_ns = cell.rig.clock.now_ns()
+        cell.rig.connect()
+        assert cell.rig.state.link.reconnects == lost
+        assert cell.rig.clock.now_ns() - started_ns < 600_000_000  # the fourth would be 800 ms
+
+
+def test_a_new_process_does_not_go_on_with_the_ids_of_the_old_one() -> None:
+    """Or it would take reports about its predecessor's commands for its own."""
+    with a_cell() as cell, a_cell() as other:
+        for one in (cell, other):
+            one.rig.connect()
+        assert cell.controller.of(Com.HELLO)[0].id != other.controller.of(Com.HELLO)[0].id
+
+
 def test_a_frozen_controller_is_noticed_before_its_socket_is(cell: GatewayCell) -> None:
     """A stale pose is not passed on as a fresh one: not valid, and the lease is dead."""
     cell.rig.arm()

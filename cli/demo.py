@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from cli.context import NOT_WELL, OK, USAGE, default_cell_file
 from common.errors import ForcemeshError
 
 if TYPE_CHECKING:
@@ -16,7 +17,6 @@ if TYPE_CHECKING:
     from cli.scenario import Plan, Trace
     from common.cell import Cell
 
-UNSETTLED, FAILED = 1, 2
 PLATE = "The plate and the robot"
 JOB = "The job"
 
@@ -24,8 +24,14 @@ JOB = "The job"
 def demo(
     *,
     cell_file: Annotated[
-        Path, typer.Option("--cell", help="Cell file with a section `sim`.")
-    ] = Path("cells/demo.yaml"),
+        Path | None,
+        typer.Option(
+            "--cell",
+            metavar="FILE",
+            help="Cell file with a section `sim`; without it cells/demo.yaml.",
+            show_default=False,
+        ),
+    ] = None,
     mode: Annotated[
         Literal["position", "orientation", "both"],
         typer.Option(help="What force feedback may move.", rich_help_panel=JOB),
@@ -72,10 +78,11 @@ def demo(
 ) -> None:
     """Run the main job: press on a plate, then let force feedback bring the force to its aim."""
     from rich.console import Console
+    from rich.markup import escape
 
     from cli.demo_cell import DEFAULT_SETPOINT_N, DEFAULT_TILT_DEG, check_plan, demo_cell
     from cli.demo_play import live_progress, play_real, play_virtual
-    from cli.scenario import Plan
+    from cli.scenario import Plan, ScenarioError
 
     del law  # there is one so far
     screen = Console(stderr=True)
@@ -87,7 +94,7 @@ def demo(
     )
     try:
         cell = demo_cell(
-            cell_file,
+            cell_file or default_cell_file(),
             stiffness_N_m=stiffness,
             delay_s=None if delay_ms is None else delay_ms / 1e3,
             tilt_deg=DEFAULT_TILT_DEG[mode] if tilt_deg is None else tilt_deg,
@@ -98,12 +105,15 @@ def demo(
             play = play_virtual if virtual else play_real
             trace = play(cell, plan, progress, linger)
     except ForcemeshError as error:
-        screen.print(f"[red]demo:[/red] {error}", highlight=False, soft_wrap=True)
-        raise typer.Exit(FAILED) from None
+        screen.print(f"[red]demo:[/red] {escape(str(error))}", highlight=False, soft_wrap=True)
+        if as_json:
+            sys.stdout.write(json.dumps({"settled": False, "error": str(error)}) + "\n")
+        stopped = isinstance(error, ScenarioError)
+        raise typer.Exit(NOT_WELL if stopped else USAGE) from None
     result = report(screen, cell, plan, trace=trace, out=out)
     if as_json:
         sys.stdout.write(json.dumps(result.as_dict()) + "\n")
-    raise typer.Exit(0 if result.settled else UNSETTLED)
+    raise typer.Exit(OK if result.settled else NOT_WELL)
 
 
 def report(screen: "Console", cell: "Cell", plan: "Plan", *, trace: "Trace", out: Path) -> "Result":

@@ -24,8 +24,9 @@ pytestmark = pytest.mark.processes
 
 
 @pytest.fixture
-def cell_file(tmp_path) -> Path:
-    """The demo's cell under a name and an endpoint of this test alone."""
+def cell_file(tmp_path, monkeypatch) -> Path:
+    """The demo's cell under a name, an endpoint and a run folder of this test alone."""
+    monkeypatch.setenv("FORCEMESH_RUN_FOLDER", str(tmp_path))
     with socket.create_server(("127.0.0.1", 0)) as probe:
         port = probe.getsockname()[1]
     overrides = {"cell": f"demo-{port}", "bus.endpoint": f"tcp/127.0.0.1:{port}"}
@@ -152,7 +153,7 @@ def test_killing_a_process_holds_the_arm_and_status_names_it(cell_file, role):
     assert not dead["alive"]
     assert "SIGKILL" in dead["fault"]
     assert status["state"] in ("HOLDING", "FAULT", "DOWN", "IDLE", "BOOT")
-    assert demo.returncode != 0
+    assert demo.returncode == 1
     assert "SIGKILL" in err
 
 

@@ -1,8 +1,8 @@
 """The robot's side of the arbiter's permission: the same gate in every process that moves an arm.
 
 A command counts while it is fresh and carries a permission. Once a permission was missed or taken
-away, its lease is dead: whatever comes under it later is refused, until the arbiter opens a new lease
-(and it does so only when a person arms again). So nothing resumes by itself after a freeze.
+away, its lease is dead: whatever comes under it later is refused, until the arbiter opens a new
+lease (and it does so only when a person arms again). So nothing resumes by itself after a freeze.
 """
 
 from dataclasses import dataclass

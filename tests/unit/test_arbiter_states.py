@@ -1,0 +1,93 @@
+"""The arbiter's table of states: every pair of state and event, and what must never lead where."""
+
+from itertools import product
+from typing import get_args
+
+import pytest
+
+from common.messages import ArbiterState
+from services.arbiter.states import CLEARS, MAY_MOVE, TABLE, after
+
+STATES: tuple[ArbiterState, ...] = get_args(ArbiterState)
+EVENTS = ("ready", "arm", "begin", "end", "hold", "fault", "clear")
+AT_REST = tuple(state for state in STATES if state not in MAY_MOVE)
+
+# Written out a second time on purpose: whoever changes the table must mean it.
+EXPECTED = {
+    ("BOOT", "ready"): "IDLE",
+    ("IDLE", "arm"): "ARMED",
+    ("IDLE", "hold"): "HOLDING",
+    ("ARMED", "begin"): "ACTIVE",
+    ("ARMED", "hold"): "HOLDING",
+    ("ARMED", "fault"): "FAULT",
+    ("ACTIVE", "end"): "ARMED",
+    ("ACTIVE", "hold"): "HOLDING",
+    ("ACTIVE", "fault"): "FAULT",
+    ("HOLDING", "clear"): "IDLE",
+    ("HOLDING", "arm"): "ARMED",
+    ("HOLDING", "fault"): "FAULT",
+    ("FAULT", "clear"): "IDLE",
+}
+
+each_state = pytest.mark.parametrize("state", STATES)
+
+
+@each_state
+@pytest.mark.parametrize("event", EVENTS)
+def test_every_pair_of_state_and_event_leads_where_it_should(
+    state: ArbiterState, event: str
+) -> None:
+    """Swept; what is not listed changes nothing."""
+    assert after(state, event) == EXPECTED.get((state, event), state)
+
+
+def test_the_table_knows_every_state_and_no_other_word() -> None:
+    """Each state has a row and a sentence on what clears it; each event is one of the seven."""
+    assert set(TABLE) == set(CLEARS) == set(STATES)
+    for row in TABLE.values():
+        assert set(row) <= set(EVENTS)
+        assert set(row.values()) <= set(STATES)
+
+
+@pytest.mark.parametrize(("state", "event"), list(product(AT_REST, EVENTS)))
+def test_only_arming_leads_to_motion(state: ArbiterState, event: str) -> None:
+    """From every state at rest, every event but `arm` stays at rest."""
+    if event != "arm":
+        assert after(state, event) not in MAY_MOVE
+
+
+def test_a_fault_and_the_start_cannot_be_armed_away() -> None:
+    """From FAULT a person clears first, from BOOT the inputs must be heard first."""
+    assert after("FAULT", "arm") == "FAULT"
+    assert after("BOOT", "arm") == "BOOT"
+    assert [event for event in EVENTS if after("FAULT", event) != "FAULT"] == ["clear"]
+
+
+@pytest.mark.parametrize("state", MAY_MOVE)
+def test_hold_and_fault_end_every_motion(state: ArbiterState) -> None:
+    """Two events stop the arm from wherever it may move, each into its own latch."""
+    assert after(state, "hold") == "HOLDING"
+    assert after(state, "fault") == "FAULT"
+
+
+@each_state
+def test_hold_never_leads_to_motion_or_out_of_a_latch(state: ArbiterState) -> None:
+    """Held twice is held; a fault is not softened into a hold."""
+    assert after(state, "hold") not in MAY_MOVE
+    assert after(after(state, "hold"), "hold") == after(state, "hold")
+
+
+@each_state
+def test_every_state_can_be_left_for_idle_or_motion(state: ArbiterState) -> None:
+    """No dead end: a person gets the arm to move again from anywhere, step by step."""
+    reached = {state}
+    for _ in STATES:
+        reached |= {after(here, event) for here in reached for event in EVENTS}
+
+    assert {"IDLE", "ARMED", "ACTIVE"} <= reached
+
+
+@each_state
+def test_whoever_may_not_move_is_told_what_to_do(state: ArbiterState) -> None:
+    """A state at rest has its sentence; where the arm may move there is nothing to clear."""
+    assert bool(CLEARS[state]) == (state not in MAY_MOVE)

@@ -1,7 +1,5 @@
 """What every verb needs: its cell, the way onto the bus, one line and an exit code for trouble."""
 
-import os
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -19,12 +17,13 @@ Q = TypeVar("Q", bound="Record")
 
 OK, NOT_WELL, USAGE, REFUSED, NO_ANSWER = 0, 1, 2, 3, 4
 EXIT_CODES = (
-    "Exit codes: 0 done and well; 1 not well: a process died, a role is silent, a move did not get "
-    "there; 2 wrong usage or a wrong cell file; 3 refused, with the reason; 4 no answer: the cell is "
-    "not up, or does not say what was waited for."
+    "Exit codes: 0 done and well; 1 not well: a process died, a role is silent, a move did not "
+    "get there; 2 wrong usage or a wrong cell file; 3 refused, with the reason; 4 no answer: the "
+    "cell is not up, or does not say what was waited for."
 )
 CELL_VARIABLE = "FORCEMESH_CELL"
 DEFAULT_CELL = Path("cells/demo.yaml")
+NEXT_STEP = "`forcemesh up` starts it, `forcemesh status` says what is missing."
 PATIENCE_S = 1.0  # with the hub: a cell that is up answers at once
 
 CellOption = Annotated[
@@ -48,7 +47,7 @@ def default_cell_file() -> Path:
 
 
 def find_cell_file(named: Path | None, *, ended: bool = False) -> Path:
-    """Return the cell file that a verb is about.
+    """Return the cell file that a verb is about: the named one, else that of the cell that is up.
 
     Args:
         named: What the user named, if anything.
@@ -63,7 +62,7 @@ def find_cell_file(named: Path | None, *, ended: bool = False) -> Path:
     if len(live) > 1:
         names = ", ".join(f"{run.cell} ({run.cell_file})" for run in live)
         fail(f"several cells are up: {names}; choose one with --cell", USAGE)
-    found = live or (runs if ended else [])
+    found = live or [run for run in runs if ended and Path(run.cell_file).exists()]
     return Path(found[0].cell_file) if found else default_cell_file()
 
 
@@ -79,7 +78,8 @@ def one_line_errors() -> Iterator[None]:
     except RefusedError as error:
         fail(f"refused ({error.code}): {error}", REFUSED)
     except BusError as error:
-        fail(f"{error} Try `forcemesh status`; `forcemesh up` starts a cell.", NO_ANSWER)
+        what = str(error).removesuffix(": is the cell up?")
+        fail(f"{what}: is the cell up? {NEXT_STEP}", NO_ANSWER)
     except ForcemeshError as error:
         fail(str(error), NOT_WELL)
 
@@ -122,8 +122,3 @@ def numbers_of(reply: "Reply") -> str:
     if reply.limit is not None:
         parts.append(f"limit {reply.limit:.6g}")
     return f" [{', '.join(parts)}]" if parts else ""
-
-
-def is_terminal() -> bool:
-    """Tell whether a person looks at standard error."""
-    return sys.stderr.isatty() and os.environ.get("TERM") != "dumb"

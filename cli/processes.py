@@ -1,5 +1,7 @@
 """The processes of a cell: the table of who plays which role, and who starts and stops them."""
 
+import signal
+import sys
 import threading
 import time
 from collections.abc import Sequence
@@ -95,9 +97,11 @@ class Supervisor:
                 f"cell {self._cell.cell} is already up (pid {before.supervisor_pid}, "
                 f"since {before.started_at}): stop that one first"
             )
-        path = self._cell_file or writable_folder() / f"{self._cell.cell}.yaml"
-        if self._cell_file is None:
+        path = self._cell_file
+        if path is None:
+            path = writable_folder() / f"{self._cell.cell}.yaml"
             write_whole(path, dump_cell(self._cell))
+        self._stop_on_sigterm()
         self._log = RunLog(self._cell.cell, path.resolve())
         try:
             self._start_all(path.resolve(), self._log)
@@ -169,6 +173,13 @@ class Supervisor:
             self._stop.wait(linger_s)
 
     # --- inside -----------------------------------------------------------------------------------
+
+    def _stop_on_sigterm(self) -> None:
+        """Let SIGTERM unwind a program that has no other plan for it: the cell is stopped."""
+        is_main = threading.current_thread() is threading.main_thread()
+        if is_main and signal.getsignal(signal.SIGTERM) is signal.SIG_DFL:
+            signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))
+            self._exits.callback(signal.signal, signal.SIGTERM, signal.SIG_DFL)
 
     def _start_all(self, cell_file: Path, log: RunLog) -> None:
         self._watcher.start()

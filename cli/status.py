@@ -47,11 +47,12 @@ def cell_status(cell: Cell, run: Run | None, only: str | None = None) -> CellSta
         run: What its supervisor wrote, if it has one.
         only: The one role to wait for; otherwise all of them.
     """
+    expected = {only} if only else {role for role in topics.ROLES if not _died(role, run)}
     try:
         with open_bus(cell, topics.CLIENT, patience_s=CONNECT_WITHIN_S) as bus:
             view = CellView(bus, cell)
             started_s = time.monotonic()
-            view.wait(lambda: _is_heard(view, only), view.longest_wait_s)
+            view.wait(lambda: _is_heard(view, expected), view.longest_wait_s)
             return _judge(cell, run, view, time.monotonic() - started_s)
     except BusError:
         return _judge(cell, run, None, 0.0)
@@ -59,16 +60,14 @@ def cell_status(cell: Cell, run: Run | None, only: str | None = None) -> CellSta
 
 def is_well(status: CellStatus) -> bool:
     """Tell whether everything is alive and nothing complains."""
-    silent = status["state"] in (DOWN, "FAULT")
-    return not silent and all(row["alive"] and not row["fault"] for row in status["services"])
+    bad = status["state"] in (DOWN, "FAULT")
+    return not bad and all(row["alive"] and not row["fault"] for row in status["services"])
 
 
-def _is_heard(view: CellView, only: str | None) -> bool:
-    if only is not None:
-        return not view.health(only).fault
-    return view.arbiter().fresh is not None and all(
-        view.health(role).message is not None for role in topics.ROLES
-    )
+def _is_heard(view: CellView, expected: set[str]) -> bool:
+    """Tell whether all that can be expected has come; the arbiter brings the state as well."""
+    state_is_there = expected != set(topics.ROLES) or view.arbiter().fresh is not None
+    return state_is_there and all(view.health(role).message is not None for role in expected)
 
 
 def _judge(cell: Cell, run: Run | None, view: CellView | None, waited_s: float) -> CellStatus:
@@ -93,7 +92,7 @@ def _service(role: str, run: Run | None, view: CellView | None, waited_s: float)
         alive=False,
         rate_hz=None,
         age_s=None,
-        fault=f"{_why_silent(role, run)}no hub answers" if view is None else "",
+        fault=_why_silent(role, run) or f"{_who(role, run)}no hub answers",
     )
     if view is None:
         return row
@@ -103,27 +102,40 @@ def _service(role: str, run: Run | None, view: CellView | None, waited_s: float)
         row["age_s"] = round(reading.age_s, 3)
     if isinstance(message, Health):
         row["pid"], row["rate_hz"] = message.pid, round(message.rate_hz, 1)
-        row["fault"] = message.fault
-    row["alive"] = not reading.fault and not (entry and entry.ended)
-    if not row["alive"]:
+    row["alive"] = not reading.fault and not _died(role, run)
+    if row["alive"]:
+        row["fault"] = message.fault if isinstance(message, Health) else ""
+    else:
         silent_s = waited_s if message is None else reading.age_s
-        row["fault"] = f"{_why_silent(role, run)}no health for {silent_s:.1f} s"
+        silent = f"{_who(role, run)}no health for {silent_s:.1f} s"
+        row["fault"] = _why_silent(role, run) or silent
     return row
 
 
+def _died(role: str, run: Run | None) -> bool:
+    """Tell whether a live supervisor saw this role die: then its last words may still be fresh.
+
+    What an ended run says of the dead says nothing of a cell that is up now.
+    """
+    entry = run.entry(role) if run else None
+    return run is not None and run.live and entry is not None and entry.ended is not None
+
+
 def _why_silent(role: str, run: Run | None) -> str:
-    """Return what the run file and the process table know of a role that is not heard."""
+    """Return what became of a role's process, as far as the run file and the kernel know."""
     entry = run.entry(role) if run else None
     if run is None or entry is None:
         return ""
     if entry.ended is not None:
-        return f"{entry.ended.how}; "
+        return entry.ended.how
     if entry.alive:
-        return f"process {entry.pid} runs, but "
-    dead = [e for e in run.processes if e.ended is not None]
-    if run.ended_at is not None and dead:
-        causes = ", ".join(f"{e.roles[0]} was {e.ended.how}" for e in dead if e.ended)
-        return f"stopped after {causes}; "
-    if not run.live:
-        return "ended with its supervisor; "
-    return f"process {entry.pid} is gone; "
+        return ""
+    causes = [f"{e.roles[0]}: {e.ended.how}" for e in run.processes if e.ended is not None]
+    if run.ended_at is not None and causes:
+        return f"stopped because of {', '.join(causes)}"
+    return f"process {entry.pid} is gone" if run.live else "ended with its supervisor"
+
+
+def _who(role: str, run: Run | None) -> str:
+    entry = run.entry(role) if run else None
+    return f"process {entry.pid} runs, but " if entry else ""

@@ -210,6 +210,6 @@ def _speed_now(bus: "Bus") -> "Speed":
     give_up_s = time.monotonic() + HEARD_WITHIN_S
     while (command := reader.read(bus.clock.now_ns()).message) is None:
         if time.monotonic() > give_up_s:
-            raise BusError(f"nothing on {topics.ROBOT_COMMAND.key} within {HEARD_WITHIN_S:g} s.")
+            raise BusError(f"nothing on {topics.ROBOT_COMMAND.key} within {HEARD_WITHIN_S:g} s")
         time.sleep(POLL_S)
     return command.speed

@@ -1,0 +1,214 @@
+"""The verbs on a bus whose services are played by a stand-in."""
+
+import json
+import socket
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner, Result
+
+from cli.__main__ import app
+from cli.context import CELL_VARIABLE, NO_ANSWER, NOT_WELL, OK, REFUSED
+from cli.runfile import FOLDER_VARIABLE
+from common import topics
+from common.bus import ENDPOINT_VARIABLE, open_hub
+from common.cell import Cell
+from common.config import dump_cell, load_cell
+from common.messages import (
+    ArbiterStatus,
+    GoalReport,
+    MoveRequest,
+    Reply,
+    RobotCommand,
+    RobotState,
+    Speed,
+)
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.fixture(autouse=True)
+def cell_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A cell on a free port with nobody there; every verb takes it from the environment."""
+    with socket.create_server(("127.0.0.1", 0)) as probe:
+        endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+    overrides = {"cell": "verbs", "bus.endpoint": endpoint}
+    path = tmp_path / "cell.yaml"
+    path.write_text(dump_cell(load_cell(ROOT / "cells" / "demo.yaml", overrides)))
+    monkeypatch.delenv(ENDPOINT_VARIABLE, raising=False)
+    monkeypatch.setenv(CELL_VARIABLE, str(path))
+    monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path))
+    monkeypatch.setenv("COLUMNS", "200")
+    return path
+
+
+def run(*words: str) -> Result:
+    """Call a verb."""
+    return CliRunner().invoke(app, list(words))
+
+
+REQUESTS = [
+    ["arm"],
+    ["hold"],
+    ["clear"],
+    ["tare"],
+    ["move", "to", "0,0,0,0,0,0"],
+    ["move", "by", "-5,0,0,0,0,0"],
+    ["speed", "--accel", "50"],
+    ["force", "start"],
+    ["force", "stop"],
+    ["force", "gains"],
+]
+
+
+class StandIn:
+    """Plays arbiter, regulator, wrench and robot: answers as it is told, moves at once."""
+
+    def __init__(self, cell: Cell) -> None:
+        self.asked: list[object] = []
+        self.reply = Reply(accepted=True, text="as you like")
+        self.goal = GoalReport()
+        self.state = "ARMED"
+        self._cell = cell
+        self._stop, self._ready = threading.Event(), threading.Event()
+        self._thread = threading.Thread(target=self._serve)
+
+    def __enter__(self) -> "StandIn":
+        self._thread.start()
+        assert self._ready.wait(20.0)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stop.set()
+        self._thread.join()
+
+    def _serve(self) -> None:
+        with open_hub(self._cell) as hub:
+            inboxes = [hub.playing(r.server).inbox(r) for r in topics.REQUESTS]
+            robot = hub.playing("robot").publisher(topics.ROBOT_STATE)
+            command = hub.playing("arbiter").publisher(topics.ROBOT_COMMAND)
+            status = hub.playing("arbiter").publisher(topics.ARBITER_STATUS)
+            self._ready.set()
+            while not self._stop.wait(0.005):
+                for incoming in (i for inbox in inboxes for i in inbox.take_all()):
+                    self.asked.append(incoming.request)
+                    incoming.reply(self.reply)
+                command.put(RobotCommand(speed=Speed(accel_fraction=0.25, mechanical_m_s=0.1)))
+                status.put(ArbiterStatus.model_validate({"state": self.state}))
+                robot.put(RobotState(position_m=(0.1, 0.2, 0.3), goal=self.goal))
+
+
+@pytest.fixture
+def services(cell_file: Path) -> Iterator[StandIn]:
+    """A hub and the stand-in on it."""
+    with StandIn(load_cell(cell_file)) as stand_in:
+        yield stand_in
+
+
+def test_every_request_verb_prints_the_answer_or_the_refusal(services: StandIn) -> None:
+    """Accepted: the text and 0. Refused: code, text, number and limit on standard error, and 3."""
+    services.goal, services.reply = GoalReport(id=7, state="done"), Reply(accepted=True, value=7.0)
+    for words in REQUESTS:
+        assert (run(*words).exit_code, words) == (OK, words)
+    services.reply = Reply(accepted=False, code="busy", text="not now", value=1.5, limit=1.0)
+    for words in REQUESTS:
+        done = run(*words)
+        assert (done.exit_code, words) == (REFUSED, words)
+        assert done.stderr == "refused (busy): not now [value 1.5, limit 1]\n"
+        assert done.stdout == ""
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["move", "by", "-5,0,0,0,0,90", "--speed", "20", "--no-wait"],
+        ["move", "by", "--speed", "20", "-5,0,0,0,0,90", "--no-wait"],
+        ["move", "by", "--no-wait", "--speed", "20", "--", "-5,0,0,0,0,90"],
+    ],
+)
+def test_a_move_may_begin_with_a_minus_sign(services: StandIn, words: list[str]) -> None:
+    """Degrees and mm/s become radians and m/s, wherever the options stand."""
+    assert run(*words).exit_code == OK
+    request = services.asked[-1]
+    assert isinstance(request, MoveRequest)
+    assert (request.kind, request.speed_m_s) == ("by", 0.02)
+    assert request.joint_rad == pytest.approx((-0.0872664626, 0, 0, 0, 0, 1.5707963268))
+
+
+def test_a_move_to_a_pose_is_sent_in_si(services: StandIn) -> None:
+    """Millimetres and O, A, T become metres and a quaternion: A = 180 is half a turn about y."""
+    assert run("move", "to", "-100,475,377,0,180,0", "--no-wait").exit_code == OK
+    request = services.asked[-1]
+    assert isinstance(request, MoveRequest)
+    assert request.pose is not None
+    assert request.pose.position_m == pytest.approx((-0.1, 0.475, 0.377))
+    assert [abs(q) for q in request.pose.orientation_xyzw] == pytest.approx([0, 1, 0, 0], abs=1e-9)
+
+
+def after_a_moment(change: Callable[[], None]) -> threading.Thread:
+    """Do something from another thread while a verb waits."""
+    thread = threading.Timer(0.2, change)
+    thread.start()
+    return thread
+
+
+def test_a_move_waits_until_its_own_goal_is_done(services: StandIn) -> None:
+    """The report of an older goal does not count."""
+    services.reply = Reply(accepted=True, text="goal 8", value=8.0)
+    services.goal = GoalReport(id=7, state="done")
+    waiting = after_a_moment(lambda: setattr(services, "goal", GoalReport(id=8, state="done")))
+    done = run("move", "by", "1,0,0,0,0,0")
+    assert not waiting.is_alive()
+    assert done.exit_code == OK
+    assert "flange at 100.00, 200.00, 300.00 mm" in done.stdout
+
+
+def test_a_move_that_the_robot_refuses_is_a_refusal(services: StandIn) -> None:
+    """Out of reach is known only to the robot."""
+    services.reply = Reply(accepted=True, value=8.0)
+    services.goal = GoalReport(id=8, state="refused", reason="out of reach")
+    done = run("move", "by", "1,0,0,0,0,0")
+    assert (done.exit_code, done.stderr) == (REFUSED, "refused (goal): out of reach\n")
+
+
+def test_a_move_that_is_stopped_on_its_way_is_not_done(services: StandIn) -> None:
+    """A hold by somebody else ends the waiting."""
+    services.reply = Reply(accepted=True, value=8.0)
+    services.state = "HOLDING"
+    done = run("move", "by", "1,0,0,0,0,0")
+    assert done.exit_code == NOT_WELL
+    assert "the arbiter is HOLDING" in done.stderr
+
+
+def test_speeds_that_are_left_out_keep_their_value(services: StandIn) -> None:
+    """The request carries all of them; those not named are what the arbiter sends along now."""
+    assert run("speed", "--decel", "50").exit_code == OK
+    wanted = Speed(accel_fraction=0.25, decel_fraction=0.5, mechanical_m_s=0.1)
+    assert services.asked[-1] == wanted
+
+
+@pytest.mark.usefixtures("services")
+def test_watch_prints_as_many_messages_as_asked_for() -> None:
+    """One JSON object a line, header and message side by side, each message once."""
+    rows = [
+        json.loads(line)
+        for line in run("watch", "robot/state", "--count", "3", "--json").stdout.splitlines()
+    ]
+    assert len(rows) == 3
+    assert [row["position_m"] for row in rows] == [[0.1, 0.2, 0.3]] * 3
+    assert rows[0]["seq"] < rows[1]["seq"] < rows[2]["seq"]
+    assert {"epoch", "boot", "stamp_ns", "valid", "joint_rad"} <= set(rows[0])
+    assert "position_m" in run("watch", "robot/state", "--count", "2").stdout
+
+
+@pytest.mark.usefixtures("services")
+def test_watch_gives_up_on_a_topic_on_which_nothing_is_said(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A script does not hang for ever."""
+    monkeypatch.setattr("cli.verbs_watch.SILENCE_S", 0.2)
+    done = run("watch", "wrench", "--count", "1", "--json")
+    assert done.exit_code == NO_ANSWER
+    assert "nothing on wrench" in done.stderr

@@ -1,0 +1,139 @@
+"""`forcemesh status` on real processes: a hub that lives, and one that was killed."""
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from cli.cellview import CellView
+from cli.processes import Supervisor
+from cli.runfile import FOLDER_VARIABLE, read_run
+from cli.running import Process
+from cli.status import DOWN, CellStatus, cell_status, is_well
+from common import topics
+from common.bus import ENDPOINT_VARIABLE, open_bus
+from common.cell import Cell
+from common.config import dump_cell, load_cell
+from common.endpoints import Bus
+from common.errors import ForcemeshError
+from common.messages import ArbiterStatus, Health, SensorWrench
+
+ROOT = Path(__file__).resolve().parents[2]
+HUB = Process("services.hub", ("hub",))
+SLEEPER = Process("test", ("wrench",), (sys.executable, "-c", "import time; time.sleep(600)"))
+
+pytestmark = pytest.mark.processes
+
+
+@pytest.fixture
+def cell(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Cell:
+    """A cell on a free port, its run files in a folder of this test alone."""
+    monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path))
+    monkeypatch.delenv(ENDPOINT_VARIABLE, raising=False)
+    with socket.create_server(("127.0.0.1", 0)) as probe:
+        endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+    return load_cell(ROOT / "cells" / "demo.yaml", {"cell": "status", "bus.endpoint": endpoint})
+
+
+def faults(status: CellStatus) -> dict[str, str]:
+    """Return what is wrong with each role."""
+    return {row["name"]: row["fault"] for row in status["services"]}
+
+
+def test_a_hub_alone_is_alive_and_the_others_are_silent(cell: Cell) -> None:
+    """Who is there has pid, rate and age; who is not has a reason."""
+    with Supervisor(cell, processes=[HUB, SLEEPER]):
+        status = cell_status(cell, read_run(cell.cell))
+        hub = status["services"][0]
+        assert (hub["name"], hub["alive"], hub["fault"]) == ("hub", True, "")
+        assert hub["rate_hz"] is not None
+        assert status["state"] == DOWN
+        assert "runs, but no health for" in faults(status)["wrench"]
+        assert faults(status)["arbiter"].startswith("no health for")
+        assert [row["name"] for row in status["services"]] == list(topics.ROLES)
+        assert not is_well(status)
+
+
+def test_a_killed_hub_is_named_although_nothing_can_be_heard(cell: Cell) -> None:
+    """With the bus gone the run file and the kernel say who died, and soon."""
+    with Supervisor(cell, processes=[HUB, SLEEPER]) as supervisor:
+        run = read_run(cell.cell)
+        assert run is not None
+        os.kill(run.processes[0].pid, signal.SIGKILL)
+        while not supervisor.died:
+            time.sleep(0.005)
+        started_s = time.monotonic()
+        status = cell_status(cell, read_run(cell.cell))
+        assert time.monotonic() - started_s < 2.0
+        assert faults(status)["hub"] == "killed by SIGKILL"
+        assert "runs, but no hub answers" in faults(status)["wrench"]
+    after = cell_status(cell, read_run(cell.cell))
+    assert faults(after)["hub"] == "killed by SIGKILL"
+    assert faults(after)["wrench"] == "stopped because of hub: killed by SIGKILL"
+    assert after["state"] == DOWN
+
+
+def test_a_second_hub_on_the_endpoint_is_told_and_nothing_else_is_started(cell: Cell) -> None:
+    """Otherwise two arbiters would command one arm."""
+    other = cell.model_copy(update={"cell": "other"})
+    with (
+        Supervisor(cell, processes=[HUB]),
+        pytest.raises(ForcemeshError, match=r"hub .*exit code 2.*cannot listen"),
+        Supervisor(other, processes=[HUB, SLEEPER]),
+    ):
+        pass
+    run = read_run("other")
+    assert run is not None
+    assert [entry.roles for entry in run.processes] == [("hub",)]
+
+
+def put_health(bus: Bus) -> None:
+    """Publish once what a cell in good order publishes, but for the sensor's health."""
+    for role in (role for role in topics.ROLES if role != "sensor"):
+        health = Health(pid=4711, rate_hz=250.0)
+        bus.playing(role).publisher(topics.HEALTH[role]).put(health)
+    bus.playing("arbiter").publisher(topics.ARBITER_STATUS).put(ArbiterStatus(state="IDLE"))
+
+
+def test_a_view_is_complete_when_every_role_was_heard(cell: Cell) -> None:
+    """Readiness names exactly what is missing; a foreign sensor shows itself by its readings."""
+    external = cell.model_copy(
+        update={"roles": cell.roles.model_copy(update={"sensor": "external"})}
+    )
+    with Supervisor(cell, processes=[HUB]), open_bus(cell, "arbiter") as bus:
+        client = bus.playing(topics.CLIENT)
+        view, foreign = CellView(client, cell), CellView(client, external)
+        sensor = bus.playing("sensor").publisher(topics.SENSOR_WRENCH)
+
+        def only_the_sensor_is_missing() -> bool:
+            put_health(bus)
+            return view.missing() == ["sensor/health missing"]
+
+        def nothing_is_missing() -> bool:
+            put_health(bus)
+            sensor.put(SensorWrench())
+            return not foreign.missing()
+
+        assert view.wait(only_the_sensor_is_missing, 20.0)
+        assert foreign.wait(nothing_is_missing, 20.0)
+
+
+def test_healthcheck_asks_for_one_role(cell: Cell, tmp_path: Path) -> None:
+    """What a container runs: 0 while that role's health is fresh, 1 otherwise."""
+    path = tmp_path / "cell.yaml"
+    path.write_text(dump_cell(cell))
+    command = [sys.executable, "-m", "cli", "status", "--json", "--cell", str(path), "--service"]
+    with Supervisor(cell, path, processes=[HUB]):
+        well, ill = (
+            subprocess.run([*command, role], cwd=ROOT, capture_output=True, text=True, check=False)
+            for role in ("hub", "arbiter")
+        )
+    assert (well.returncode, ill.returncode) == (0, 1)
+    assert json.loads(well.stdout)["name"] == "hub"
+    assert json.loads(ill.stdout)["alive"] is False

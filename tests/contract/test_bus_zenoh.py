@@ -1,0 +1,222 @@
+"""Zenoh as the services use it: a real hub and real clients on a loopback port."""
+
+import socket
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from common import topics
+from common.bus import ENDPOINT_VARIABLE, open_bus, open_hub
+from common.cell import Cell
+from common.config import load_cell
+from common.endpoints import Bus, Publisher, Reader
+from common.errors import BusError
+from common.messages import ArbiterStatus, Empty, HoldRequest, Message, Reply, WrenchAtTcp
+
+DEMO = Path(__file__).resolve().parents[2] / "cells" / "demo.yaml"
+PATIENCE_S = 20.0  # of the test, for a loaded machine
+
+
+@pytest.fixture
+def cell(monkeypatch: pytest.MonkeyPatch) -> Cell:
+    """A cell on a port that is free."""
+    monkeypatch.delenv(ENDPOINT_VARIABLE, raising=False)
+    with socket.create_server(("127.0.0.1", 0)) as probe:
+        port = probe.getsockname()[1]
+    return load_cell(DEMO, {"cell": "zenoh", "bus.endpoint": f"tcp/127.0.0.1:{port}"})
+
+
+@pytest.fixture
+def hub(cell: Cell) -> Iterator[Bus]:
+    """The cell's hub."""
+    with open_hub(cell) as bus:
+        yield bus
+
+
+def until(what: Callable[[], object]) -> None:
+    """Wait until something is true; fail when it does not become true."""
+    give_up_s = time.monotonic() + PATIENCE_S
+    while not what():
+        assert time.monotonic() < give_up_s, "it did not happen"
+        time.sleep(0.002)
+
+
+def until_heard(publisher: Publisher, message: Message, *readers: Reader) -> None:
+    """Publish until every reader has heard something: from then on nothing is lost."""
+
+    def heard() -> bool:
+        publisher.put(message)
+        return all(reader.poll() for reader in readers)
+
+    until(heard)
+
+
+def seq(reader: Reader) -> int:
+    """Return the number of the newest message."""
+    header = reader.read(time.monotonic_ns()).header
+    return 0 if header is None else header.seq
+
+
+@contextmanager
+def answering(bus: Bus, request: topics.Request, answer: Callable[[object], Reply]):
+    """Serve a request from another thread, as a service does from its loop."""
+    inbox, done = bus.inbox(request), threading.Event()
+    taken: list[object] = []
+
+    def serve() -> None:
+        while not done.wait(0.002):
+            for incoming in inbox.take_all():
+                taken.append(incoming.request)
+                incoming.reply(answer(incoming.request))
+
+    thread = threading.Thread(target=serve)
+    thread.start()
+    try:
+        yield taken
+    finally:
+        done.set()
+        thread.join()
+
+
+@pytest.mark.usefixtures("hub")
+def test_a_reader_gets_the_newest_message_only(cell: Cell) -> None:
+    """A reader that was busy sees what is true now, and knows how many it has missed."""
+    with open_bus(cell, "wrench") as writer, open_bus(cell, topics.CLIENT) as client:
+        busy, idle = client.reader(topics.WRENCH), client.reader(topics.WRENCH)
+        publisher = writer.publisher(topics.WRENCH)
+        until_heard(publisher, WrenchAtTcp(), busy, idle)
+        before, known = seq(busy), busy.counters.received + busy.counters.superseded
+        for number in range(1, 51):
+            publisher.put(WrenchAtTcp(force_N=(float(number), 0.0, 0.0)))
+        until(lambda: seq(idle) == publisher.seq)
+        until(lambda: seq(busy) == publisher.seq)
+
+        reading = busy.read(client.clock.now_ns())
+        assert reading.fresh == WrenchAtTcp(force_N=(50.0, 0.0, 0.0))
+        assert busy.counters.superseded >= 48
+        counted = busy.counters.received + busy.counters.superseded
+        assert counted - known == publisher.seq - before
+        assert busy.poll() is False
+
+
+@pytest.mark.usefixtures("hub")
+def test_silence_after_a_message_is_staleness(cell: Cell) -> None:
+    """The reader judges by its own clock: nobody has to say that nothing comes any more."""
+    with open_bus(cell, "arbiter") as writer, open_bus(cell, topics.CLIENT) as client:
+        reader = client.reader(topics.ARBITER_STATUS)
+        publisher = writer.publisher(topics.ARBITER_STATUS)
+        until_heard(publisher, ArbiterStatus(state="IDLE"), reader)
+        now_ns = client.clock.now_ns()
+        assert reader.read(now_ns).fault == ""
+        later_ns = now_ns + round(1e9 * (reader.stale_after_s + 0.01))
+        assert "arbiter/status stale" in reader.read(later_ns).fault
+
+
+@pytest.mark.usefixtures("hub")
+def test_a_request_is_answered_by_the_role_that_serves_it(cell: Cell) -> None:
+    """What the client asked arrives as it was sent, and so does the answer."""
+    refusal = Reply(accepted=False, code="busy", text="not now", value=1.5, limit=1.0)
+    with (
+        open_bus(cell, "arbiter") as arbiter,
+        open_bus(cell, topics.CLIENT) as client,
+        answering(arbiter, topics.HOLD, lambda _: refusal) as taken,
+    ):
+        message = HoldRequest(reason="lunch")
+        assert client.ask(topics.HOLD, message, PATIENCE_S) == refusal
+        assert taken == [message]
+
+
+@pytest.mark.usefixtures("hub")
+def test_a_request_is_asked_again_while_nobody_serves_it_yet(cell: Cell) -> None:
+    """A service that comes up while the question is open still answers it, and takes it once."""
+    replies: list[Reply] = []
+    with open_bus(cell, topics.CLIENT) as client:
+        asker = threading.Thread(
+            target=lambda: replies.append(client.ask(topics.ARM, Empty(), PATIENCE_S))
+        )
+        asker.start()
+        with (
+            open_bus(cell, "arbiter") as arbiter,
+            answering(arbiter, topics.ARM, lambda _: Reply(accepted=True)) as taken,
+        ):
+            asker.join(PATIENCE_S)
+        assert replies == [Reply(accepted=True)]
+        assert len(taken) == 1
+
+
+@pytest.mark.usefixtures("hub")
+def test_a_request_that_nobody_answers_is_an_error_in_time(cell: Cell) -> None:
+    """The error names who should have answered, and comes when the time is up."""
+    with open_bus(cell, topics.CLIENT) as client:
+        started_s = time.monotonic()
+        with pytest.raises(BusError, match="arbiter did not answer zenoh/request/arm"):
+            client.ask(topics.ARM, Empty(), timeout_s=0.3)
+        assert 0.25 <= time.monotonic() - started_s < PATIENCE_S
+
+
+@pytest.mark.usefixtures("hub")
+def test_a_malformed_request_is_refused_and_never_reaches_the_service(cell: Cell) -> None:
+    """Whoever speaks Zenoh can send anything; the service sees only what the table allows."""
+    with (
+        open_bus(cell, "arbiter") as arbiter,
+        open_bus(cell, topics.CLIENT) as client,
+        answering(arbiter, topics.HOLD, lambda _: Reply(accepted=True)) as taken,
+    ):
+        data = client.transport.ask("zenoh/request/hold", b"\xff not a map", PATIENCE_S)
+        assert data is not None
+        assert b"malformed" in data
+        assert taken == []
+
+
+def test_a_hub_that_is_not_there_is_one_clear_error(cell: Cell) -> None:
+    """It names the endpoint that was tried."""
+    with (
+        pytest.raises(BusError, match=f"no hub at {cell.bus.endpoint}"),
+        open_bus(cell, topics.CLIENT, patience_s=0.2),
+    ):
+        pass
+
+
+@pytest.mark.usefixtures("hub")
+def test_two_hubs_on_one_endpoint_are_one_clear_error(cell: Cell) -> None:
+    """The second one never listens."""
+    with pytest.raises(BusError, match=f"cannot listen on {cell.bus.endpoint}"), open_hub(cell):
+        pass
+
+
+def test_environment_moves_the_endpoint(cell: Cell, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A container finds its hub under another name than the cell file's."""
+    monkeypatch.setenv(ENDPOINT_VARIABLE, cell.bus.endpoint)
+    elsewhere = cell.model_copy(
+        update={"bus": cell.bus.model_copy(update={"endpoint": "tcp/127.0.0.1:1"})}
+    )
+    with open_hub(elsewhere), open_bus(elsewhere, topics.CLIENT, patience_s=PATIENCE_S) as bus:
+        assert bus.cell == "zenoh"
+
+
+@pytest.mark.parametrize("role", [*topics.ROLES, topics.CLIENT])
+def test_a_role_gets_only_what_the_table_gives_it(cell: Cell, hub: Bus, role: str) -> None:
+    """Every pair of role and row is tried: writing, reading, serving and asking."""
+    bus = hub.playing(role)
+    for topic in topics.TOPICS:
+        assert may(bus.publisher, topic) == (topic.writer == role)
+        assert may(bus.reader, topic) == (role in topic.readers)
+    for request in topics.REQUESTS:
+        assert may(bus.inbox, request) == (request.server == role)
+    if role != topics.CLIENT:
+        with pytest.raises(BusError, match="only clients"):
+            bus.ask(topics.ARM, Empty(), timeout_s=0.1)
+
+
+def may(use: Callable[[Any], object], row: object) -> bool:
+    """Tell whether the bus lets a role use a row of the table."""
+    try:
+        use(row)
+    except BusError:
+        return False
+    return True

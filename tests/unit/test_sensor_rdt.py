@@ -18,6 +18,7 @@ from services.sensor.rdt import (
     RECORD,
     SEQUENCES,
     Command,
+    Kind,
     Record,
     Scale,
     Stream,
@@ -44,9 +45,10 @@ def record(number: int, *, ft: int | None = None, counts: tuple[int, ...] | None
     return Record(number % SEQUENCES, ft_sequence % SEQUENCES, 0, noise)
 
 
-def follow_all(records: list[Record], stream: Stream | None = None) -> tuple[Stream, list[str]]:
+def follow_all(records: list[Record], stream: Stream | None = None) -> tuple[Stream, list[Kind]]:
     """Take records in one period after the other."""
-    stream, kinds = stream or Stream(), []
+    stream = stream or Stream()
+    kinds: list[Kind] = []
     for place, item in enumerate(records):
         stream, kind = follow(stream, item, place * PERIOD_NS)
         kinds.append(kind)
@@ -231,6 +233,13 @@ def test_reading_without_noise_is_frozen(count: int, period_ns: int) -> None:
     assert [bool(reason) for reason in reasons] == [place >= since for place in range(count)]
     stream, _ = follow(stream, record(count, counts=(5, 5, 5, 5, 5, 6)), count * period_ns)
     assert frozen_reason(stream, count * period_ns) == ""
+
+
+def test_stalled_sensor_is_not_called_frozen() -> None:
+    """Repeats of one sample are no still samples: stalled and frozen have different causes."""
+    repeats = [record(number, ft=5, counts=(5,) * 6) for number in range(100)]
+    stream, _ = follow_all([*repeats, record(100, ft=6, counts=(5,) * 6)])
+    assert frozen_reason(stream, 101 * PERIOD_NS) == ""
 
 
 # --- thinning -------------------------------------------------------------------------------------

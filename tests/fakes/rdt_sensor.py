@@ -1,0 +1,152 @@
+"""A sensor on a real UDP socket, and the driver that reads it on a clock of the tests' own."""
+
+import socket
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from common.clock import ManualClock
+from common.codec import decode
+from common.config import load_cell
+from common.endpoints import Bus
+from common.messages import SensorWrench
+from common.service import Runner
+from common.topics import Qos
+from services.sensor.rdt import RECORD, Command, request
+from services.sensor.service import SensorDriver
+
+ROOT = Path(__file__).resolve().parents[2]
+REAL_CELL = ROOT / "cells" / "rs007l-real.yaml"
+SENSOR_HZ = 500.0
+PERIOD_S = 1.0 / SENSOR_HZ
+PATIENCE_S = 5.0
+
+
+class FakeSensor:
+    """A sensor that streams to whoever asked last; the test says what it sends."""
+
+    def __init__(self) -> None:
+        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.socket.bind(("127.0.0.1", 0))
+        self.socket.settimeout(PATIENCE_S)
+        self.port: int = self.socket.getsockname()[1]
+        self.client: tuple[str, int] | None = None
+        self.place = 0
+        self.ft = 1000
+
+    def __enter__(self) -> "FakeSensor":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.socket.close()
+
+    def hear(self) -> bytes:
+        """Wait for a request; a request to start begins the numbers anew."""
+        data, address = self.socket.recvfrom(64)
+        if data == request(Command.START):
+            self.client, self.place = address, 0
+        return data
+
+    def send(self, data: bytes) -> None:
+        """Send a datagram; loopback has delivered it when this returns."""
+        assert self.client is not None
+        self.socket.sendto(data, self.client)
+
+    def record(
+        self, *, force_N: float = 3.0, status: int = 0, stalled: bool = False, frozen: bool = False
+    ) -> bytes:
+        """Return the next record: force along z, a torque about x, some noise elsewhere."""
+        self.place += 1
+        self.ft += 0 if stalled else 14
+        noise = 0 if frozen else self.place % 50
+        counts = (noise, -noise, round(force_N * 1e6), -500_000, noise, 0)
+        return RECORD.pack(self.place, self.ft, status, *counts)
+
+
+class Recorder:
+    """A transport that keeps every message and not only the newest."""
+
+    def __init__(self) -> None:
+        self.messages: list[SensorWrench] = []
+        self.stamps: list[int] = []
+
+    def publish(self, key: str, qos: Qos) -> Callable[[bytes], None]:
+        """Keep what is put."""
+        assert (key, qos) == ("rs007l/sensor/wrench", "stream")
+
+        def put(data: bytes) -> None:
+            header, message = decode(data, SensorWrench)
+            self.messages.append(message)
+            self.stamps.append(header.stamp_ns)
+
+        return put
+
+    def __getattr__(self, name: str) -> Any:
+        raise AssertionError(f"the driver uses {name} of the bus")
+
+
+class Rig:
+    """A driver of the template cell, the sensor that it reads, and a clock."""
+
+    def __init__(self, sensor: FakeSensor, **overrides: Any) -> None:
+        where = {"sensor.address": "127.0.0.1", "sensor.port": sensor.port}
+        cell = load_cell(REAL_CELL, where | overrides)
+        self.sensor = sensor
+        self.clock = ManualClock()
+        self.said = Recorder()
+        self.driver = SensorDriver(Bus("sensor", cell.cell, self.said, cell, self.clock), cell)
+        self.runner = Runner(self.driver, [], self.clock)
+
+    def __enter__(self) -> "Rig":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.driver.close()
+
+    def advance(self, duration_s: float) -> list[SensorWrench]:
+        """Let time pass in steps of a tenth of a sensor's period; return what was said."""
+        before = len(self.said.messages)
+        for _ in range(round(duration_s / PERIOD_S * 10)):
+            self.clock.sleep_s(PERIOD_S / 10)
+            if self.runner.due(self.clock.now_ns()):
+                self.runner.step(self.clock.now_ns())
+        return self.said.messages[before:]
+
+    def start(self) -> None:
+        """Let the driver ask, and the sensor hear it."""
+        self.advance(PERIOD_S)
+        assert self.sensor.hear() == request(Command.START)
+
+    def stream(self, duration_s: float, **how: Any) -> list[SensorWrench]:
+        """Let the sensor send a record each period; return what the driver said."""
+        before = len(self.said.messages)
+        for _ in range(round(duration_s / PERIOD_S)):
+            self.sensor.send(self.sensor.record(**how))
+            self.advance(PERIOD_S)
+        return self.said.messages[before:]
+
+    def send(self, *datagrams: bytes) -> list[SensorWrench]:
+        """Let several datagrams wait at once; return what the driver said to them."""
+        for data in datagrams:
+            self.sensor.send(data)
+        return self.advance(PERIOD_S)
+
+    @property
+    def counters(self) -> dict[str, int]:
+        """What the driver counts."""
+        return self.driver.counters()
+
+
+def assert_no_numbers(messages: list[SensorWrench], reason: str) -> None:
+    """Every message is not valid, says why, and carries no reading."""
+    assert messages
+    for message in messages:
+        assert not message.valid
+        assert message.status == "fault"
+        assert reason in message.reason, message.reason
+        assert message.force_N == message.torque_Nm == (0.0, 0.0, 0.0)
+
+
+def is_at_rate(messages: list[SensorWrench], duration_s: float) -> bool:
+    """Tell whether there is about one message for each period of the sensor."""
+    return abs(len(messages) - duration_s * SENSOR_HZ) <= 2

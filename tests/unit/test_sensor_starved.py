@@ -1,0 +1,178 @@
+"""What the sensor driver says while no sample comes, and how it comes back; on real sockets."""
+
+import socket
+from collections.abc import Iterator
+
+import pytest
+
+from services.sensor.rdt import Command, request
+from tests.fakes.rdt_sensor import (
+    PATIENCE_S,
+    PERIOD_S,
+    FakeSensor,
+    Rig,
+    assert_no_numbers,
+    is_at_rate,
+)
+
+STALE_S = 0.020
+
+
+@pytest.fixture
+def sensor() -> Iterator[FakeSensor]:
+    """A sensor that nobody has asked yet."""
+    with FakeSensor() as fake:
+        yield fake
+
+
+@pytest.fixture
+def rig(sensor: FakeSensor) -> Iterator[Rig]:
+    """A driver that has asked the sensor for its stream."""
+    with Rig(sensor) as rig:
+        rig.start()
+        yield rig
+
+
+def test_before_the_first_sample_the_driver_says_so_at_its_rate(rig: Rig) -> None:
+    """An idle driver and a dead one do not look alike, from the first moment on."""
+    messages = rig.advance(0.2)
+    assert_no_numbers(messages, "nothing comes")
+    assert is_at_rate(messages, 0.2)
+    assert f"127.0.0.1:{rig.sensor.port}" in messages[-1].reason
+
+
+def test_silence_is_told_after_the_deadline_and_never_with_old_numbers(rig: Rig) -> None:
+    """Within the deadline nothing is made up; after it every message is not valid, at the rate."""
+    rig.stream(0.1)
+    assert rig.advance(STALE_S - 2 * PERIOD_S) == []
+    rig.advance(4 * PERIOD_S)
+    messages = rig.advance(0.2)
+    assert_no_numbers(messages, "nothing comes any more")
+    assert is_at_rate(messages, 0.2)
+    assert rig.driver.fault
+
+
+def test_silent_sensor_is_asked_again_and_its_new_stream_is_taken(rig: Rig) -> None:
+    """A sensor that was off is asked until it answers; its numbers may begin anew."""
+    rig.stream(0.1)
+    rig.advance(0.6)
+    assert [rig.sensor.hear(), rig.sensor.hear()] == [request(Command.START)] * 2
+    assert rig.sensor.place == 0
+    messages = rig.stream(0.1)
+    assert len(messages) == 50
+    assert all(message.valid for message in messages)
+    assert [rig.counters[name] for name in ("lost", "duplicates", "restarts")] == [0, 0, 0]
+    assert [message.counter for message in messages] == list(range(51, 101))
+    assert rig.driver.fault == ""
+
+
+def test_sensor_that_streams_is_not_asked_again(rig: Rig) -> None:
+    """A second request would begin the stream anew."""
+    rig.stream(1.0)
+    assert rig.counters["requests"] == 1
+
+
+def test_sequence_restart_without_being_asked_is_followed_at_once(rig: Rig) -> None:
+    """A sensor that restarts faster than it is missed does not lose a record."""
+    rig.stream(0.4)
+    rig.sensor.place, rig.sensor.ft = 0, 0
+    messages = rig.stream(0.1)
+    assert [message.valid for message in messages] == [True] * 50
+    assert (rig.counters["restarts"], rig.counters["lost"]) == (1, 0)
+
+
+def test_stalled_sensor_is_not_valid_although_records_come(rig: Rig) -> None:
+    """Records with the sample of before are no samples; progress brings the topic back."""
+    rig.stream(0.1)
+    assert rig.stream(STALE_S - 2 * PERIOD_S, stalled=True) == []
+    rig.stream(4 * PERIOD_S, stalled=True)
+    messages = rig.stream(0.3, stalled=True)
+    assert_no_numbers(messages, f"stalled: ft_sequence stays at {rig.sensor.ft}")
+    assert is_at_rate(messages, 0.3)
+    assert rig.counters["requests"] == 1
+    assert all(message.valid for message in rig.stream(0.02))
+
+
+def test_sensor_that_stalls_and_then_falls_silent_is_called_silent(rig: Rig) -> None:
+    """The reason is of now: the sensor that was stalled is gone."""
+    rig.stream(0.1)
+    rig.stream(0.1, stalled=True)
+    rig.advance(0.3)
+    assert_no_numbers(rig.advance(0.1), "nothing comes: is the address right")
+
+
+def test_answer_within_the_first_step_is_taken(sensor: FakeSensor) -> None:
+    """Nothing can have waited in a socket that was opened just now."""
+    with Rig(sensor) as rig:
+        rig.advance(PERIOD_S / 10)
+        sensor.hear()
+        (message,) = [message for message in rig.stream(PERIOD_S) if message.valid]
+        assert message.counter == 1
+        assert rig.counters["late"] == 0
+
+
+@pytest.mark.parametrize("data", [b"", b"x" * 35, b"x" * 37, b"x" * 1400, b"x" * 4000])
+def test_what_is_no_record_is_counted_and_named(rig: Rig, data: bytes) -> None:
+    """Something else on that port is told from silence."""
+    rig.advance(STALE_S)
+    messages = rig.send(data, data)
+    assert_no_numbers(messages, "bytes came, which are no RDT record of 36")
+    assert rig.counters["malformed"] == 2
+
+
+def test_what_waited_while_the_process_was_held_up_is_dropped(rig: Rig) -> None:
+    """Nobody knows the age of records that piled up for longer than the deadline."""
+    rig.stream(0.1)
+    rig.clock.sleep_s(2 * STALE_S)
+    messages = rig.send(*(rig.sensor.record(force_N=50.0) for _ in range(20)))
+    assert_no_numbers(messages, "have waited up to")
+    assert rig.counters["late"] == 20
+    assert rig.counters["lost"] == 0
+    assert all(message.valid for message in rig.stream(0.02))
+
+
+def test_closed_port_is_named(sensor: FakeSensor) -> None:
+    """A sensor whose RDT is off is told from a wrong address; when it comes up it is taken."""
+    with Rig(sensor) as rig:
+        rig.sensor.socket.close()
+        rig.advance(0.1)
+        assert_no_numbers(rig.advance(0.6), "nobody listens there")
+        reopened = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        reopened.bind(("127.0.0.1", rig.sensor.port))
+        reopened.settimeout(PATIENCE_S)
+        rig.sensor.socket = reopened
+        rig.advance(0.3)
+        rig.sensor.hear()
+        assert all(message.valid for message in rig.stream(0.02))
+        rig.advance(2 * STALE_S)
+        assert_no_numbers(rig.advance(STALE_S), "nothing comes any more")
+
+
+def test_network_that_refuses_to_send_is_named(sensor: FakeSensor) -> None:
+    """Whatever the network says goes into the reason; the driver lives on and asks on."""
+    broadcast = "255.255.255.255"  # the kernel forbids it to a socket without SO_BROADCAST
+    with Rig(sensor, **{"sensor.address": broadcast}) as rig:
+        messages = rig.advance(1.0)
+        assert_no_numbers(messages[5:], "sensor 255.255.255.255:")
+        assert "no sample" not in messages[-1].reason
+        assert rig.counters["requests"] >= 3
+
+
+def test_unanswered_requests_go_out_from_a_new_socket_after_a_while(rig: Rig) -> None:
+    """When the network below changed its address, the old socket would never hear again."""
+    first = rig.sensor.client
+    rig.advance(2.5)
+    clients = set()
+    for _ in range(9):
+        rig.sensor.hear()
+        clients.add(rig.sensor.client)
+    assert first in clients
+    assert len(clients) == 2
+    assert all(message.valid for message in rig.stream(0.02))
+
+
+def test_closing_stops_the_stream(rig: Rig) -> None:
+    """The sensor is not left talking to nobody."""
+    rig.stream(0.02)
+    rig.driver.close()
+    assert rig.sensor.hear() == request(Command.STOP)

@@ -1,0 +1,116 @@
+"""The sensor driver as a process, the cell that it is for, and the cells that it refuses."""
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from common import topics
+from common.bus import ENDPOINT_VARIABLE, open_hub
+from common.config import load_cell
+from common.errors import ConfigError
+from common.service import refuse_unless_played_by
+from services.sensor.rdt import Command, request
+from tests.fakes.rdt_sensor import PATIENCE_S, PERIOD_S, REAL_CELL, ROOT, FakeSensor
+
+
+def test_template_cell_is_conservative_and_complete() -> None:
+    """The template loads without a mistake and keeps below what the demo cell allows."""
+    real, demo = load_cell(REAL_CELL), load_cell(ROOT / "cells" / "demo.yaml")
+    assert (real.roles.robot, real.roles.sensor) == ("gateway", "driver")
+    assert set(real.robot.hosts) == {"pc", "controller"}
+    assert real.gateway is not None
+    assert real.deadlines == type(real.deadlines)()
+    for name in ("step_m", "step_deg", "speed_m_s", "speed_deg_s", "tether_m", "force_N"):
+        assert getattr(real.limits, name) < getattr(demo.limits, name)
+
+
+@pytest.mark.parametrize(
+    ("role", "player", "other"),
+    [("robot", "sim", "gateway"), ("robot", "gateway", "sim"), ("sensor", "driver", "sim")],
+)
+def test_process_refuses_a_role_that_the_cell_gives_to_another(
+    role: str, player: str, other: str
+) -> None:
+    """Two processes never play one role; the error names the field and both ways out."""
+    cells = {"sim": ROOT / "cells" / "demo.yaml", "gateway": REAL_CELL}
+    wrong = load_cell(cells[other])
+    with pytest.raises(ConfigError, match=rf"roles\.{role} is {other}.*the {player}.*{role}: "):
+        refuse_unless_played_by(wrong, role, player)
+    right = load_cell(cells["sim" if player == "sim" else "gateway"])
+    refuse_unless_played_by(right, role, player)
+
+
+@pytest.mark.parametrize(
+    ("module", "cell", "said"),
+    [
+        (
+            "services.sensor",
+            "demo.yaml",
+            "sensor: cell demo: 1 mistake(s)\n  - roles.sensor is sim",
+        ),
+        ("sim.robot", "rs007l-real.yaml", "roles.robot is gateway"),
+    ],
+)
+def test_process_of_another_cell_ends_with_one_clear_error(
+    module: str, cell: str, said: str
+) -> None:
+    """Exit code 2 and the reason, before the bus is even looked for."""
+    command = [sys.executable, "-m", module, "--cell", f"cells/{cell}"]
+    ended = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert ended.returncode == 2
+    assert said in ended.stderr
+    assert "Traceback" not in ended.stderr
+
+
+@pytest.fixture
+def sensor() -> Iterator[FakeSensor]:
+    """A sensor that nobody has asked yet."""
+    with FakeSensor() as fake:
+        yield fake
+
+
+@pytest.mark.processes
+def test_process_publishes_what_the_sensor_sends_and_stops_it_at_the_end(
+    sensor: FakeSensor, tmp_path: Path
+) -> None:
+    """As a user runs it: process, hub, UDP; SIGTERM stops the stream and exits with 0."""
+    text = REAL_CELL.read_text(encoding="utf-8")
+    text = text.replace("address: 192.168.1.1", "address: 127.0.0.1")
+    text = text.replace("port: 49152 # RDT", f"port: {sensor.port} # RDT")
+    cell_file = tmp_path / "cell.yaml"
+    cell_file.write_text(text, encoding="utf-8")
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        endpoint = f"tcp/127.0.0.1:{free.getsockname()[1]}"
+    command = [sys.executable, "-m", "services.sensor", "--cell", str(cell_file)]
+    environment = os.environ | {ENDPOINT_VARIABLE: endpoint}
+    cell = load_cell(cell_file)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv(ENDPOINT_VARIABLE, endpoint)
+        with open_hub(cell) as hub:
+            process = subprocess.Popen(command, cwd=ROOT, env=environment)
+            try:
+                reader = hub.playing(topics.CLIENT).reader(topics.SENSOR_WRENCH)
+                sensor.socket.settimeout(30.0)
+                assert sensor.hear() == request(Command.START)
+                give_up = time.monotonic() + PATIENCE_S
+                while (message := reader.read(time.monotonic_ns()).fresh) is None:
+                    assert time.monotonic() < give_up
+                    sensor.send(sensor.record(force_N=12.5))
+                    time.sleep(PERIOD_S)
+                process.send_signal(signal.SIGTERM)
+                while (data := sensor.hear()) == request(Command.START):
+                    pass
+                assert data == request(Command.STOP)
+                assert process.wait(PATIENCE_S) == 0
+            finally:
+                process.kill()
+                process.wait()
+    assert message.force_N[2] == 12.5

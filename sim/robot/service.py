@@ -44,6 +44,7 @@ class SimRobot:
         self._gate = CommandGate()
         self._verdict = Verdict(None, "no command yet", None)
         self._goal = GoalReport()
+        self._arbiter_epoch = 0
         self._target_refused = False
         self._seeded = True
         self._state_ticks = max(1, round(1.0 / cell.rates.robot_hz / TICK_S))
@@ -84,6 +85,9 @@ class SimRobot:
             self._hold()
             return
         self._seeded = False
+        if verdict.accepted is not None and verdict.accepted.epoch != self._arbiter_epoch:
+            # Another arbiter counts its goals anew: its first one is not the one that was done.
+            self._arbiter_epoch, self._goal = verdict.accepted.epoch, GoalReport()
         if command.kind == "goal" and command.goal is not None:
             self._pursue(command.goal, command.speed)
         elif command.kind == "setpoint" and verdict.is_new:

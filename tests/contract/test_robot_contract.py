@@ -11,7 +11,6 @@ from common.clock import NS_PER_S
 from common.convert import record_of
 from common.frames import rotate_about_base_axes
 from common.messages import Feedback, Gains, Speed, WrenchAtTcp
-from sim.robot.service import SimRobot
 from tests.contract.rig import SENSOR_STAMP, Rig, gateway_rig, goal, pose_goal, shifted, sim_rig
 from tests.fakes.arm import FakeArm
 
@@ -186,13 +185,8 @@ def test_silence_of_the_arbiter_stops_the_arm_and_kills_the_lease(rig: Rig) -> N
     rig.until(lambda: rig.state.goal.id == 3 and rig.state.goal.state == "done")
 
 
-def test_a_goal_of_a_new_arbiter_is_not_mistaken_for_an_old_one(
-    rig: Rig, request: pytest.FixtureRequest
-) -> None:
+def test_a_goal_of_a_new_arbiter_is_not_mistaken_for_an_old_one(rig: Rig) -> None:
     """Goal ids start again when the arbiter does: the same id is another goal."""
-    if isinstance(rig.service, SimRobot):
-        reason = "sim/robot/service.py compares goal ids without the arbiter's epoch"
-        request.applymarker(pytest.mark.xfail(strict=True, reason=reason))
     rig.arm()
     start = rig.T
     rig.say("goal", goal=pose_goal(1, shifted(start, z_m=0.01)))

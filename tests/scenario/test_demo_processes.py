@@ -3,11 +3,9 @@
 import json
 import os
 import signal
-import socket
 import subprocess
 import sys
 import time
-from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +13,7 @@ import pytest
 
 from common import topics
 from common.bus import open_bus
-from common.config import dump_cell, load_cell
+from common.config import load_cell
 
 ROOT = Path(__file__).parents[2]
 PATIENCE_S = 60.0  # of the test, not of the cell: a loaded machine is slow to start processes
@@ -23,47 +21,26 @@ PATIENCE_S = 60.0  # of the test, not of the cell: a loaded machine is slow to s
 pytestmark = pytest.mark.processes
 
 
-@pytest.fixture
-def cell_file(tmp_path, monkeypatch) -> Path:
-    """The demo's cell under a name, an endpoint and a run folder of this test alone."""
-    monkeypatch.setenv("FORCEMESH_RUN_FOLDER", str(tmp_path))
-    with socket.create_server(("127.0.0.1", 0)) as probe:
-        port = probe.getsockname()[1]
-    overrides = {"cell": f"demo-{port}", "bus.endpoint": f"tcp/127.0.0.1:{port}"}
-    path = tmp_path / "cell.yaml"
-    path.write_text(dump_cell(load_cell(ROOT / "cells" / "demo.yaml", overrides)))
-    return path
-
-
 def forcemesh(*words: object) -> list[str]:
     """Return the command line of a verb."""
     return [sys.executable, "-m", "cli", *(str(word) for word in words)]
 
 
-@contextmanager
-def running_demo(cell_file: Path, *words: object):
-    """A demo that the test leaves in any case."""
+def demo_words(cell_file: Path, *words: object) -> tuple[object, ...]:
+    """Return the words of a demo on the cell of this test."""
     out = cell_file.parent / "out"
-    command = forcemesh("demo", "--cell", cell_file, "--json", "--out", out, *words)
-    demo = subprocess.Popen(
-        command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    )
-    try:
-        yield demo
-    finally:
-        demo.terminate()
-        demo.communicate(timeout=PATIENCE_S)
+    return ("-m", "cli", "demo", "--cell", cell_file, "--json", "--out", out, *words)
 
 
 @pytest.mark.parametrize(
     ("mode", "stiffness_N_m", "delay_ms"),
     [("position", 5e3, 0), ("orientation", 2e4, 10), ("both", 1e5, 30)],
 )
-def test_the_main_job_settles_in_real_processes(cell_file, mode, stiffness_N_m, delay_ms):
+def test_the_main_job_settles_in_real_processes(cell_file, start, mode, stiffness_N_m, delay_ms):
     """Six processes and a hub do what one process on a virtual clock does."""
     words = ("--mode", mode, "--stiffness", stiffness_N_m, "--delay-ms", delay_ms)
-    with running_demo(cell_file, *words) as demo:
-        out, err = demo.communicate(timeout=2 * PATIENCE_S)
+    demo = start(*demo_words(cell_file, *words))
+    out, err = demo.communicate(timeout=2 * PATIENCE_S)
 
     result = json.loads(out)
     assert demo.returncode == 0, err
@@ -118,36 +95,23 @@ def status_of(cell_file: Path) -> dict:
     return json.loads(done.stdout)
 
 
-@contextmanager
-def another_hub(cell_file: Path):
-    """A hub in the place of one that died, so that the others can be heard again."""
-    command = [sys.executable, "-m", "services.hub", "--cell", str(cell_file)]
-    hub = subprocess.Popen(command, cwd=ROOT)
-    try:
-        yield
-    finally:
-        hub.terminate()
-        hub.wait(PATIENCE_S)
-
-
 @pytest.mark.parametrize("role", topics.ROLES)
-def test_killing_a_process_holds_the_arm_and_status_names_it(cell_file, role):
+def test_killing_a_process_holds_the_arm_and_status_names_it(cell_file, start, role):
     """Kill -9 while force feedback runs: the arm stands, and the screen says who died."""
     cell = load_cell(cell_file)
-    with running_demo(cell_file, "--linger", 20) as demo:
-        with open_bus(cell, topics.CLIENT, patience_s=PATIENCE_S) as bus:
-            watcher = Watcher(bus)
-            watcher.until(lambda: watcher.state() == "ACTIVE" and watcher.pid(role))
-            os.kill(watcher.pid(role), signal.SIGKILL)
-            if role not in ("hub", "robot", "sensor"):
-                assert_held(watcher)
-                assert_held(watcher)
-        if role == "hub":
-            with another_hub(cell_file), open_bus(cell, topics.CLIENT) as bus:
-                assert_held(Watcher(bus))
-        status = status_of(cell_file)
-        demo.terminate()
-        _, err = demo.communicate(timeout=PATIENCE_S)
+    demo = start(*demo_words(cell_file, "--linger", 8))
+    with open_bus(cell, topics.CLIENT, patience_s=PATIENCE_S) as bus:
+        watcher = Watcher(bus)
+        watcher.until(lambda: watcher.state() == "ACTIVE" and watcher.pid(role))
+        os.kill(watcher.pid(role), signal.SIGKILL)
+        if role not in ("hub", "robot", "sensor"):
+            assert_held(watcher)
+    if role == "hub":  # in a new one the others can be heard again
+        start("-m", "services.hub", "--cell", cell_file)
+        with open_bus(cell, topics.CLIENT) as bus:
+            assert_held(Watcher(bus))
+    status = status_of(cell_file)
+    _, err = demo.communicate(timeout=PATIENCE_S)
 
     dead = {service["name"]: service for service in status["services"]}[role]
     assert not dead["alive"]

@@ -1,0 +1,55 @@
+"""A cell file of one test alone, and processes that do not outlive their test."""
+
+import socket
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+import pytest
+
+from common.config import dump_cell, load_cell
+
+ROOT = Path(__file__).parents[2]
+PATIENCE_S = 60.0  # of the test, not of the cell: a loaded machine is slow to start processes
+
+Start = Callable[..., subprocess.Popen[str]]
+
+
+@pytest.fixture
+def cell_file(tmp_path, monkeypatch) -> Path:
+    """The demo's cell under a name, an endpoint and a run folder of this test alone."""
+    monkeypatch.setenv("FORCEMESH_RUN_FOLDER", str(tmp_path))
+    with socket.create_server(("127.0.0.1", 0)) as probe:
+        port = probe.getsockname()[1]
+    overrides = {"cell": f"demo-{port}", "bus.endpoint": f"tcp/127.0.0.1:{port}"}
+    path = tmp_path / "cell.yaml"
+    path.write_text(dump_cell(load_cell(ROOT / "cells" / "demo.yaml", overrides)))
+    return path
+
+
+@contextmanager
+def _ending(process: subprocess.Popen[str]) -> Iterator[None]:
+    yield
+    process.terminate()
+    process.communicate(timeout=PATIENCE_S)
+
+
+@pytest.fixture
+def start() -> Iterator[Start]:
+    """Start a Python process in the project's folder; it is ended with the test."""
+    with ExitStack() as exits:
+
+        def run(*words: object) -> subprocess.Popen[str]:
+            process = subprocess.Popen(
+                [sys.executable, *(str(word) for word in words)],
+                cwd=ROOT,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.PIPE,
+                text=True,
+            )
+            exits.enter_context(_ending(process))
+            return process
+
+        yield run

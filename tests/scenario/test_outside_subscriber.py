@@ -1,0 +1,51 @@
+"""Somebody who knows nothing of ours but Zenoh and MessagePack reads the bus."""
+
+import ast
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+from common.config import load_cell
+
+README = Path(__file__).parents[2] / "README.md"
+
+pytestmark = pytest.mark.processes
+
+
+def snippet(cell_file: Path) -> str:
+    """Return the README's subscriber, for the cell of this test."""
+    cell = load_cell(cell_file)
+    code = re.search(r"```python\n(.*?)```", README.read_text(encoding="utf-8"), re.DOTALL)
+    assert code is not None
+    text = code.group(1).replace("tcp/127.0.0.1:7447", cell.bus.endpoint)
+    return text.replace("demo/wrench", f"{cell.cell}/wrench").replace("print(", "print(*", 1)
+
+
+def test_the_subscriber_of_the_readme_reads_the_wrench(cell_file, start):
+    """Nothing but zenoh and msgpack is imported, and force comes out, newton by newton."""
+    code = snippet(cell_file).replace("])", "], flush=True)")
+    imports = [node for node in ast.walk(ast.parse(code)) if isinstance(node, ast.Import)]
+    assert {name.name for node in imports for name in node.names} == {"msgpack", "zenoh"}
+    up = start("-m", "cli", "up", "--cell", cell_file)
+    assert "is up" in next(line for line in up.stderr if "is up" in line)
+
+    subscriber = start("-c", code)
+    numbers = [float(word) for word in subscriber.stdout.readline().split()]
+
+    assert len(numbers) == 3
+    assert all(abs(number) < 5.0 for number in numbers)  # in the air: the old bias is nearly right
+
+
+def test_watch_prints_json_lines(cell_file, start):
+    """`watch robot/state --count 3 --json` prints three objects with the flange's position."""
+    up = start("-m", "cli", "up", "--cell", cell_file)
+    assert "is up" in next(line for line in up.stderr if "is up" in line)
+
+    watch = start("-m", "cli", "watch", "robot/state", "--cell", cell_file, "--count", 3, "--json")
+    lines = [json.loads(watch.stdout.readline()) for _ in range(3)]
+
+    assert [line["seq"] for line in lines] == sorted({line["seq"] for line in lines})
+    for line in lines:
+        assert line["position_m"] == pytest.approx([0.0, 0.475, 0.377], abs=1e-3)

@@ -174,6 +174,7 @@ class _GoalWatcher:
         from rich.console import Console
 
         started_s = heard_s = time.monotonic()
+        began = False
         with Console(stderr=True).status(f"goal {goal_id}") as live:
             while True:
                 self._clock.sleep_s(POLL_S)
@@ -186,10 +187,14 @@ class _GoalWatcher:
                 heard_s, goal = now_s, robot.fresh.goal
                 x, y, z = (1e3 * value for value in robot.fresh.position_m)
                 live.update(f"goal {goal_id}: flange at {x:.1f}, {y:.1f}, {z:.1f} mm")
-                if goal.id == goal_id and goal.state == "done":
+                state = goal.state if goal.id == goal_id else "none"
+                if state == "done":
                     break
-                if goal.id == goal_id and goal.state == "refused":
+                if state == "refused" and began:
+                    fail(f"the move ended before its goal: {goal.reason}", NOT_WELL)
+                if state == "refused":
                     fail(f"refused (goal): {goal.reason}", REFUSED)
+                began = began or state == "running"
                 self._end_when_stopped()
         where = f"{x:.2f}, {y:.2f}, {z:.2f} mm"
         typer.echo(f"done in {time.monotonic() - started_s:.2f} s: flange at {where}")

@@ -173,6 +173,17 @@ def test_a_move_that_the_robot_refuses_is_a_refusal(services: StandIn) -> None:
     assert (done.exit_code, done.stderr) == (REFUSED, "refused (goal): out of reach\n")
 
 
+def test_a_move_that_the_robot_breaks_off_is_not_done(services: StandIn) -> None:
+    """It was not refused: it began, so where the arm is now is another question."""
+    services.reply = Reply(accepted=True, value=8.0)
+    services.goal = GoalReport(id=8, state="running")
+    broken_off = GoalReport(id=8, state="refused", reason="permission is stale")
+    after_a_moment(lambda: setattr(services, "goal", broken_off))
+    done = run("move", "by", "1,0,0,0,0,0")
+    assert done.exit_code == NOT_WELL
+    assert done.stderr == "the move ended before its goal: permission is stale\n"
+
+
 def test_a_move_that_is_stopped_on_its_way_is_not_done(services: StandIn) -> None:
     """A hold by somebody else ends the waiting."""
     services.reply = Reply(accepted=True, value=8.0)

@@ -1,6 +1,7 @@
 """The simulated arm and its cell: lag, delay, stiffness, sensor sign, honesty about divergence."""
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import pinocchio as pin
@@ -21,7 +22,7 @@ QUIET = SensorSettings(
 )
 
 
-def flange_moved(arm: SimArm, move_m: tuple[float, float, float], T: pin.SE3) -> np.ndarray:
+def flange_moved(arm: SimArm, move_m: Sequence[float], T: pin.SE3) -> np.ndarray:
     """Return the joints that put the flange `move_m` from T, in base axes."""
     goal = pin.SE3(T.rotation, T.translation + np.array(move_m))
     result = arm.kinematics.solve(goal, arm.q, jump_rad=1.0)
@@ -87,7 +88,7 @@ def test_lag_of_the_motion_is_the_documented_one(settings, axis):
     T = arm.T_base_flange
     move = [0.0, 0.0, 0.0]
     move[axis] = 0.002
-    arm.command_joints(flange_moved(arm, tuple(move), T))
+    arm.command_joints(flange_moved(arm, move, T))
     area_s = 0.0
     for _ in range(400):
         arm.step()
@@ -108,7 +109,7 @@ def test_bandwidth_is_the_documented_one(axis):
     ticks = round(turns * math.tau / w / TICK_S)
     for tick in range(2 * ticks):
         move[axis] = 5e-4 * math.sin(w * tick * TICK_S)
-        arm.command_joints(flange_moved(arm, tuple(move), T))
+        arm.command_joints(flange_moved(arm, move, T))
         arm.step()
         if tick >= ticks:
             y = arm.T_base_flange.translation[axis] - T.translation[axis]

@@ -82,6 +82,7 @@ class Reading(Generic[M]):
     header: Header | None
     age_s: float
     fault: str  # empty when the message is present, valid and fresh
+    silent: bool = False  # missing or stale: its writer is not heard
 
     @property
     def fresh(self) -> M | None:
@@ -139,18 +140,18 @@ class Reader(Generic[M]):
         """Take what has come in and judge the newest message at this time."""
         self.poll()
         if self._last is None:
-            return Reading(None, None, float("inf"), f"{self.topic.key} missing")
+            return Reading(None, None, float("inf"), f"{self.topic.key} missing", silent=True)
         header, message = self._last
         age_s = self._age_s(header, now_ns)
-        fault = ""
-        if age_s > self.stale_after_s:
+        fault, is_stale = "", age_s > self.stale_after_s
+        if is_stale:
             fault = (
                 f"{self.topic.key} stale: {age_s * 1e3:.0f} ms old, "
                 f"limit {self.stale_after_s * 1e3:.0f} ms"
             )
         elif not message.valid:
             fault = f"{self.topic.key} invalid: {message.reason or 'no reason given'}"
-        return Reading(message, header, age_s, fault[:LONGEST_FAULT])
+        return Reading(message, header, age_s, fault[:LONGEST_FAULT], silent=is_stale)
 
     def _accept(self, header: Header, message: M) -> bool:
         if header.epoch in self._retired_epochs:

@@ -47,7 +47,7 @@ def missing(inputs: Inputs) -> list[str]:
     but the regulator must be heard.
     """
     faults = [reading.fault for reading in (inputs.robot, inputs.sensor, inputs.wrench)]
-    if inputs.target.message is None or "stale" in inputs.target.fault:
+    if inputs.target.silent:
         faults.append(inputs.target.fault)
     faults += [reading.fault for reading in inputs.health.values()]
     return [fault for fault in faults if fault]

@@ -94,6 +94,17 @@ def test_what_the_writer_calls_invalid_is_a_fault_with_its_reason(line: Line) ->
     assert line.read().fresh is None
 
 
+def test_stale_is_told_apart_from_invalid(line: Line) -> None:
+    """Whether a role is heard at all is not a question of the words in its reason."""
+    line.say(1, SensorWrench(valid=False, reason="robot/state stale: 300 ms old"))
+    assert not line.read().silent
+
+    line.clock.advance_ns(round(STALE_S * 1e9) + 1)
+    assert line.read().silent
+    assert "stale" in line.read().fault
+    assert Line().read().silent
+
+
 def test_a_fault_can_be_passed_on_however_long_the_reason_was(line: Line) -> None:
     """Each hop puts its own words before the reason; the text must still fit a message."""
     line.say(1, SensorWrench(valid=False, reason=LONGEST_REASON))

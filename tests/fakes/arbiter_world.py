@@ -1,0 +1,171 @@
+"""An arbiter without bus or clock, and everything that it reads, to spoil piece by piece."""
+
+from dataclasses import dataclass, field
+from math import pi
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from common.cell import Cell
+from common.codec import Header
+from common.config import cell_hash, load_cell
+from common.convert import pose_of, record_of
+from common.endpoints import Reading
+from common.frames import Oat, R_from_oat
+from common.messages import (
+    Health,
+    Message,
+    MoveRequest,
+    PoseRecord,
+    RegulatorTarget,
+    RobotCommand,
+    RobotState,
+    RobotStatus,
+    SensorWrench,
+    WrenchAtTcp,
+)
+from services.arbiter.core import Arbiter
+from services.arbiter.inputs import Inputs
+
+CELL = load_cell(Path(__file__).resolve().parents[2] / "cells" / "demo.yaml")
+ROLES = ("hub", "robot", "sensor", "wrench", "regulator")
+PERIOD_NS = 4_000_000
+LONG_PERIOD_NS = 20_000_000
+DEADLINE_S = 0.04
+FIT = RobotStatus(motor_power=True, repeat_mode=True, teach_lock_off=True, program_running=True)
+T_START = pin.SE3(R_from_oat(Oat(0.0, pi, 0.0)), np.array([0.0, 0.5, 0.35]))  # flange, tool down
+STOPPED = RegulatorTarget(valid=False, reason="stopped")
+SPOILED = "spoiled: 123 ms old, limit 100 ms"
+
+
+def good_messages(cell: Cell) -> dict[str, Message]:
+    """Return what is heard in a cell where all is well and nobody wants anything."""
+    start = record_of(T_START)
+    robot = RobotState(
+        position_m=start.position_m, orientation_xyzw=start.orientation_xyzw, status=FIT
+    )
+    health = Health(config_hash=cell_hash(cell))
+    messages: dict[str, Message] = {
+        "robot": robot, "sensor": SensorWrench(), "wrench": WrenchAtTcp(), "target": STOPPED
+    }  # fmt: skip
+    return messages | {f"{role}/health": health for role in ROLES}
+
+
+@dataclass
+class World:
+    """The arbiter and its surroundings."""
+
+    cell: Cell = CELL
+    now_ns: int = 1_000_000_000
+    silent: set[str] = field(default_factory=set)
+    epochs: dict[str, int] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Start the arbiter in a cell where all is well."""
+        self.core = Arbiter(self.cell, command_deadline_s=DEADLINE_S)
+        self.messages = good_messages(self.cell)
+
+    # --- surroundings -----------------------------------------------------------------------------
+
+    def change(self, name: str, **changes: Any) -> None:
+        """Change fields of what one input says."""
+        self.messages[name] = self.messages[name].model_copy(update=changes)
+
+    def place(self, T_base_flange: pin.SE3) -> None:
+        """Put the flange somewhere."""
+        record = record_of(T_base_flange)
+        self.change("robot", position_m=record.position_m, orientation_xyzw=record.orientation_xyzw)
+
+    def propose(self, pose: PoseRecord | None, **changes: Any) -> None:
+        """Let the regulator ask for a flange pose."""
+        self.messages["target"] = RegulatorTarget(mode="position", pose=pose, **changes)
+
+    def reading(self, name: str) -> Reading[Any]:
+        """Judge one input as a reader would."""
+        message = self.messages[name]
+        header = Header(seq=1, epoch=self.epochs.get(name, 1), boot="virtual", stamp_ns=self.now_ns)
+        if name in self.silent:
+            return Reading(message, header, 0.123, f"{name} {SPOILED}", silent=True)
+        fault = "" if message.valid else f"{name} invalid: {message.reason}"
+        return Reading(message, header, 0.0, fault)
+
+    def inputs(self) -> Inputs:
+        """Take the snapshot that the arbiter is given."""
+        return Inputs(
+            now_ns=self.now_ns,
+            robot=self.reading("robot"),
+            sensor=self.reading("sensor"),
+            wrench=self.reading("wrench"),
+            target=self.reading("target"),
+            health={role: self.reading(f"{role}/health") for role in ROLES},
+        )
+
+    # --- the arbiter ------------------------------------------------------------------------------
+
+    def tick(self, times: int = 1, *, period_ns: int = PERIOD_NS) -> RobotCommand:
+        """Let periods pass; return the last command."""
+        for _ in range(times - 1):
+            self.tick(period_ns=period_ns)
+        self.now_ns += period_ns
+        return self.core.tick(self.inputs())
+
+    def pass_s(self, duration_s: float) -> RobotCommand:
+        """Let time pass, in long periods to be quick."""
+        return self.tick(round(duration_s * 1e9) // LONG_PERIOD_NS, period_ns=LONG_PERIOD_NS)
+
+    def make_ready(self) -> "World":
+        """Wait out the preflight."""
+        self.pass_s(1.1)
+        assert self.core.state == "IDLE"
+        return self
+
+    def make_armed(self) -> "World":
+        """Arm, and let the robot accept."""
+        self.make_ready()
+        assert self.core.arm(self.inputs()).accepted
+        self.pass_s(0.5)
+        assert self.core.state == "ARMED"
+        return self
+
+    def make_active(self, commander: str) -> "World":
+        """Let somebody command."""
+        self.make_armed()
+        if commander == "operator":
+            assert self.core.move(MOVE_DOWN, self.inputs()).accepted
+        else:
+            self.propose(record_of(T_START))
+        self.tick()
+        assert (self.core.state, self.core.status().commander) == ("ACTIVE", commander)
+        return self
+
+    def report_goal(self, state: str, **changes: Any) -> None:
+        """Let the robot report on the goal that it was given last."""
+        command = self.core.tick(self.inputs())
+        assert command.goal is not None
+        robot = self.messages["robot"]
+        assert isinstance(robot, RobotState)
+        report = robot.goal.model_copy(update={"id": command.goal.id, "state": state} | changes)
+        self.change("robot", goal=report)
+
+
+def with_limits(**limits: float) -> World:
+    """Return a world in which some limits of the cell are other ones."""
+    changed = CELL.limits.model_copy(update=limits)
+    return World(CELL.model_copy(update={"limits": changed}))
+
+
+def shifted(x_m: float = 0.0, y_m: float = 0.0, z_m: float = 0.0) -> PoseRecord:
+    """Return a flange pose beside the start, same orientation."""
+    return record_of(pin.SE3(T_START.rotation, T_START.translation + np.array([x_m, y_m, z_m])))
+
+
+def way_m(a: PoseRecord | None, b: PoseRecord | RobotState) -> float:
+    """Return the distance between two poses."""
+    assert a is not None
+    return float(np.linalg.norm(pose_of(a).translation - pose_of(b).translation))
+
+
+MOVE_DOWN = MoveRequest(kind="pose", pose=shifted(z_m=-0.05))
+MOVE_JOINTS = MoveRequest(kind="joints", joint_rad=(0.0, 0.0, -1.5, 0.0, -1.5, 0.0))

@@ -1,0 +1,197 @@
+"""One commander at a time, and what of its wishes is let through."""
+
+import math
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from common.convert import pose_of, record_of
+from common.frames import rotation_from_vector
+from common.messages import GoalReport, MoveRequest, PoseRecord, Speed
+from tests.fakes.arbiter_world import (
+    CELL,
+    MOVE_DOWN,
+    MOVE_JOINTS,
+    PERIOD_NS,
+    STOPPED,
+    T_START,
+    World,
+    shifted,
+    way_m,
+    with_limits,
+)
+
+LIMITS = CELL.limits
+FASTEST_M = LIMITS.speed_m_s * PERIOD_NS * 1e-9  # way of one period
+NOWHERE = PoseRecord(position_m=(0.0, 0.5, 0.35), orientation_xyzw=(0.0, 0.0, 0.0, 0.0))
+
+BAD_MOVES = {
+    "a pose that is outside": (MoveRequest(kind="pose", pose=shifted(z_m=0.5)), "workspace"),
+    "a pose without a pose": (MoveRequest(kind="pose"), "malformed"),
+    "joints without joints": (MoveRequest(kind="joints"), "malformed"),
+    "by without joints": (MoveRequest(kind="by", pose=shifted()), "malformed"),
+    "no orientation": (MoveRequest(kind="pose", pose=NOWHERE), "not_finite"),
+    "joints out of range": (MoveRequest(kind="joints", joint_rad=(0, 3, 0, 0, 0, 0)), "joint"),
+    "by out of range": (MoveRequest(kind="by", joint_rad=(0, 0, 0, 0, -3, 0)), "joint"),
+    "a huge number": (MoveRequest(kind="joints", joint_rad=(1.7e308,) * 6), "joint"),
+    "too fast": (
+        MoveRequest(kind="pose", pose=shifted(z_m=-0.05), speed_m_s=0.251),
+        "speed",
+    ),
+}
+
+
+# --- one commander --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("move", [MOVE_DOWN, MOVE_JOINTS])
+def test_a_move_is_busy_while_somebody_commands(move: MoveRequest) -> None:
+    """Under force feedback and under another goal; what was commanded goes on."""
+    for commander in ("regulator", "operator"):
+        world = World().make_active(commander)
+        before = world.tick()
+        reply = world.core.move(move, world.inputs())
+        assert (reply.accepted, reply.code) == (False, "busy")
+        assert commander in reply.text
+        assert world.tick() == before
+
+
+@pytest.mark.parametrize("ready", ["BOOT", "IDLE", "HOLDING", "FAULT"])
+def test_a_move_needs_an_armed_arbiter(ready: str) -> None:
+    """Refused in every other state, with what to do about it."""
+    world = World()
+    if ready != "BOOT":
+        world.make_ready()
+    if ready == "HOLDING":
+        world.core.hold("enough")
+    if ready == "FAULT":
+        world.core.arm(world.inputs())
+        world.silent.add("sensor")
+        world.tick()
+    reply = world.core.move(MOVE_DOWN, world.inputs())
+
+    assert (reply.accepted, reply.code) == (False, "not_armed")
+    assert ready in reply.text
+
+
+def test_the_first_set_point_is_where_the_arm_is() -> None:
+    """Hand-over without a jump: equal when the regulator starts there, one period's way else."""
+    world = World().make_armed()
+    world.propose(shifted())
+    command = world.tick()
+    assert (command.kind, command.commander, command.limited) == ("setpoint", "regulator", False)
+    assert way_m(command.pose, shifted()) == 0.0
+
+    world = World().make_armed()
+    world.propose(shifted(x_m=0.01))
+    command = world.tick()
+    assert command.limited
+    assert way_m(command.pose, shifted()) == pytest.approx(FASTEST_M)
+
+
+# --- goals ----------------------------------------------------------------------------------------
+
+
+def test_a_goal_is_said_again_each_period_until_the_robot_reports() -> None:
+    """The same id and content under the same lease; done gives the arm back."""
+    world = World().make_armed()
+    assert world.core.move(MOVE_DOWN, world.inputs()).accepted
+    commands = [world.tick() for _ in range(20)]
+    assert all(command == commands[0] for command in commands)
+    assert commands[0].goal is not None
+    assert (commands[0].kind, commands[0].goal.pose) == ("goal", MOVE_DOWN.pose)
+
+    world.report_goal("running")
+    assert world.tick().kind == "goal"
+    world.report_goal("done")
+    assert (world.tick().kind, world.core.state, world.core.status().trips) == ("idle", "ARMED", ())
+
+
+def test_a_goal_that_the_robot_refuses_is_told_and_does_not_hold() -> None:
+    """The reason is in the status, the arm stays armed, the next move clears it."""
+    world = World().make_active("operator")
+    world.report_goal("refused", reason="out of reach")
+    assert world.tick().kind == "idle"
+    assert [trip.text for trip in world.core.status().trips] == ["out of reach"]
+    assert world.core.move(MOVE_JOINTS, world.inputs()).accepted
+    assert world.core.status().trips == ()
+
+
+@pytest.mark.parametrize(("move", "code"), BAD_MOVES.values(), ids=BAD_MOVES)
+def test_a_move_that_breaks_a_rule_is_refused_with_its_code(move: MoveRequest, code: str) -> None:
+    """Nothing moves, nothing changes."""
+    world = World().make_armed()
+    reply = world.core.move(move, world.inputs())
+
+    assert (reply.accepted, reply.code) == (False, code)
+    assert reply.text
+    assert (world.tick().kind, world.core.state) == ("idle", "ARMED")
+
+
+def test_a_move_to_a_pose_beyond_the_tether_is_refused() -> None:
+    """The number is the distance from where the arm was armed."""
+    world = with_limits(tether_m=0.1).make_armed()
+    reply = world.core.move(MoveRequest(kind="pose", pose=shifted(x_m=0.11)), world.inputs())
+
+    assert (reply.code, reply.limit) == ("tether", 0.1)
+    assert reply.value == pytest.approx(0.11)
+
+
+def test_a_relative_move_counts_from_the_measured_joints() -> None:
+    """Ten degrees before the limit, ten are allowed and eleven are not."""
+    world = World().make_armed()
+    near = (0.0, math.radians(125.0), 0.0, 0.0, 0.0, 0.0)
+    world.change("robot", joint_rad=near)
+    for degrees, accepted in ((10.1, False), (9.9, True)):
+        by = (0.0, math.radians(degrees), 0.0, 0.0, 0.0, 0.0)
+        move = MoveRequest(kind="by", joint_rad=by)
+        assert world.core.move(move, world.inputs()).accepted == accepted
+
+
+def test_speeds_are_refused_above_the_limit_and_used_from_then_on() -> None:
+    """The real speed counts: mechanical times modular."""
+    world = World().make_armed()
+    fast = Speed(mechanical_m_s=LIMITS.speed_m_s * 2.0, modular_fraction=0.51)
+    reply = world.core.set_speed(fast)
+    assert (reply.accepted, reply.code, reply.limit) == (False, "speed", LIMITS.speed_m_s)
+    right = fast.model_copy(update={"modular_fraction": 0.5})
+    assert world.core.set_speed(right).value == pytest.approx(LIMITS.speed_m_s)
+    world.core.move(MOVE_DOWN, world.inputs())
+    assert world.tick().speed == right
+
+
+# --- set points -----------------------------------------------------------------------------------
+
+
+@given(st.lists(st.tuples(st.floats(-0.3, 0.3), st.floats(-0.3, 0.3), st.floats(-0.2, 0.2)),
+                min_size=1, max_size=10))  # fmt: skip
+def test_set_points_never_outrun_the_speed_limit(wishes: list[tuple[float, float, float]]) -> None:
+    """Whatever is proposed: what is let through moves by at most one period's way."""
+    world = with_limits(step_m=0.2).make_active("regulator")
+    before = shifted()
+    for x_m, y_m, turn in wishes:
+        R = rotation_from_vector(np.array([0.0, 0.0, turn])) @ T_START.rotation
+        wish = pin.SE3(R, T_START.translation + np.array([x_m, y_m, 0.0]))
+        world.propose(record_of(wish))
+        command = world.tick()
+        if command.kind != "setpoint" or command.pose is None:
+            return
+        moved = way_m(command.pose, before)
+        assert moved <= FASTEST_M * (1.0 + 1e-9)
+        assert command.limited == (pose_of(command.pose) != wish) or moved < 1e-12
+        before = command.pose
+
+
+def test_a_set_point_too_far_from_the_arm_holds() -> None:
+    """The arm does not follow: after `step_m` of set points it holds with the distance."""
+    world = with_limits(step_m=0.005).make_active("regulator")
+    world.propose(shifted(x_m=0.1))
+    kinds = [world.tick().kind for _ in range(20)]
+
+    assert kinds.index("hold") == pytest.approx(0.005 / FASTEST_M, abs=1)
+    assert set(kinds[kinds.index("hold") :]) == {"hold"}
+    (trip,) = world.core.status().trips
+    assert (trip.code, trip.limit) == ("step", 0.005)

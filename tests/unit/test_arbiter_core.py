@@ -1,0 +1,242 @@
+"""Who may move the arm, and how far: the arbiter's decisions, period by period."""
+
+import pinocchio as pin
+import pytest
+
+from common.convert import pose_of, record_of
+from common.messages import RobotCommand
+from services.arbiter.inputs import PRECONDITIONS
+from tests.fakes.arbiter_world import (
+    CELL,
+    FIT,
+    MOVE_JOINTS,
+    SPOILED,
+    STOPPED,
+    T_START,
+    World,
+    shifted,
+    with_limits,
+)
+
+LIMITS = CELL.limits
+INPUTS = ["robot", "sensor", "wrench", "target"] + [
+    f"{role}/health" for role in ("hub", "robot", "sensor", "wrench", "regulator")
+]
+
+each_input = pytest.mark.parametrize("name", INPUTS)
+each_motion = pytest.mark.parametrize("motion", ["none", "operator", "regulator"])
+
+
+def moving(motion: str) -> World:
+    """Return an arbiter that is ARMED, or ACTIVE under a commander."""
+    return World().make_armed() if motion == "none" else World().make_active(motion)
+
+
+def assert_stopped(world: World, command: RobotCommand, state: str, text: str) -> None:
+    """The command is a hold without permission; the status says why."""
+    status = world.core.status()
+    assert (command.kind, command.permission) == ("hold", None)
+    assert (status.state, status.commander) == (state, "none")
+    assert text in "; ".join(trip.text for trip in status.trips)
+    assert text[:20] in command.reason
+    assert status.clears
+
+
+# --- arming ---------------------------------------------------------------------------------------
+
+
+def test_the_first_word_is_hold() -> None:
+    """An arbiter that has just started permits nothing, whatever it hears."""
+    world = World()
+    world.propose(shifted(z_m=-0.001))
+    assert world.tick().permission is None
+
+
+def test_arming_needs_a_second_of_good_inputs() -> None:
+    """Refused with how long they have been good; a gap starts the second anew."""
+    world = World()
+    world.pass_s(0.9)
+    reply = world.core.arm(world.inputs())
+    assert (reply.accepted, reply.code) == (False, "not_ready")
+    assert "inputs are good for 0.9 s" in reply.text
+
+    world.silent.add("sensor")
+    world.tick()
+    world.silent.clear()
+    world.pass_s(0.9)
+    assert not world.core.arm(world.inputs()).accepted
+    world.pass_s(0.2)
+    assert world.core.arm(world.inputs()).accepted
+
+
+@each_input
+def test_arming_names_the_input_that_is_not_good(name: str) -> None:
+    """Swept: each input in turn; nothing else stands in the refusal."""
+    world = World().make_ready()
+    world.silent.add(name)
+    world.tick()
+    reply = world.core.arm(world.inputs())
+
+    assert (reply.accepted, reply.text) == (False, f"{name} {SPOILED}")
+    assert world.core.status().not_ready == (f"{name} {SPOILED}",)
+
+
+@pytest.mark.parametrize("bit", PRECONDITIONS)
+def test_arming_says_what_the_controller_lacks(bit: str) -> None:
+    """Swept: each status bit the wrong way round, with what to do about it."""
+    wanted, remedy = PRECONDITIONS[bit]
+    world = World().make_ready()
+    world.change("robot", status=FIT.model_copy(update={bit: not wanted}))
+    world.tick()
+
+    assert world.core.arm(world.inputs()).text == remedy
+
+
+def test_a_process_with_another_cell_file_prevents_arming() -> None:
+    """Two cell files in one cell: the refusal names the role."""
+    world = World().make_ready()
+    world.change("wrench/health", config_hash="0123456789ab")
+    world.tick()
+
+    assert "wrench runs with another cell file" in world.core.arm(world.inputs()).text
+
+
+def test_a_regulator_that_is_stopped_does_not_prevent_arming() -> None:
+    """Its target need not be valid, it must be heard: whatever words its reason holds."""
+    world = World().make_ready()
+    world.change("target", reason="arbiter/status stale: 600 ms old, limit 500 ms")
+    world.tick()
+
+    assert world.core.arm(world.inputs()).accepted
+
+
+def test_each_arming_opens_a_new_lease() -> None:
+    """Numbers only grow, and the command carries the one that was announced."""
+    world = World().make_ready()
+    leases = []
+    for _ in range(3):
+        assert world.core.arm(world.inputs()).accepted
+        command = world.tick()
+        assert command.permission is not None
+        assert command.permission.deadline_s == 0.04
+        leases.append(command.permission.lease)
+        assert world.core.status().lease == leases[-1]
+        assert world.core.arm(world.inputs()).code == "already"
+        world.core.hold("enough")
+        world.tick()
+    assert leases == [1, 2, 3]
+
+
+# --- inputs that fail in motion -------------------------------------------------------------------
+
+
+@each_motion
+@each_input
+def test_an_input_that_fails_in_motion_is_a_fault_with_its_name(name: str, motion: str) -> None:
+    """Swept: each input in turn, armed, under a goal and under force feedback."""
+    world = moving(motion)
+    world.silent.add(name)
+    assert_stopped(world, world.tick(), "FAULT", f"{name} {SPOILED}")
+
+    world.silent.clear()
+    assert world.pass_s(2.0).permission is None
+    assert world.core.state == "FAULT"
+    assert world.core.arm(world.inputs()).code == "state"
+    assert world.core.clear(world.inputs()).accepted
+    assert world.core.arm(world.inputs()).accepted
+
+
+@each_motion
+@pytest.mark.parametrize("name", ["robot", "sensor", "wrench"])
+def test_an_input_that_calls_itself_invalid_in_motion_is_a_fault(name: str, motion: str) -> None:
+    """The reason that the input gave is in the trip."""
+    world = moving(motion)
+    world.change(name, valid=False, reason="no cable")
+    assert_stopped(world, world.tick(), "FAULT", f"{name} invalid: no cable")
+
+
+@each_motion
+@pytest.mark.parametrize("bit", PRECONDITIONS)
+def test_a_controller_that_is_not_fit_any_more_is_a_fault(bit: str, motion: str) -> None:
+    """Swept: motors off, TEACH, an error, ... while the arm may move."""
+    wanted, remedy = PRECONDITIONS[bit]
+    world = moving(motion)
+    world.change("robot", status=FIT.model_copy(update={bit: not wanted}))
+    assert_stopped(world, world.tick(), "FAULT", remedy)
+
+
+def test_a_fault_is_not_cleared_while_its_cause_is_there() -> None:
+    """Clear is refused with the cause, and accepted once it is gone."""
+    world = World().make_armed()
+    world.silent.add("wrench")
+    world.tick()
+    refusal = world.core.clear(world.inputs())
+    assert (refusal.accepted, world.core.state) == (False, "FAULT")
+    assert "wrench spoiled" in refusal.text
+
+    world.silent.clear()
+    assert world.core.clear(world.inputs()).accepted
+    assert world.core.state == "IDLE"
+    assert world.core.status().trips == ()
+
+
+# --- limits in motion -----------------------------------------------------------------------------
+
+
+@each_motion
+def test_the_force_ceiling_holds(motion: str) -> None:
+    """The ceiling itself is allowed; a newton more is a hold with both numbers."""
+    world = moving(motion)
+    world.change("wrench", force_N=(0.0, 0.0, LIMITS.force_N))
+    assert world.tick().permission is not None
+    world.change("wrench", force_N=(0.0, 0.0, LIMITS.force_N + 1.0))
+    assert_stopped(world, world.tick(), "HOLDING", "force 61.0 N is above the ceiling")
+    assert world.core.status().trips[0].limit == LIMITS.force_N
+
+    assert world.core.arm(world.inputs()).code == "force"
+
+
+def test_the_torque_ceiling_holds() -> None:
+    """The same about the TCP."""
+    world = World().make_armed()
+    world.change("wrench", torque_Nm=(0.0, LIMITS.torque_Nm + 0.1, 0.0))
+    assert_stopped(world, world.tick(), "HOLDING", "torque 10.10 N m is above the ceiling")
+
+
+@each_motion
+@pytest.mark.parametrize(
+    ("axis", "to_m"), [(0, -0.41), (0, 0.41), (1, 0.19), (1, 0.81), (2, -0.05), (2, 0.77)]
+)
+def test_a_tcp_that_leaves_the_workspace_holds(motion: str, axis: int, to_m: float) -> None:
+    """Swept: each wall, judged at the measured TCP, 160 mm below the flange."""
+    world = moving(motion)
+    p = T_START.translation.copy()
+    p[axis] = to_m
+    world.place(pin.SE3(T_START.rotation, p))
+    assert_stopped(world, world.tick(), "HOLDING", f"TCP {'xyz'[axis]} = ")
+
+
+@each_motion
+def test_a_robot_that_keeps_holding_is_believed(motion: str) -> None:
+    """It has seen something that the arbiter has not; a moment after arming it may still hold."""
+    world = moving(motion)
+    world.change("robot", hold_reason="target out of reach")
+    assert_stopped(world, world.tick(), "HOLDING", "the robot holds: target out of reach")
+
+    assert world.core.arm(world.inputs()).accepted
+    assert world.tick(50).permission is not None
+    world.change("robot", hold_reason="")
+    assert world.pass_s(1.0).permission is not None
+
+
+def test_a_regulator_that_gives_up_holds() -> None:
+    """Invalid with a mode: it runs and cannot go on. Invalid without one: it was stopped."""
+    world = World().make_active("regulator")
+    world.change("target", valid=False, reason="wrench stale")
+    assert_stopped(world, world.tick(), "HOLDING", "the regulator gave up: wrench stale")
+
+    world = World().make_active("regulator")
+    world.messages["target"] = STOPPED
+    command = world.tick()
+    assert (command.kind, world.core.state) == ("idle", "ARMED")
+    assert command.permission is not None

@@ -286,7 +286,8 @@ class Arbiter:
             reply = self.set_speed(speed)
             if not reply.accepted:
                 return reply
-        self._goal_id += 1
+        # Above what the robot reports too: an arbiter that restarted must not repeat a number.
+        self._goal_id = max(self._goal_id, robot.goal.id) + 1
         goal = Goal(
             id=self._goal_id, kind=request.kind, pose=request.pose, joint_rad=request.joint_rad
         )

@@ -120,6 +120,18 @@ def test_a_goal_that_the_robot_refuses_is_told_and_does_not_hold() -> None:
     assert world.core.status().trips == ()
 
 
+@pytest.mark.parametrize("last_id", [0, 1, 2, 10**6])
+def test_a_goal_never_bears_the_number_of_one_that_the_robot_already_knows(last_id: int) -> None:
+    """An arbiter that restarted counts on: else its first goal would count as done unmoved."""
+    world = World().make_armed()
+    world.change("robot", goal=GoalReport(id=last_id, state="done"))
+    assert world.core.move(MOVE_DOWN, world.inputs()).accepted
+    command = world.tick(10)
+    assert command.kind == "goal"
+    assert command.goal is not None
+    assert command.goal.id > last_id
+
+
 @pytest.mark.parametrize(("move", "code"), BAD_MOVES.values(), ids=BAD_MOVES)
 def test_a_move_that_breaks_a_rule_is_refused_with_its_code(move: MoveRequest, code: str) -> None:
     """Nothing moves, nothing changes."""

@@ -72,6 +72,7 @@ class Arbiter:
         self._good_since_ns: int | None = None
         self._last_ns = 0
         self._goal_id = 0
+        self._regulator_rested = False  # seen stopped since arming and since the last goal
         self._not_ready: list[str] = ["starting"]
 
     # --- every period ---------------------------------------------------------------------------
@@ -146,11 +147,13 @@ class Arbiter:
         robot, target = inputs.robot.fresh, inputs.target.fresh
         if robot is None:  # cannot be: a stale robot has ended motion above
             return RobotCommand(kind="hold", reason="robot/state is stale")
+        if target is None or self._motion.commander == "operator":
+            self._regulator_rested = target is None
         if self._motion.commander == "regulator" and target is None:
             self._end()
         elif self._motion.commander == "operator":
             self._watch_goal(robot)
-        elif self._motion.commander == "none" and target is not None:
+        elif self._motion.commander == "none" and target is not None and self._regulator_rested:
             self._begin(Motion("regulator", T_base_flange=pose_of(robot)))
         if self._motion.commander == "regulator" and target is not None:
             return self._pass_target(robot, target, dt_s)
@@ -233,6 +236,7 @@ class Arbiter:
             return refused(trip)
         self.state, self.trips, self._motion = after(self.state, "arm"), (), IDLE_MOTION
         self._lease += 1
+        self._regulator_rested = False
         self._lease_since_ns = inputs.now_ns
         self._armed_at_m = np.array(robot.position_m)
         return Reply(accepted=True, text=f"armed, lease {self._lease}")

@@ -77,6 +77,34 @@ def test_a_move_needs_an_armed_arbiter(ready: str) -> None:
     assert ready in reply.text
 
 
+def test_a_regulator_that_starts_under_a_goal_does_not_take_over() -> None:
+    """Neither during the goal nor after it: the regulator has to be seen stopped first."""
+    world = World().make_active("operator")
+    world.propose(shifted(z_m=-0.01))
+    assert world.tick(5).kind == "goal"
+    world.report_goal("done")
+    command = world.tick(100)
+    assert (command.kind, world.core.state) == ("idle", "ARMED")
+
+    world.messages["target"] = STOPPED
+    world.tick()
+    world.propose(shifted())
+    assert world.tick().kind == "setpoint"
+
+
+def test_arming_does_not_revive_a_regulator_that_never_stopped() -> None:
+    """After a hold a person arms; force feedback goes on only when it is started again."""
+    world = World().make_active("regulator")
+    world.core.hold("enough")
+    assert world.core.arm(world.inputs()).accepted
+    assert world.tick(100).kind == "idle"
+
+    world.messages["target"] = STOPPED
+    world.tick()
+    world.propose(shifted())
+    assert world.tick().kind == "setpoint"
+
+
 def test_the_first_set_point_is_where_the_arm_is() -> None:
     """Hand-over without a jump: equal when the regulator starts there, one period's way else."""
     world = World().make_armed()

@@ -47,6 +47,7 @@ class Motion:
 
     commander: Commander = "none"
     goal: Goal | None = None
+    speed: Speed | None = None  # of this goal, where the move asked for its own
     T_base_flange: pin.SE3 | None = None  # last set point that was let through
 
 
@@ -214,7 +215,8 @@ class Arbiter:
 
     def _command(self, kind: str, *, host: Host = "pc", **content: object) -> RobotCommand:
         permission = Permission(host=host, lease=self._lease, deadline_s=self._deadline_s)
-        fields = {"kind": kind, "commander": self._motion.commander, "speed": self._speed}
+        speed = self._motion.speed or self._speed
+        fields = {"kind": kind, "commander": self._motion.commander, "speed": speed}
         return RobotCommand.model_validate({**fields, "permission": permission, **content})
 
     # --- requests ---------------------------------------------------------------------------------
@@ -256,14 +258,18 @@ class Arbiter:
 
     def set_speed(self, speed: Speed) -> Reply:
         """Set the speeds of the moves to come."""
-        real_m_s = speed.mechanical_m_s * speed.modular_fraction
-        if real_m_s > self._limits.speed_m_s:
-            text = "mechanical times modular speed is above limits.speed_m_s"
-            return refused(
-                Trip(code="speed", text=text, value=real_m_s, limit=self._limits.speed_m_s)
-            )
+        if (trip := self._speed_trip(speed)) is not None:
+            return refused(trip)
         self._speed = speed
+        real_m_s = speed.mechanical_m_s * speed.modular_fraction
         return Reply(accepted=True, text=f"moves run at {real_m_s * 1e3:.1f} mm/s", value=real_m_s)
+
+    def _speed_trip(self, speed: Speed) -> Trip | None:
+        real_m_s = speed.mechanical_m_s * speed.modular_fraction
+        if real_m_s <= self._limits.speed_m_s:
+            return None
+        text = "mechanical times modular speed is above limits.speed_m_s"
+        return Trip(code="speed", text=text, value=real_m_s, limit=self._limits.speed_m_s)
 
     def move(self, request: MoveRequest, inputs: Inputs) -> Reply:
         """Give the robot a goal."""
@@ -283,17 +289,16 @@ class Arbiter:
         )
         if trip is not None:
             return refused(trip)
+        speed = self._speed
         if request.speed_m_s is not None:
-            speed = self._speed.model_copy(
-                update={"mechanical_m_s": request.speed_m_s, "modular_fraction": 1.0}
-            )
-            reply = self.set_speed(speed)
-            if not reply.accepted:
-                return reply
+            own = {"mechanical_m_s": request.speed_m_s, "modular_fraction": 1.0}
+            speed = speed.model_copy(update=own)
+        if (trip := self._speed_trip(speed)) is not None:
+            return refused(trip)
         # Above what the robot reports too: an arbiter that restarted must not repeat a number.
         self._goal_id = max(self._goal_id, robot.goal.id) + 1
         goal = Goal(
             id=self._goal_id, kind=request.kind, pose=request.pose, joint_rad=request.joint_rad
         )
-        self._begin(Motion("operator", goal=goal))
+        self._begin(Motion("operator", goal=goal, speed=speed))
         return Reply(accepted=True, text=f"goal {goal.id}", value=float(goal.id))

@@ -203,6 +203,21 @@ def test_speeds_are_refused_above_the_limit_and_used_from_then_on() -> None:
     assert world.tick().speed == right
 
 
+def test_the_speed_of_one_move_is_of_that_move_alone() -> None:
+    """A fast move does not make the next one fast."""
+    world = World().make_armed()
+    slow = Speed(mechanical_m_s=0.01, accel_fraction=0.3)
+    world.core.set_speed(slow)
+    world.core.move(MOVE_DOWN.model_copy(update={"speed_m_s": 0.2}), world.inputs())
+    speed = world.tick().speed
+    assert speed.mechanical_m_s * speed.modular_fraction == pytest.approx(0.2)
+    assert speed.accel_fraction == 0.3
+    world.report_goal("done")
+    assert world.tick().speed == slow
+    world.core.move(MOVE_JOINTS, world.inputs())
+    assert world.tick().speed == slow
+
+
 # --- set points -----------------------------------------------------------------------------------
 
 

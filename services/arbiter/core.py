@@ -163,11 +163,11 @@ class Arbiter:
         return self._command("idle")
 
     def _pass_target(self, robot: RobotState, target: RegulatorTarget, dt_s: float) -> RobotCommand:
-        if target.host == "controller":
-            return self._command("feedback", host="controller", feedback=target.feedback)
         before = self._motion.T_base_flange
-        if target.pose is None or before is None:
-            return self._hold_for(Trip(code="regulator", text="the target holds no pose"))
+        if target.host == "controller" and target.feedback is not None:
+            return self._command("feedback", host="controller", feedback=target.feedback)
+        if target.host == "controller" or target.pose is None or before is None:
+            return self._hold_for(Trip(code="regulator", text="the target holds nothing to do"))
         T_wanted, T_measured = pose_of(target.pose), pose_of(robot)
         T_allowed = limit_speed(self._limits, before, T_wanted, dt_s)
         trip = (

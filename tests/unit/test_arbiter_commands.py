@@ -250,3 +250,21 @@ def test_a_set_point_too_far_from_the_arm_holds() -> None:
     assert set(kinds[kinds.index("hold") :]) == {"hold"}
     (trip,) = world.core.status().trips
     assert (trip.code, trip.limit) == ("step", 0.005)
+
+
+@pytest.mark.parametrize(
+    ("changes", "code"),
+    [
+        ({"pose": NOWHERE}, "not_finite"),
+        ({"pose": None}, "regulator"),
+        ({"pose": None, "host": "controller"}, "regulator"),
+    ],
+)
+def test_a_target_that_is_none_holds(changes: dict[str, object], code: str) -> None:
+    """No pose, no orientation, no content for the controller: hold, not a guess or a crash."""
+    world = World().make_active("regulator")
+    world.change("target", **changes)
+    command = world.tick()
+
+    assert (command.kind, command.permission) == ("hold", None)
+    assert world.core.status().trips[0].code == code

@@ -38,7 +38,6 @@ from services.arbiter.inputs import Inputs
 from services.arbiter.states import CLEARS, MAY_MOVE, after
 
 PREFLIGHT_S = 1.0  # inputs must have been good for so long before arming
-ROBOT_ANSWERS_WITHIN_S = 0.3  # a robot that still holds after this does not accept the lease
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,6 +69,7 @@ class Arbiter:
         self._lease = 0
         self._lease_since_ns = 0
         self._armed_at_m: Array = np.zeros(3)
+        self._writers: known.Writers = {}  # of the inputs when the arm was armed
         self._good_since_ns: int | None = None
         self._last_ns = 0
         self._goal_id = 0
@@ -116,23 +116,16 @@ class Arbiter:
         self._not_ready = lines
 
     def _watch_motion(self, inputs: Inputs) -> None:
-        fault = known.fault_trip(inputs)
+        fault = known.fault_trip(inputs) or known.replaced_trip(inputs, self._writers)
         if fault is not None:
             self._stop("fault", fault)
             return
         p_flange_tcp_m = vec3(np.asarray(self._T_flange_tcp.translation))
         trip = known.limit_trip(inputs, self._limits, p_flange_tcp_m)
-        trip = trip or self._robot_refuses(inputs) or self._regulator_fails(inputs)
+        trip = trip or known.robot_trip(inputs, self._lease_since_ns)
+        trip = trip or self._regulator_fails(inputs)
         if trip is not None:
             self._stop("hold", trip)
-
-    def _robot_refuses(self, inputs: Inputs) -> Trip | None:
-        """The robot holds although it may move: it has seen something that we have not."""
-        robot = inputs.robot.fresh
-        since_s = (inputs.now_ns - self._lease_since_ns) / NS_PER_S
-        if robot is None or not robot.hold_reason or since_s < ROBOT_ANSWERS_WITHIN_S:
-            return None
-        return Trip(code="robot_holds", text=f"the robot holds: {robot.hold_reason}"[:400])
 
     def _regulator_fails(self, inputs: Inputs) -> Trip | None:
         target = inputs.target.message
@@ -241,6 +234,7 @@ class Arbiter:
         self._regulator_rested = False
         self._lease_since_ns = inputs.now_ns
         self._armed_at_m = np.array(robot.position_m)
+        self._writers = known.writers(inputs)
         return Reply(accepted=True, text=f"armed, lease {self._lease}")
 
     def hold(self, reason: str) -> Reply:

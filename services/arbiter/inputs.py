@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from common.clock import NS_PER_S
 from common.convert import pose_of
 from common.endpoints import Reading
 from common.limits import Limits, check_workspace, check_wrench
@@ -17,6 +18,9 @@ from common.messages import (
     WrenchAtTcp,
 )
 
+Writers = dict[str, int]  # topic: epoch of the process that writes it
+
+ROBOT_ANSWERS_WITHIN_S = 0.3  # a robot that still holds after this does not accept the lease
 # The controller's bits that must be as named before anything moves, and what to do about each.
 PRECONDITIONS = {
     "motor_power": (True, "switch the motors on"),
@@ -83,6 +87,33 @@ def fault_trip(inputs: Inputs) -> Trip | None:
     if complaints:
         return Trip(code="robot", text="; ".join(complaints)[:400])
     return None
+
+
+def writers(inputs: Inputs) -> Writers:
+    """Return which process writes what is judged in motion."""
+    readings = (inputs.robot, inputs.sensor, inputs.wrench, inputs.target)
+    names = ("robot/state", "sensor/wrench", "wrench", "regulator/target")
+    headers = zip(names, (reading.header for reading in readings), strict=True)
+    return {name: header.epoch for name, header in headers if header is not None}
+
+
+def replaced_trip(inputs: Inputs, at_arming: Writers) -> Trip | None:
+    """Return the input that another process writes than when the arm was armed."""
+    now = writers(inputs)
+    replaced = [name for name, epoch in at_arming.items() if now.get(name) != epoch]
+    if not replaced:
+        return None
+    text = f"another process writes {', '.join(replaced)} than when the arm was armed"
+    return Trip(code="writer", text=text)
+
+
+def robot_trip(inputs: Inputs, lease_since_ns: int) -> Trip | None:
+    """Return why the robot holds although it may move: it has seen something that we have not."""
+    robot = inputs.robot.fresh
+    since_s = (inputs.now_ns - lease_since_ns) / NS_PER_S
+    if robot is None or not robot.hold_reason or since_s < ROBOT_ANSWERS_WITHIN_S:
+        return None
+    return Trip(code="robot_holds", text=f"the robot holds: {robot.hold_reason}"[:400])
 
 
 def limit_trip(inputs: Inputs, limits: Limits, p_flange_tcp_m: Vec3) -> Trip | None:

@@ -165,6 +165,20 @@ def test_a_controller_that_is_not_fit_any_more_is_a_fault(bit: str, motion: str)
     assert_stopped(world, world.tick(), "FAULT", remedy)
 
 
+@pytest.mark.parametrize("name", ["robot", "sensor", "wrench", "target"])
+def test_another_writer_in_motion_is_a_fault(name: str) -> None:
+    """A second process on the same topic, or one that restarted unnoticed: a person looks first."""
+    world = World().make_active("regulator")
+    world.epochs[name] = 2
+    command = world.tick()
+    assert world.core.state == "FAULT"
+    assert command.permission is None
+    assert "another process" in world.core.status().trips[0].text
+    assert world.core.clear(world.inputs()).accepted
+    assert world.core.arm(world.inputs()).accepted
+    assert world.tick(10).permission is not None
+
+
 def test_a_fault_is_not_cleared_while_its_cause_is_there() -> None:
     """Clear is refused with the cause, and accepted once it is gone."""
     world = World().make_armed()

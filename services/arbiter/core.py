@@ -122,6 +122,9 @@ class Arbiter:
             return
         p_flange_tcp_m = vec3(np.asarray(self._T_flange_tcp.translation))
         trip = known.limit_trip(inputs, self._limits, p_flange_tcp_m)
+        if inputs.robot.fresh is not None:  # a move of the joints has no end pose to judge before
+            p_now_m = np.array(inputs.robot.fresh.position_m)
+            trip = trip or check_tether(self._limits, self._armed_at_m, p_now_m)
         trip = trip or known.robot_trip(inputs, self._lease_since_ns)
         trip = trip or self._regulator_fails(inputs)
         if trip is not None:

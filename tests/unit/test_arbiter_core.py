@@ -231,6 +231,22 @@ def test_a_tcp_that_leaves_the_workspace_holds(motion: str, axis: int, to_m: flo
 
 
 @each_motion
+def test_the_tether_holds_however_the_arm_got_there(motion: str) -> None:
+    """Travel since arming is measured: a move of the joints has no end pose to judge before."""
+    world = with_limits(tether_m=0.2).make_armed()
+    if motion == "operator":
+        assert world.core.move(MOVE_JOINTS, world.inputs()).accepted
+    elif motion == "regulator":
+        world.propose(record_of(T_START))
+    world.tick()
+    world.place(pose_of(shifted(y_m=-0.1999)))
+    world.messages["target"] = STOPPED
+    assert world.tick().permission is not None
+    world.place(pose_of(shifted(y_m=-0.201)))
+    assert_stopped(world, world.tick(), "HOLDING", "201 mm away from where it was armed")
+
+
+@each_motion
 def test_a_robot_that_keeps_holding_is_believed(motion: str) -> None:
     """It has seen something that the arbiter has not; a moment after arming it may still hold."""
     world = moving(motion)

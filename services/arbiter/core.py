@@ -35,6 +35,7 @@ from common.messages import (
 from services.arbiter import inputs as known
 from services.arbiter.goals import goal_trip, refused
 from services.arbiter.inputs import Inputs
+from services.arbiter.report import REASON_BYTES, clipped, lines, recent
 from services.arbiter.states import CLEARS, MAY_MOVE, after
 
 PREFLIGHT_S = 1.0  # inputs must have been good for so long before arming
@@ -96,7 +97,7 @@ class Arbiter:
             commander=self._motion.commander,
             lease=self._lease,
             trips=self.trips,
-            not_ready=tuple(line[:400] for line in self._not_ready[:16]),
+            not_ready=lines(self._not_ready),
             clears=CLEARS[self.state],
         )
 
@@ -197,7 +198,7 @@ class Arbiter:
     def _stop(self, event: str, trip: Trip) -> None:
         """Latch. A second cause is added to the first one."""
         latched = self.state not in MAY_MOVE
-        self.trips = (*self.trips, trip)[-8:] if latched else (trip,)
+        self.trips = recent((*self.trips, trip) if latched else (trip,))
         self._motion = IDLE_MOTION
         self.state = after(self.state, event)
 
@@ -207,7 +208,7 @@ class Arbiter:
 
     def _hold_reason(self) -> str:
         cause = self.trips[-1].text if self.trips else "not armed"
-        return f"the arbiter is {self.state}: {cause}"[:400]
+        return clipped(f"the arbiter is {self.state}: {cause}", REASON_BYTES)
 
     def _command(self, kind: str, *, host: Host = "pc", **content: object) -> RobotCommand:
         permission = Permission(host=host, lease=self._lease, deadline_s=self._deadline_s)

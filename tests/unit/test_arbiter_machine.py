@@ -70,3 +70,18 @@ def test_hold_is_accepted_in_every_state() -> None:
     world.tick()
     assert world.core.hold("again").accepted
     assert world.core.state == "FAULT"
+
+
+@pytest.mark.parametrize("letter", ["x", "ж", "\U0001f916"])
+def test_however_long_the_reasons_are_there_is_room_for_them(letter: str) -> None:
+    """Status and command can always be sent: words must not silence the arbiter."""
+    world = World().make_ready()
+    for name in list(world.messages):
+        world.change(name, valid=False, reason=letter * 370)
+    for _ in range(12):
+        world.core.hold(letter * 500)
+        command = world.tick()
+        assert len(encode(HEADER, command)) < MAX_BYTES / 2
+        assert len(encode(HEADER, world.core.status())) < MAX_BYTES
+    assert letter in world.core.status().trips[-1].text
+    assert world.core.status().not_ready

@@ -229,8 +229,9 @@ class Arbiter:
         trip = known.limit_trip(
             inputs, self._limits, vec3(np.asarray(self._T_flange_tcp.translation))
         )
-        if self._not_ready or robot is None:
-            return Reply(accepted=False, code="not_ready", text="; ".join(self._not_ready)[:400])
+        not_ready = known.missing(inputs) or self._not_ready
+        if not_ready or robot is None:
+            return Reply(accepted=False, code="not_ready", text="; ".join(not_ready)[:400])
         if trip is not None:
             return refused(trip)
         self.state, self.trips, self._motion = after(self.state, "arm"), (), IDLE_MOTION

@@ -85,3 +85,176 @@ def test_however_long_the_reasons_are_there_is_room_for_them(letter: str) -> Non
         assert len(encode(HEADER, world.core.status())) < MAX_BYTES
     assert letter in world.core.status().trips[-1].text
     assert world.core.status().not_ready
+
+
+class ArbiterMachine(RuleBasedStateMachine):
+    """Requests and faults in any order; what must never be is checked after every step."""
+
+    def __init__(self) -> None:
+        """Start a cell."""
+        super().__init__()
+        self.world = World()
+        self.command = self.world.tick()
+        self.armed = False  # by a person, and nothing has stopped the arm since
+        self.lease = 0
+
+    @property
+    def state(self) -> str:
+        """State of the arbiter."""
+        return self.world.core.state
+
+    def note(self, reply: Reply) -> None:
+        """A refusal says why."""
+        assert reply.text
+        assert reply.accepted or reply.code not in {"", "ok"}
+
+    # --- requests -----------------------------------------------------------------------------
+
+    @rule()
+    def arm(self) -> None:
+        """A person arms."""
+        before = self.state
+        reply = self.world.core.arm(self.world.inputs())
+        self.note(reply)
+        if reply.accepted and before not in MAY_MOVE:
+            assert before in {"IDLE", "HOLDING"}
+            assert self.world.core.status().lease == self.lease + 1
+            self.lease += 1
+            self.armed = True
+
+    @rule(reason=st.text(max_size=500))
+    def hold(self, reason: str) -> None:
+        """Anybody holds."""
+        assert self.world.core.hold(reason).accepted
+        self.armed = False
+        assert self.state not in MAY_MOVE
+
+    @rule()
+    def clear(self) -> None:
+        """A person acknowledges."""
+        before = self.state
+        self.note(self.world.core.clear(self.world.inputs()))
+        assert self.state in MAY_MOVE or not self.armed
+        assert before in LATCHED or self.state == before
+
+    @rule(move=st.sampled_from([MOVE_DOWN, MOVE_JOINTS, MoveRequest(kind="by")]))
+    def move(self, move: MoveRequest) -> None:
+        """A program moves."""
+        commander = self.world.core.status().commander
+        reply = self.world.core.move(move, self.world.inputs())
+        self.note(reply)
+        assert not reply.accepted or (self.armed and commander == "none")
+
+    @rule(speed=st.sampled_from([Speed(mechanical_m_s=0.2), Speed(mechanical_m_s=5.0)]))
+    def speed(self, speed: Speed) -> None:
+        """A program sets speeds."""
+        self.note(self.world.core.set_speed(speed))
+
+    # --- surroundings ---------------------------------------------------------------------------
+
+    @rule(name=st.sampled_from(INPUTS))
+    def fall_silent(self, name: str) -> None:
+        """An input goes stale."""
+        self.world.silent.add(name)
+
+    @rule(name=st.sampled_from(BOTHERS), reason=st.text(max_size=500))
+    def turn_invalid(self, name: str, reason: str) -> None:
+        """An input says that it knows nothing."""
+        self.world.change(name, valid=False, reason=reason[:400])
+
+    @rule(bit=st.sampled_from(sorted(PRECONDITIONS)))
+    def lose_a_bit(self, bit: str) -> None:
+        """The controller is not fit."""
+        wanted = PRECONDITIONS[bit][0]
+        self.world.change("robot", status=FIT.model_copy(update={bit: not wanted}))
+
+    @rule(force_N=st.sampled_from([0.0, 59.0, 61.0]))
+    def push(self, force_N: float) -> None:
+        """The environment pushes."""
+        self.world.change("wrench", force_N=(0.0, 0.0, force_N))
+
+    @rule(hold_reason=st.sampled_from(["", "out of reach"]))
+    def robot_holds(self, hold_reason: str) -> None:
+        """The robot holds by itself, or goes on."""
+        self.world.change("robot", hold_reason=hold_reason)
+
+    @rule(state=st.sampled_from(["running", "done", "refused"]), lag=st.integers(0, 1))
+    def report(self, state: Any, lag: int) -> None:
+        """The robot reports on the goal in hand, or still on an older one."""
+        goal_id = 0 if self.command.goal is None else max(0, self.command.goal.id - lag)
+        self.world.change("robot", goal=GoalReport(id=goal_id, state=state, reason="why"))
+
+    @rule(x_m=st.floats(-0.02, 0.02), valid=st.booleans())
+    def propose(self, x_m: float, valid: bool) -> None:
+        """The regulator wants a pose, or gives up."""
+        self.world.propose(shifted(x_m=x_m), valid=valid, reason="" if valid else "cannot")
+
+    @rule()
+    def propose_feedback(self) -> None:
+        """The regulator wants the controller to run force feedback."""
+        self.world.messages["target"] = RegulatorTarget(
+            mode="position", host="controller", feedback=FEEDBACK
+        )
+
+    @rule()
+    def stop_regulator(self) -> None:
+        """The regulator is stopped."""
+        self.world.messages["target"] = STOPPED
+
+    @rule()
+    def restart_a_writer(self) -> None:
+        """Another process writes the wrench."""
+        self.world.epochs["wrench"] = self.world.epochs.get("wrench", 1) + 1
+
+    @precondition(lambda self: self.state not in MAY_MOVE)
+    @rule()
+    def mend_everything(self) -> None:
+        """All is well again, and the preflight's second passes."""
+        epochs = self.world.epochs
+        self.world.silent.clear()
+        self.world.messages = World().messages
+        self.world.epochs = epochs
+        self.world.pass_s(1.1)
+        self.live(1)
+
+    @rule(periods=st.integers(1, 5))
+    def live(self, periods: int) -> None:
+        """Let periods pass; compare each command with the one before."""
+        for _ in range(periods):
+            before, self.command = self.command, self.world.tick()
+            if self.state not in MAY_MOVE:
+                self.armed = False
+            self.compare(before, self.command)
+
+    def compare(self, before: RobotCommand, now: RobotCommand) -> None:
+        """A permission needs a person; set points of one stream do not jump."""
+        assert (now.permission is not None) == (self.state in MAY_MOVE)
+        assert (now.kind == "hold") == (now.permission is None)
+        if now.permission is not None:
+            assert self.armed
+            assert now.permission.lease == self.lease
+        else:
+            assert now.reason
+        if before.kind == now.kind == "setpoint" and before.permission == now.permission:
+            assert before.pose is not None
+            assert way_m(now.pose, before.pose) <= CELL.limits.speed_m_s * 0.004 * (1.0 + 1e-9)
+
+    # --- what must always be --------------------------------------------------------------------
+
+    @invariant()
+    def status_agrees(self) -> None:
+        """Commander, trips and lease tell the same story as the state."""
+        status = self.world.core.status()
+        assert (status.commander != "none") == (status.state == "ACTIVE")
+        assert status.trips or status.state not in LATCHED
+        assert status.lease == self.lease
+        assert self.armed == (status.state in MAY_MOVE)
+
+    @invariant()
+    def all_can_be_sent(self) -> None:
+        """Whatever was said to the arbiter, its own words fit."""
+        assert len(encode(HEADER, self.command)) < MAX_BYTES
+        assert len(encode(HEADER, self.world.core.status())) < MAX_BYTES
+
+
+TestArbiterMachine = ArbiterMachine.TestCase

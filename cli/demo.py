@@ -20,61 +20,40 @@ if TYPE_CHECKING:
 PLATE = "The plate and the robot"
 JOB = "The job"
 
+# fmt: off
+CellFile = Annotated[Path | None, typer.Option("--cell", metavar="FILE", show_default=False, help="Cell file with a section `sim`; without it cells/demo.yaml.")]
+ModeOption = Annotated[Literal["position", "orientation", "both"], typer.Option("--mode", rich_help_panel=JOB, help="What force feedback may move.")]
+Setpoint = Annotated[float | None, typer.Option("--setpoint", rich_help_panel=JOB, help="Press force held at the end [N]; 0, in mode both 10.")]
+Force = Annotated[float, typer.Option("--force", rich_help_panel=JOB, help="Force to press with first [N].")]
+HostOption = Annotated[Literal["pc", "controller"], typer.Option("--host", rich_help_panel=JOB, help="Where the regulator runs.")]
+Law = Annotated[Literal["plain"], typer.Option("--law", rich_help_panel=JOB, help="The regulator's law.")]
+Stiffness = Annotated[float | None, typer.Option("--stiffness", rich_help_panel=PLATE, help="Of the plate [N/m].")]
+DelayMs = Annotated[float | None, typer.Option("--delay-ms", rich_help_panel=PLATE, help="Of the controller [ms].")]
+TiltDeg = Annotated[float | None, typer.Option("--tilt-deg", rich_help_panel=PLATE, help="Of the plate; 0, in mode orientation and both 5.")]
+Seed = Annotated[int | None, typer.Option("--seed", rich_help_panel=PLATE, help="Of the sensor's noise.")]
+Virtual = Annotated[bool, typer.Option("--virtual", help="In one process, faster than time.")]
+Linger = Annotated[float, typer.Option("--linger", min=0.0, help="Keep the cell up so long after a failure [s].")]
+Out = Annotated[Path, typer.Option("--out", help="Folder for plot and picture.")]
+AsJson = Annotated[bool, typer.Option("--json", help="One object on standard output.")]
+# fmt: on
+
 
 def demo(
     *,
-    cell_file: Annotated[
-        Path | None,
-        typer.Option(
-            "--cell",
-            metavar="FILE",
-            help="Cell file with a section `sim`; without it cells/demo.yaml.",
-            show_default=False,
-        ),
-    ] = None,
-    mode: Annotated[
-        Literal["position", "orientation", "both"],
-        typer.Option(help="What force feedback may move.", rich_help_panel=JOB),
-    ] = "position",
-    setpoint: Annotated[
-        float | None,
-        typer.Option(
-            help="Press force held at the end [N]; 0, in mode both 10.", rich_help_panel=JOB
-        ),
-    ] = None,
-    force: Annotated[
-        float, typer.Option(help="Force to press with first [N].", rich_help_panel=JOB)
-    ] = 30.0,
-    host: Annotated[
-        Literal["pc", "controller"],
-        typer.Option(help="Where the regulator runs.", rich_help_panel=JOB),
-    ] = "pc",
-    law: Annotated[
-        Literal["plain"], typer.Option(help="The regulator's law.", rich_help_panel=JOB)
-    ] = "plain",
-    stiffness: Annotated[
-        float | None, typer.Option(help="Of the plate [N/m].", rich_help_panel=PLATE)
-    ] = None,
-    delay_ms: Annotated[
-        float | None, typer.Option(help="Of the controller [ms].", rich_help_panel=PLATE)
-    ] = None,
-    tilt_deg: Annotated[
-        float | None,
-        typer.Option(
-            help="Of the plate; 0, in mode orientation and both 5.", rich_help_panel=PLATE
-        ),
-    ] = None,
-    seed: Annotated[
-        int | None, typer.Option(help="Of the sensor's noise.", rich_help_panel=PLATE)
-    ] = None,
-    virtual: Annotated[
-        bool, typer.Option("--virtual", help="In one process, faster than time.")
-    ] = False,
-    linger: Annotated[
-        float, typer.Option(help="Keep the cell up so long after a failure [s].", min=0.0)
-    ] = 5.0,
-    out: Annotated[Path, typer.Option(help="Folder for plot and picture.")] = Path("out"),
-    as_json: Annotated[bool, typer.Option("--json", help="One object on standard output.")] = False,
+    cell_file: CellFile = None,
+    mode: ModeOption = "position",
+    setpoint: Setpoint = None,
+    force: Force = 30.0,
+    host: HostOption = "pc",
+    law: Law = "plain",
+    stiffness: Stiffness = None,
+    delay_ms: DelayMs = None,
+    tilt_deg: TiltDeg = None,
+    seed: Seed = None,
+    virtual: Virtual = False,
+    linger: Linger = 5.0,
+    out: Out = Path("out"),
+    as_json: AsJson = False,
 ) -> None:
     """Run the main job: press on a plate, then let force feedback bring the force to its aim."""
     from rich.console import Console

@@ -1,0 +1,89 @@
+"""Synthetic recordings of a known payload, for the tests of its identification."""
+
+import numpy as np
+from hypothesis import HealthCheck, settings
+from hypothesis import strategies as st
+
+from common.frames import R_from_quaternion, rotation_from_vector
+from common.payload import Payload, predict, residual
+from services.wrench.recording import Recording, Samples
+
+TRUTH = Payload(1.5, (0.02, -0.012, 0.085), (1.0, -2.0, 3.0), (0.1, 0.2, -0.3))
+FORCE_NOISE_N, TORQUE_NOISE_NM = 0.007, 0.00035
+QUICK = settings(
+    max_examples=8, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+
+seeds = st.integers(0, 2**32 - 1)
+
+
+def attitudes(rng, n):
+    """Return n uniformly random rotations."""
+    q = rng.normal(size=(n, 4))
+    return np.array([R_from_quaternion(row / np.linalg.norm(row)) for row in q])
+
+
+def readings(payload, R, rng=None):
+    """Return what a sensor reads, with noise when there is a generator for it."""
+    force, torque = predict(payload, R)
+    if rng is not None:
+        force = force + FORCE_NOISE_N * rng.normal(size=force.shape)
+        torque = torque + TORQUE_NOISE_NM * rng.normal(size=torque.shape)
+    return Samples(R, force, torque)
+
+
+def as_recording(samples, wrench_axes):
+    """Return a recording of the samples with its wrench in the given axes."""
+    turn = {
+        "sensor": lambda v: v,
+        "base": lambda v: np.einsum("nij,nj->ni", samples.R_base_sensor, v),
+    }
+    n = len(samples)
+    return Recording(
+        source="made.csv",
+        line=tuple(range(2, n + 2)),
+        time_s=np.arange(n, dtype=float),
+        position_m=np.zeros((n, 3)),
+        R_base_sensor=samples.R_base_sensor,
+        force_N=turn[wrench_axes](samples.force_N),
+        torque_Nm=turn[wrench_axes](samples.torque_Nm),
+    )
+
+
+def tilted(angle_deg, rng, payload=TRUTH):
+    """Return the payload on a base that leans in a random direction."""
+    heading = rng.uniform(0.0, 2.0 * np.pi)
+    lean = np.radians(angle_deg) * np.array([np.cos(heading), np.sin(heading), 0.0])
+    down = rotation_from_vector(lean) @ np.array([0.0, 0.0, -1.0])
+    return Payload(
+        payload.mass_kg,
+        payload.com_m,
+        payload.bias_force_N,
+        payload.bias_torque_Nm,
+        tuple(down),
+        payload.mounting_rotation_rad,
+    )
+
+
+def mounted(angle_deg, rng):
+    """Return the payload on a sensor that is turned about a random axis."""
+    axis = rng.normal(size=3)
+    turn = np.radians(angle_deg) * axis / np.linalg.norm(axis)
+    return Payload(
+        TRUTH.mass_kg,
+        TRUTH.com_m,
+        TRUTH.bias_force_N,
+        TRUTH.bias_torque_Nm,
+        mounting_rotation_rad=tuple(turn),
+    )
+
+
+def worst_error(found, truth, rng):
+    """Return the largest error of force and torque over unseen attitudes."""
+    force, torque = residual(
+        found,
+        (R := attitudes(rng, 100)),
+        force_N=predict(truth, R)[0],
+        torque_Nm=predict(truth, R)[1],
+    )
+    return np.linalg.norm(force, axis=1).max(), np.linalg.norm(torque, axis=1).max()

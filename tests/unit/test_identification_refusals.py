@@ -1,0 +1,143 @@
+"""Payload identification: what is refused, which axes are believed, and the payload file."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+
+from common.errors import DataError
+from common.frames import rotation_from_vector
+from common.payload import Payload, load, save
+from services.wrench.identification import axes_of, identify, identify_recording
+from services.wrench.recording import Samples
+from tests.fakes.weights import (
+    QUICK,
+    TRUTH,
+    as_recording,
+    attitudes,
+    mounted,
+    readings,
+    seeds,
+    tilted,
+)
+
+
+@pytest.mark.parametrize("poses", [1, 2, 3])
+def test_fewer_than_four_poses_are_refused(poses):
+    """The error counts them and says how to get more."""
+    rng = np.random.default_rng(8)
+    with pytest.raises(DataError, match=rf"only {poses} distinct pose.*two axes"):
+        identify(readings(TRUTH, attitudes(rng, poses), rng))
+
+
+def test_poses_that_hardly_differ_are_refused_with_their_spread():
+    """Four degrees to each side leave mass and bias inseparable."""
+    turns = np.radians(4.0) * np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]])
+    R = np.array([rotation_from_vector(turn) for turn in turns])
+    with pytest.raises(DataError, match=r"differ by only 8 degrees.*at least 60 degrees"):
+        identify(readings(TRUTH, R))
+
+
+def test_poses_turned_about_the_vertical_only_are_refused():
+    """Gravity must move in the sensor, or weight is bias."""
+    R = np.array([rotation_from_vector(np.array([0.0, 0.0, a])) for a in np.arange(0.0, 3.0, 0.5)])
+    with pytest.raises(DataError, match="turns about the vertical"):
+        identify(readings(TRUTH, R))
+
+
+def test_poses_that_flip_between_two_directions_of_gravity_are_refused():
+    """Two directions leave the centre of mass along their difference unknown."""
+    flips = [np.diag([1.0, -1.0, -1.0]), np.eye(3)]
+    spins = [rotation_from_vector(np.array([0.0, 0.0, a])) for a in (0.0, 1.0, 2.0)]
+    R = np.array([spin @ flip for spin in spins for flip in flips])
+    with pytest.raises(DataError, match="about one axis only"):
+        identify(readings(TRUTH, R))
+
+
+def test_a_recording_without_weight_is_refused():
+    """Constant readings show a bias but no payload."""
+    R = attitudes(np.random.default_rng(9), 8)
+    still = Samples(R, np.ones((8, 3)), np.ones((8, 3)))
+    with pytest.raises(DataError, match="shows no weight"):
+        identify(still)
+
+
+@settings(QUICK, max_examples=4)
+@given(seed=seeds)
+def test_both_wrench_axes_give_the_same_payload(seed):
+    """The same readings recorded in sensor axes and in base axes fit alike, and auto tells them."""
+    rng = np.random.default_rng(seed)
+    samples = readings(TRUTH, attitudes(rng, 10), rng)
+    fits = [identify_recording(as_recording(samples, axes), None) for axes in ("sensor", "base")]
+    assert [fit.axes for fit in fits] == ["sensor", "base"]
+    a, b = (fit.identification.payload for fit in fits)
+    np.testing.assert_allclose(a.com_m, b.com_m, atol=1e-6)
+    np.testing.assert_allclose(a.bias_force_N, b.bias_force_N, atol=1e-5)
+
+
+def test_wrong_axes_are_fitted_as_told_but_with_a_loud_warning():
+    """An explicit choice is obeyed, and the better one is named with both residuals."""
+    rng = np.random.default_rng(10)
+    recording = as_recording(readings(TRUTH, attitudes(rng, 10), rng), "base")
+    fit = identify_recording(recording, "sensor")
+    assert fit.axes == "sensor"
+    assert "use --wrench-axes base" in fit.identification.warnings[0]
+
+
+def test_a_payload_tells_the_axes_of_another_recording():
+    """Two poses are enough for a check: the payload explains one reading of the axes."""
+    rng = np.random.default_rng(11)
+    samples = readings(TRUTH, attitudes(rng, 2), rng)
+    for axes in ("sensor", "base"):
+        assert axes_of(as_recording(samples, axes), TRUTH)[0] == axes
+
+
+def test_axes_that_nothing_tells_are_refused_with_the_flag():
+    """With the sensor parallel to the base both axes are the same."""
+    recording = as_recording(readings(TRUTH, np.eye(3)[None]), "sensor")
+    with pytest.raises(DataError, match="say --wrench-axes"):
+        axes_of(recording, TRUTH)
+
+
+def test_a_payload_file_round_trips(tmp_path):
+    """Every field comes back as it was written."""
+    payload = tilted(3.0, np.random.default_rng(12), mounted(5.0, np.random.default_rng(13)))
+    save(payload, tmp_path / "payload.yaml")
+    assert load(tmp_path / "payload.yaml") == payload
+
+
+GOOD = """mass_kg: 1e-1
+com_m: [0, 0, 0.1]
+bias_force_N: [0, 0, 0]
+bias_torque_Nm: [0, 0, 0]
+"""
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        (GOOD.replace("mass_kg: 1e-1", "mass_kg: .nan"), "key mass_kg must hold finite numbers"),
+        (GOOD.replace("mass_kg: 1e-1", "mass_kg: heavy"), "key mass_kg must hold finite numbers"),
+        (GOOD.replace("mass_kg: 1e-1", "mass_kg: true"), "key mass_kg must hold finite numbers"),
+        (GOOD.replace("mass_kg: 1e-1", "mass_kg: -1"), "mass_kg must not be negative"),
+        (GOOD.replace("mass_kg: 1e-1\n", ""), "key mass_kg is missing"),
+        (GOOD.replace("[0, 0, 0.1]", "[0, 0]"), "key com_m must be a list of 3 numbers"),
+        (GOOD.replace("[0, 0, 0.1]", "[0, 0, .inf]"), "key com_m must hold finite numbers"),
+        (GOOD.replace("com_m", "com_mm"), r"unknown key com_mm; did you mean com_m\?"),
+        (GOOD + "gravity_direction_in_base: [0, 0, -9.8]\n", "must have length 1"),
+        ("- 1\n", "must hold the keys of a payload"),
+        ("mass_kg: [1\n", r"line 2: is not valid YAML"),
+    ],
+)
+def test_a_bad_payload_file_gets_one_error_with_file_and_key(tmp_path, text, problem):
+    """Each mistake names the file, the key and what would be right."""
+    path = tmp_path / "payload.yaml"
+    path.write_text(text)
+    with pytest.raises(DataError, match=rf"payload\.yaml.*{problem}"):
+        load(path)
+
+
+def test_a_payload_file_written_by_hand_may_leave_out_the_corrections(tmp_path):
+    """1e-1 is a number to people, and gravity points down unless said otherwise."""
+    path = tmp_path / "payload.yaml"
+    path.write_text(GOOD)
+    assert load(path) == Payload(0.1, (0.0, 0.0, 0.1), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))

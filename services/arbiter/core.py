@@ -10,13 +10,7 @@ from common.clock import NS_PER_S
 from common.config import cell_hash
 from common.convert import pose_of, record_of, vec3
 from common.frames import Array
-from common.limits import (
-    Limits,
-    check_step,
-    check_tether,
-    check_workspace,
-    limit_speed,
-)
+from common.limits import Limits, check_step, check_tether, check_workspace, limit_speed
 from common.messages import (
     ArbiterState,
     ArbiterStatus,
@@ -35,7 +29,7 @@ from common.messages import (
 from services.arbiter import inputs as known
 from services.arbiter.goals import goal_trip, refused
 from services.arbiter.inputs import Inputs
-from services.arbiter.report import REASON_BYTES, clipped, lines, recent
+from services.arbiter.reports import REASON_BYTES, clipped, lines, recent
 from services.arbiter.states import CLEARS, MAY_MOVE, after
 
 PREFLIGHT_S = 1.0  # inputs must have been good for so long before arming

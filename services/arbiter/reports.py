@@ -15,9 +15,7 @@ def clipped(text: str, most_bytes: int) -> str:
 def recent(trips: tuple[Trip, ...]) -> tuple[Trip, ...]:
     """Return the first cause and the newest ones, each short enough to be sent."""
     kept = trips if len(trips) <= MOST_TRIPS else (trips[0], *trips[1 - MOST_TRIPS :])
-    return tuple(
-        trip.model_copy(update={"text": clipped(trip.text, TRIP_BYTES)}) for trip in kept
-    )
+    return tuple(trip.model_copy(update={"text": clipped(trip.text, TRIP_BYTES)}) for trip in kept)
 
 
 def lines(texts: list[str]) -> tuple[str, ...]:

@@ -4,14 +4,15 @@ SI units. Angles of frames are Kawasaki's O, A, T in degrees, as on the teach pe
 """
 
 from math import radians
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-import pinocchio as pin
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from common.frames import Oat, R_from_oat, pose
 from common.messages import Host, Vec3, Vec6
 from common.topics import Topic
+
+if TYPE_CHECKING:
+    import pinocchio as pin
 
 Positive = Annotated[float, Field(gt=0.0)]
 NotNegative = Annotated[float, Field(ge=0.0)]
@@ -64,8 +65,11 @@ class FrameSection(Section):
     oat_deg: Vec3 = (0.0, 0.0, 0.0)
 
     @property
-    def pose(self) -> pin.SE3:
+    def pose(self) -> "pin.SE3":
         """The pose."""
+        # Loading the mathematics takes half a second, and most verbs only need the bus's address.
+        from common.frames import Oat, R_from_oat, pose  # noqa: PLC0415
+
         return pose(self.position_m, R_from_oat(Oat(*(radians(angle) for angle in self.oat_deg))))
 
 

@@ -50,7 +50,7 @@ def test_a_verb_that_only_looks_is_light(words: list[str]) -> None:
         "from cli.__main__ import app\n"
         "try: app(sys.argv[1:])\n"
         "except SystemExit: pass\n"
-        "heavy = {'mujoco', 'matplotlib', 'viser'}\n"
+        "heavy = {'mujoco', 'matplotlib', 'viser', 'pinocchio', 'numpy'}\n"
         "print('loaded:', *(heavy & set(sys.modules)), file=sys.stderr)"
     )
     done = subprocess.run(

@@ -1,0 +1,89 @@
+"""One service on an in-memory bus and a virtual clock; the test plays every other role."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from common.cell import Cell
+from common.clock import ManualClock
+from common.config import load_cell
+from common.endpoints import Bus, Origin, Publisher, Reader
+from common.memory import MemoryTransport
+from common.messages import Message, Record, Reply
+from common.service import Service
+from common.topics import CLIENT, Request, Topic
+
+CELL = load_cell(Path(__file__).resolve().parents[2] / "cells" / "demo.yaml")
+
+
+class Bench:
+    """A service, stepped by hand."""
+
+    def __init__(
+        self,
+        role: str,
+        make: Callable[[Bus, Cell], Service],
+        cell: Cell = CELL,
+        step_s: float = 0.004,
+    ) -> None:
+        """Start the service at a virtual instant; nothing has been said yet."""
+        self.cell = cell
+        self.clock = ManualClock()
+        self.transport = MemoryTransport()
+        self.transport.advance = self._live
+        self.step_s = step_s
+        self.before_step: Callable[[], None] = lambda: None
+        self._publishers: dict[str, Publisher[Any]] = {}
+        self._readers: dict[str, Reader[Any]] = {}
+        self.client = self._bus(CLIENT)
+        self.service = make(self._bus(role), cell)
+
+    def _bus(self, role: str) -> Bus:
+        return Bus(role, self.cell.cell, self.transport, self.cell, self.clock)
+
+    def put(self, topic: Topic[Any], message: Message, origin: Origin | None = None) -> None:
+        """Say something as the role that writes a topic."""
+        if topic.key not in self._publishers:
+            self.replace_writer(topic)
+        self._publishers[topic.key].put(message, origin)
+
+    def replace_writer(self, topic: Topic[Any]) -> None:
+        """Go on as another process of the role that writes a topic."""
+        self._publishers[topic.key] = self._bus(topic.writer).publisher(topic)
+
+    def watch(self, topic: Topic[Any]) -> Reader[Any]:
+        """Return a client's reader of a topic, the same one each time."""
+        if topic.key not in self._readers:
+            self._readers[topic.key] = self.client.reader(topic)
+        return self._readers[topic.key]
+
+    def step(self, times: int = 1) -> None:
+        """Let periods pass: first the other roles speak, then the service steps."""
+        for _ in range(times):
+            self.clock.sleep_s(self.step_s)
+            self.before_step()
+            self.service.step(self.clock.now_ns())
+
+    def pass_s(self, duration_s: float) -> None:
+        """Let time pass."""
+        self.step(round(duration_s / self.step_s))
+
+    def newest(self, topic: Topic[Any]) -> Any:
+        """Return the newest message of a topic; the first call only starts to watch."""
+        return self.watch(topic).read(self.clock.now_ns()).message
+
+    def after_step(self, topic: Topic[Any]) -> Any:
+        """Step once; return what the service said on a topic."""
+        self.watch(topic)
+        self.step()
+        return self.newest(topic)
+
+    def ask(self, request: Request[Any], message: Record) -> Reply:
+        """Send a request as a client and return the answer."""
+        return self.client.ask(request, message)
+
+    def _live(self, timeout_s: float, answered: Callable[[], bool]) -> None:
+        for _ in range(round(timeout_s / self.step_s)):
+            if answered():
+                return
+            self.step()

@@ -1,0 +1,185 @@
+"""The arbiter on the bus: every input judged by age, requests answered, hold before all."""
+
+from typing import Any
+
+import pytest
+
+from common import topics
+from common.codec import encode_record
+from common.config import cell_hash
+from common.endpoints import Origin
+from common.memory import MemoryCall
+from common.messages import (
+    Empty,
+    Health,
+    HoldRequest,
+    MoveRequest,
+    Record,
+    RegulatorTarget,
+    RobotCommand,
+    Speed,
+    WrenchAtTcp,
+)
+from common.topics import HEALTH
+from services.arbiter.service import ArbiterService
+from tests.fakes.arbiter_world import MOVE_DOWN, good_messages, shifted
+from tests.fakes.bench import CELL, Bench
+
+TOPIC_OF: dict[str, topics.Topic[Any]] = {
+    "robot": topics.ROBOT_STATE,
+    "sensor": topics.SENSOR_WRENCH,
+    "wrench": topics.WRENCH,
+    "target": topics.REGULATOR_TARGET,
+}
+DEADLINE_S = CELL.deadlines.command_s
+
+
+class Cellmates(Bench):
+    """The arbiter among roles that speak every period, as long as they live."""
+
+    def __init__(self) -> None:
+        """Start with everybody alive and well."""
+        super().__init__("arbiter", ArbiterService)
+        self.messages = good_messages(CELL)
+        self.dead: set[str] = set()
+        self.before_step = self._speak
+        self.command = self.watch(topics.ROBOT_COMMAND)
+        self.status = self.watch(topics.ARBITER_STATUS)
+
+    def _speak(self) -> None:
+        for name, message in self.messages.items():
+            role = name.removesuffix("/health")
+            if name not in self.dead:
+                topic = TOPIC_OF[name] if name in TOPIC_OF else HEALTH[role]
+                self.put(topic, message, Origin(1234, 5) if name == "target" else None)
+
+    def said(self) -> RobotCommand:
+        """Return the arbiter's last command."""
+        command: RobotCommand = self.newest(topics.ROBOT_COMMAND)
+        return command
+
+    def arm(self) -> "Cellmates":
+        """Wait out the preflight and arm."""
+        self.pass_s(1.1)
+        assert self.ask(topics.ARM, Empty()).accepted
+        self.pass_s(0.4)
+        assert self.newest(topics.ARBITER_STATUS).state == "ARMED"
+        return self
+
+    def ask_at_once(self, *requests: tuple[topics.Request[Any], Record]) -> None:
+        """Let several requests come in within one period."""
+        for request, message in requests:
+            waiting = self.transport.serve(f"{CELL.cell}/{request.key}").waiting
+            waiting.append(MemoryCall(encode_record(message)))
+        self.step()
+
+
+@pytest.fixture
+def cell() -> Cellmates:
+    """A cell where everybody lives."""
+    return Cellmates()
+
+
+def test_the_arbiter_speaks_from_its_first_period(cell: Cellmates) -> None:
+    """Hold, with a reason, before anybody else was heard; status at once."""
+    cell.messages = {}
+    cell.step()
+    assert cell.said().permission is None
+    assert cell.newest(topics.ARBITER_STATUS).state == "BOOT"
+    assert "robot/state missing" in cell.newest(topics.ARBITER_STATUS).not_ready
+
+
+def test_a_command_comes_every_period_with_the_sample_behind_it(cell: Cellmates) -> None:
+    """Never less often than the table promises; the origin is the target's."""
+    cell.arm()
+    for _ in range(50):
+        cell.step()
+        reading = cell.command.read(cell.clock.now_ns())
+        assert reading.age_s == 0.0
+        assert reading.origin == Origin(1234, 5)
+
+
+@pytest.mark.parametrize("name", good_messages(CELL))
+def test_a_role_that_falls_silent_ends_the_permission_within_its_deadline(
+    cell: Cellmates, name: str
+) -> None:
+    """Swept: each topic in turn; not before its deadline, and at most a period after it."""
+    cell.arm()
+    role = name.removesuffix("/health")
+    topic = TOPIC_OF[name] if name in TOPIC_OF else HEALTH[role]
+    stale_s = CELL.stale_after_s(topic)
+    cell.dead.add(name)
+    cell.pass_s(stale_s - cell.step_s)
+    assert cell.said().permission is not None
+    cell.step(2)
+    assert cell.said().permission is None
+    status = cell.newest(topics.ARBITER_STATUS)
+    assert status.state == "FAULT"
+    assert f"{topic.key} stale" in status.trips[0].text
+
+    cell.dead.clear()
+    cell.pass_s(2.0)
+    assert cell.said().permission is None
+
+
+def test_a_change_of_state_is_told_at_once_and_else_at_the_status_rate(cell: Cellmates) -> None:
+    """A client sees HOLDING in the period in which it happens."""
+    cell.arm()
+    before = cell.status.counters.received + cell.status.counters.superseded
+    cell.pass_s(1.0)
+    cell.newest(topics.ARBITER_STATUS)
+    told = cell.status.counters.received + cell.status.counters.superseded - before
+    assert told == pytest.approx(CELL.rates.status_hz, abs=2)
+
+    assert cell.ask(topics.HOLD, HoldRequest(reason="coffee")).accepted
+    assert cell.newest(topics.ARBITER_STATUS).state == "HOLDING"
+
+
+def test_every_request_is_answered(cell: Cellmates) -> None:
+    """Each in the state where it has something to do."""
+    cell.arm()
+    assert cell.ask(topics.SPEED, Speed(mechanical_m_s=0.1)).value == pytest.approx(0.1)
+    assert cell.ask(topics.MOVE, MOVE_DOWN).accepted
+    assert cell.said().kind == "goal"
+    assert cell.said().speed.mechanical_m_s == 0.1
+    assert cell.ask(topics.MOVE, MoveRequest(kind="joints")).code == "busy"
+    assert cell.ask(topics.HOLD, HoldRequest()).accepted
+    assert cell.ask(topics.CLEAR, Empty()).text == "the arbiter is IDLE"
+    assert cell.ask(topics.MOVE, MOVE_DOWN).code == "not_armed"
+
+
+def test_a_request_that_is_no_request_is_refused_and_stops_nothing(cell: Cellmates) -> None:
+    """Bytes from anybody; the arbiter goes on."""
+    cell.arm()
+    call = MemoryCall(b"\xc1 rubbish")
+    cell.transport.serve(f"{CELL.cell}/{topics.MOVE.key}").waiting.append(call)
+    cell.step()
+    assert call.reply is not None
+    assert b"malformed" in call.reply
+    assert cell.said().permission is not None
+
+
+def test_a_regulator_is_let_through_with_its_own_poses(cell: Cellmates) -> None:
+    """From target to command in one period, under the lease of the person who armed."""
+    cell.arm()
+    cell.messages["target"] = RegulatorTarget(mode="position", pose=shifted())
+    cell.step()
+    command = cell.said()
+    assert (command.kind, command.commander, command.pose) == ("setpoint", "regulator", shifted())
+    assert command.permission is not None
+    assert command.permission.deadline_s == DEADLINE_S
+    cell.messages["wrench"] = WrenchAtTcp(force_N=(0.0, 0.0, 61.0))
+    cell.step()
+    assert cell.said().permission is None
+    assert cell.newest(topics.ARBITER_STATUS).trips[0].code == "force"
+
+
+def test_a_process_with_another_cell_file_is_named(cell: Cellmates) -> None:
+    """By its health; the hash of the own file is told beside it."""
+    cell.messages["regulator/health"] = Health(config_hash="0123456789ab")
+    cell.pass_s(1.1)
+    reply = cell.ask(topics.ARM, Empty())
+    assert reply.code == "not_ready"
+    assert (
+        f"regulator runs with another cell file (0123456789ab, here {cell_hash(CELL)}" in reply.text
+    )

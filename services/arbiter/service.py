@@ -54,8 +54,6 @@ class ArbiterService:
         self._report(now_ns)
 
     def _serve(self, inputs: Inputs) -> None:
-        for hold in self._holds.take_all():
-            hold.reply(self._core.hold(hold.request.reason))
         for clear in self._clears.take_all():
             clear.reply(self._core.clear(inputs))
         for arm in self._arms.take_all():
@@ -64,6 +62,9 @@ class ArbiterService:
             speed.reply(self._core.set_speed(speed.request))
         for move in self._moves.take_all():
             move.reply(self._core.move(move.request, inputs))
+        # Last, so that nothing which came in the same period undoes it.
+        for hold in self._holds.take_all():
+            hold.reply(self._core.hold(hold.request.reason))
 
     def _report(self, now_ns: int) -> None:
         """Publish the status at its rate, and at once when the state changes."""

@@ -148,6 +148,21 @@ def test_every_request_is_answered(cell: Cellmates) -> None:
     assert cell.ask(topics.MOVE, MOVE_DOWN).code == "not_armed"
 
 
+def test_hold_wins_over_everything_that_comes_in_the_same_period(cell: Cellmates) -> None:
+    """Whoever arms, clears or moves at that very moment: the arm is held after it."""
+    cell.arm()
+    cell.ask(topics.HOLD, HoldRequest())
+    cell.ask_at_once(
+        (topics.HOLD, HoldRequest(reason="stop")),
+        (topics.CLEAR, Empty()),
+        (topics.ARM, Empty()),
+        (topics.MOVE, MOVE_DOWN),
+    )
+    assert cell.newest(topics.ARBITER_STATUS).state == "HOLDING"
+    assert cell.said().permission is None
+    assert "stop" in cell.said().reason
+
+
 def test_a_request_that_is_no_request_is_refused_and_stops_nothing(cell: Cellmates) -> None:
     """Bytes from anybody; the arbiter goes on."""
     cell.arm()

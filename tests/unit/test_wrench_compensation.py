@@ -1,0 +1,258 @@
+"""Tasks a and b: what the sensor reads becomes what the environment does; filter and tare."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import assume, example, given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from common.frames import GRAVITY_M_S2, rotation_from_vector
+from common.payload import Payload
+from services.wrench.compensation import Mounting, Wrench, compensate
+from services.wrench.smoothing import Filter, feed
+from services.wrench.tare import TareLimits, tare
+from tests.fakes.bench import CELL
+
+NOTHING = Payload(0.0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+OFF_CENTRE = Payload(1.3, (0.012, -0.03, 0.06), (1.5, -2.0, 3.0), (0.05, -0.04, 0.03))
+LIMITS = TareLimits(force_N=10.0, torque_Nm=1.0)
+
+vectors = hnp.arrays(float, 3, elements=st.floats(-50.0, 50.0))
+levers = hnp.arrays(float, 3, elements=st.floats(-0.3, 0.3))
+turns = hnp.arrays(float, 3, elements=st.floats(-1.8, 1.8))
+samples = hnp.arrays(float, 6, elements=st.floats(-100.0, 100.0))
+triples = st.tuples(*[st.floats(-0.3, 0.3)] * 3)
+biases = st.tuples(*[st.floats(-20.0, 20.0)] * 3)
+payloads = st.builds(Payload, st.floats(0.0, 7.0), triples, biases, biases)
+
+
+def reading_of(payload, R, p, force_N, torque_Nm):
+    """Return what an ideal sensor shows, from a free body diagram in base axes.
+
+    The weight acts at the centre of mass, the environment at the TCP; both about the sensor.
+    """
+    weight_N = np.array([0.0, 0.0, -payload.mass_kg * GRAVITY_M_S2])
+    com_m, tcp_m = R @ np.array(payload.com_m), R @ p
+    total_N = weight_N + force_N
+    total_Nm = np.cross(com_m, weight_N) + torque_Nm + np.cross(tcp_m, force_N)
+    return Wrench(
+        R.T @ total_N + np.array(payload.bias_force_N),
+        R.T @ total_Nm + np.array(payload.bias_torque_Nm),
+    )
+
+
+# --- frame and reference point --------------------------------------------------------------------
+
+
+@given(vectors, vectors, turns, levers, vectors, turns)
+def test_power_is_the_same_at_the_sensor_and_at_the_tcp(f, t, turn, p, v_sensor, w) -> None:
+    """F.v + M.w does not depend on axes or point: whatever the tool's rigid motion is."""
+    R = rotation_from_vector(turn)
+    at_tcp_in_base = compensate(
+        Wrench(f, t), R_base_sensor=R, p_sensor_tcp_in_sensor=p, payload=NOTHING
+    )
+    v_tcp = v_sensor + np.cross(w, R @ p)
+
+    at_sensor_W = (R @ f) @ v_sensor + (R @ t) @ w
+    at_tcp_W = at_tcp_in_base.force_N @ v_tcp + at_tcp_in_base.torque_Nm @ w
+    assert at_tcp_W == pytest.approx(at_sensor_W, abs=1e-8, rel=1e-9)
+
+
+@given(vectors, vectors, turns, levers, turns)
+def test_power_is_the_same_with_a_sensor_that_is_mounted_askew(f, t, turn, p, mounting) -> None:
+    """The mounting correction turns axes only; the TCP stays where the cell file says."""
+    payload = replace(NOTHING, mounting_rotation_rad=tuple(mounting.tolist()))
+    R = rotation_from_vector(turn)
+    R_true = R @ rotation_from_vector(mounting)
+    found = compensate(Wrench(f, t), R_base_sensor=R, p_sensor_tcp_in_sensor=p, payload=payload)
+
+    assert found.force_N == pytest.approx(R_true @ f, abs=1e-9)
+    assert found.torque_Nm == pytest.approx(R_true @ t - np.cross(R @ p, R_true @ f), abs=1e-9)
+
+
+# --- weight and bias ------------------------------------------------------------------------------
+
+
+@given(payloads, turns, levers)
+@example(OFF_CENTRE, np.array([math.pi, 0.0, 0.0]), np.array([0.0, 0.0, 0.14]))
+def test_an_off_centre_mass_weighs_nothing_in_any_orientation(payload, turn, p) -> None:
+    """Free of contact the environment does nothing: tool up, down, sideways, anything."""
+    R = rotation_from_vector(turn)
+    reading = reading_of(payload, R, p, np.zeros(3), np.zeros(3))
+    found = compensate(reading, R_base_sensor=R, p_sensor_tcp_in_sensor=p, payload=payload)
+
+    assert found.force_N == pytest.approx(np.zeros(3), abs=1e-9)
+    assert found.torque_Nm == pytest.approx(np.zeros(3), abs=1e-9)
+
+
+@given(payloads, turns, levers, vectors, vectors)
+def test_what_the_environment_does_is_what_is_left(payload, turn, p, force_N, torque_Nm) -> None:
+    """Base axes, about the TCP, the sign that was put in: positive pushes the robot."""
+    R = rotation_from_vector(turn)
+    reading = reading_of(payload, R, p, force_N, torque_Nm)
+    found = compensate(reading, R_base_sensor=R, p_sensor_tcp_in_sensor=p, payload=payload)
+
+    assert found.force_N == pytest.approx(force_N, abs=1e-8)
+    assert found.torque_Nm == pytest.approx(torque_Nm, abs=1e-8)
+
+
+MUTANTS = {
+    "transposed orientation": lambda R, p, load: (R.T, p, load),
+    "lever the other way": lambda R, p, load: (R, -p, load),
+    "no lever": lambda R, p, load: (R, 0.0 * p, load),
+    "mirrored centre of mass": lambda R, p, load: (
+        R, p, replace(load, com_m=tuple(-x for x in load.com_m))
+    ),
+    "centred mass": lambda R, p, load: (R, p, replace(load, com_m=(0.0, 0.0, 0.0))),
+    "gravity upwards": lambda R, p, load: (
+        R, p, replace(load, gravity_direction_in_base=(0.0, 0.0, 1.0))
+    ),
+    "bias the other way": lambda R, p, load: (
+        R, p, replace(load, bias_force_N=tuple(-x for x in load.bias_force_N))
+    ),
+    "no bias of the torque": lambda R, p, load: (
+        R, p, replace(load, bias_torque_Nm=(0.0, 0.0, 0.0))
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("mutant", MUTANTS.values(), ids=MUTANTS)
+def test_each_mistake_that_people_make_would_show(mutant) -> None:
+    """The checks above can fail: every classic error leaves newtons or newton metres behind."""
+    R = rotation_from_vector(np.array([2.0, 0.7, -0.4]))
+    p, force_N, torque_Nm = np.array([0.02, 0.0, 0.14]), np.array([3.0, 5.0, 30.0]), np.ones(3)
+    reading = reading_of(OFF_CENTRE, R, p, force_N, torque_Nm)
+    R_wrong, p_wrong, payload_wrong = mutant(R, p, OFF_CENTRE)
+    found = compensate(
+        reading, R_base_sensor=R_wrong, p_sensor_tcp_in_sensor=p_wrong, payload=payload_wrong
+    )
+
+    error = max(
+        np.abs(found.force_N - force_N).max() / 1.0,
+        np.abs(found.torque_Nm - torque_Nm).max() / 0.02,
+    )
+    assert error > 1.0
+
+
+def test_the_lever_is_that_of_the_cell_file() -> None:
+    """From the sensor's origin to the TCP, in sensor axes that are turned by 30 degrees."""
+    mounting = Mounting(CELL.sensor.T_flange_sensor.pose, CELL.tool.T_flange_tcp.pose)
+    assert mounting.p_sensor_tcp_in_sensor == pytest.approx([0.0, 0.0, 0.14])
+
+    aside = CELL.tool.T_flange_tcp.model_copy(update={"position_m": (0.1, 0.0, 0.16)}).pose
+    lever = Mounting(CELL.sensor.T_flange_sensor.pose, aside).p_sensor_tcp_in_sensor
+    cos30, sin30 = math.cos(math.radians(30.0)), 0.5
+    assert lever == pytest.approx([0.1 * cos30, -0.1 * sin30, 0.14])
+
+
+# --- filter ---------------------------------------------------------------------------------------
+
+
+def run(state: Filter, stream, dt_s: float = 0.002) -> list[np.ndarray]:
+    """Feed samples; return the output after each."""
+    outputs = []
+    for sample in stream:
+        state = feed(state, np.asarray(sample), dt_s)
+        assert state.output is not None
+        outputs.append(state.output)
+    return outputs
+
+
+medians = st.sampled_from([1, 3, 5])
+lowpasses = st.sampled_from([0.0, 0.001, 0.005, 1.0])
+
+
+@given(samples, medians, lowpasses)
+def test_constant_in_is_constant_out_from_the_first_sample(sample, median, lowpass_s) -> None:
+    """No transient at the start: the first sample is the first output."""
+    for output in run(Filter(median, lowpass_s), [sample] * 8):
+        assert output == pytest.approx(sample, abs=1e-12)
+
+
+@given(samples, samples, st.sampled_from([3, 5]), lowpasses, st.integers(2, 9))
+def test_a_single_spike_leaves_no_trace(sample, spike, median, lowpass_s, at) -> None:
+    """One wild sample among equal ones, from the third on, is as if it had not been."""
+    stream = [sample] * 12
+    stream[at] = spike
+    for output in run(Filter(median, lowpass_s), stream):
+        assert output == pytest.approx(sample, abs=1e-12)
+
+
+def test_without_a_median_a_spike_shows() -> None:
+    """The test above can fail."""
+    stream = [np.zeros(6)] * 5 + [np.full(6, 100.0)] + [np.zeros(6)] * 5
+
+    assert max(abs(output).max() for output in run(Filter(1, 0.005), stream)) > 10.0
+
+
+@given(st.lists(samples, min_size=1, max_size=12), medians, lowpasses, st.floats(0.0, 0.1))
+def test_the_output_never_leaves_the_range_of_the_input(stream, median, lowpass_s, dt_s) -> None:
+    """Channel by channel: no overshoot, no mixing of channels."""
+    outputs = np.array(run(Filter(median, lowpass_s), stream, dt_s))
+
+    assert (outputs >= np.min(stream, axis=0) - 1e-9).all()
+    assert (outputs <= np.max(stream, axis=0) + 1e-9).all()
+
+
+@given(st.sampled_from([0.0005, 0.002, 0.004]))
+def test_a_step_is_answered_in_seconds_not_in_samples(dt_s) -> None:
+    """1 - exp(-t/T) at every rate: a faster sensor is not filtered harder."""
+    steps = round(0.02 / dt_s)
+    outputs = run(Filter(1, 0.01), [np.zeros(6)] + [np.ones(6)] * steps, dt_s)
+
+    assert outputs[-1] == pytest.approx(np.full(6, 1.0 - math.exp(-2.0)), abs=1e-9)
+
+
+# --- tare -----------------------------------------------------------------------------------------
+
+
+@given(turns, vectors.filter(lambda v: np.linalg.norm(v) < 9.9), turns, levers)
+def test_tare_makes_the_present_reading_zero_here_and_everywhere(turn, drift, other, drift_Nm):
+    """The bias is in sensor axes: what was drift here is gone in every other orientation."""
+    R = rotation_from_vector(turn)
+    drifted = replace(
+        OFF_CENTRE,
+        bias_force_N=tuple((np.array(OFF_CENTRE.bias_force_N) + drift).tolist()),
+        bias_torque_Nm=tuple((np.array(OFF_CENTRE.bias_torque_Nm) + drift_Nm).tolist()),
+    )
+    still = reading_of(drifted, R, np.zeros(3), np.zeros(3), np.zeros(3))
+    reading = np.concatenate([still.force_N, still.torque_Nm])
+    tared, reply = tare(OFF_CENTRE, [reading - 1.0, reading, reading + 1.0], R, LIMITS)
+
+    assert reply.accepted
+    assert reply.value == pytest.approx(np.linalg.norm(drift), abs=1e-9)
+    elsewhere = rotation_from_vector(other)
+    found = compensate(
+        reading_of(drifted, elsewhere, np.zeros(3), np.zeros(3), np.zeros(3)),
+        R_base_sensor=elsewhere,
+        p_sensor_tcp_in_sensor=np.zeros(3),
+        payload=tared,
+    )
+    assert found.force_N == pytest.approx(np.zeros(3), abs=1e-9)
+    assert found.torque_Nm == pytest.approx(np.zeros(3), abs=1e-9)
+    assert tared == replace(
+        OFF_CENTRE, bias_force_N=tared.bias_force_N, bias_torque_Nm=tared.bias_torque_Nm
+    )
+
+
+@given(turns, vectors, st.floats(0.0, 3.0))
+def test_tare_is_refused_exactly_above_its_limits(turn, push, torque_Nm) -> None:
+    """Force or torque: refused with number and limit, and the payload stays the very same."""
+    R = rotation_from_vector(turn)
+    force_N = float(np.linalg.norm(push))
+    assume(abs(force_N - LIMITS.force_N) > 1e-6)
+    assume(abs(torque_Nm - LIMITS.torque_Nm) > 1e-6)
+    load = reading_of(OFF_CENTRE, R, np.zeros(3), push, np.array([torque_Nm, 0.0, 0.0]))
+    reading = np.concatenate([load.force_N, load.torque_Nm])
+    tared, reply = tare(OFF_CENTRE, [reading], R, LIMITS)
+
+    allowed = force_N <= LIMITS.force_N and torque_Nm <= LIMITS.torque_Nm
+    assert reply.accepted == allowed
+    if not allowed:
+        assert tared is OFF_CENTRE
+        assert reply.code == "contact"
+        wrong, limit = (force_N, 10.0) if force_N > LIMITS.force_N else (torque_Nm, 1.0)
+        assert (reply.value, reply.limit) == (pytest.approx(wrong), limit)

@@ -1,11 +1,11 @@
-"""Write the bus table of common/topics.py into README.md; `--check` only looks for it."""
+"""Write the bus table of common/topics.py into README.md."""
 
-import sys
 from pathlib import Path
 
 from common.topics import REQUESTS, TOPICS
 
-README = Path(__file__).resolve().parent.parent / "README.md"
+ROOT = Path(__file__).resolve().parent.parent
+README = ROOT / "README.md"
 BEGIN, END = "<!-- bus table: made by `make readme` -->", "<!-- end of the bus table -->"
 
 
@@ -30,15 +30,10 @@ def with_table(text: str) -> str:
     return f"{before}{BEGIN}\n{bus_table()}\n{END}{after}"
 
 
-def main() -> int:
-    """Write or check the page."""
-    text = README.read_text(encoding="utf-8")
-    wanted = with_table(text)
-    if "--check" in sys.argv[1:]:
-        return 0 if text == wanted else 1
-    README.write_text(wanted, encoding="utf-8")
-    return 0
+def main() -> None:
+    """Write the page."""
+    README.write_text(with_table(README.read_text(encoding="utf-8")), encoding="utf-8")
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

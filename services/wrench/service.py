@@ -31,6 +31,7 @@ class WrenchService:
         self._mounting = Mounting(cell.sensor.T_flange_sensor.pose, cell.tool.T_flange_tcp.pose)
         self._payload = Payload(**cell.payload.model_dump())
         self._calibration = "cell file"
+        self._range_N, self._range_Nm = cell.sensor.force_range_N, cell.sensor.torque_range_Nm
         self._tare_limits = TareLimits(cell.force.tare_max_N, cell.force.tare_max_Nm)
         self._empty_filter = Filter(cell.filter.median, cell.filter.lowpass_s)
         self._filter = self._empty_filter
@@ -63,7 +64,7 @@ class WrenchService:
 
     def _take(self, sensor: Reading[SensorWrench], robot: Reading[RobotState]) -> None:
         """Feed a sample that is new and good; after a gap the filter starts anew."""
-        if sensor.fault or sensor.message is None or sensor.header is None:
+        if self._sensor_complaint(sensor) or sensor.message is None or sensor.header is None:
             self._filter = self._empty_filter
             self._recent.clear()
             return
@@ -102,10 +103,19 @@ class WrenchService:
         self._out.put(message, None if header is None else Origin(header.stamp_ns, header.seq))
 
     def _complaint(self, sensor: Reading[SensorWrench], robot: Reading[RobotState]) -> str:
-        if sensor.fault or robot.fault:
-            return sensor.fault or robot.fault
-        if sensor.message is not None and sensor.message.status != "ok":
-            return f"the sensor says {sensor.message.status}"
+        return self._sensor_complaint(sensor) or robot.fault
+
+    def _sensor_complaint(self, sensor: Reading[SensorWrench]) -> str:
+        """Say why a sample is no measurement: then it must not reach the filter either."""
+        sample = sensor.fresh
+        if sample is None:
+            return sensor.fault
+        if sample.status != "ok":
+            return f"the sensor says {sample.status}"
+        limits = (self._range_N, self._range_Nm)
+        for vector, limit in zip((sample.force_N, sample.torque_Nm), limits, strict=True):
+            if max(abs(number) for number in vector) > limit:
+                return f"the sensor reads beyond its range of {limit:g}"
         return ""
 
     def _tare(self, sensor: Reading[SensorWrench], robot: Reading[RobotState]) -> Reply:

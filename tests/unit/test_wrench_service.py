@@ -152,6 +152,36 @@ def test_a_stale_input_is_told_by_name_and_at_the_usual_rate(
     assert bench.service.fault == ""
 
 
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        ({"status": "saturated"}, "the sensor says saturated"),
+        ({"status": "fault"}, "the sensor says fault"),
+        ({"valid": False, "reason": "no cable"}, "sensor/wrench invalid: no cable"),
+        ({"force_N": (0.0, 0.0, 501.0)}, "beyond its range"),
+        ({"force_N": (1.7e308,) * 3}, "beyond its range"),
+        ({"torque_Nm": (0.0, -20.1, 0.0)}, "beyond its range"),
+    ],
+)
+def test_a_sample_that_is_no_measurement_makes_no_wrench(
+    bench: WrenchBench, changes, reason
+) -> None:
+    """Not valid with the reason, and once it is over no trace of it is left in the filter."""
+    bench.settle()
+    bench.sensor = {"force_N": (400.0, 400.0, 400.0), **changes}
+    bench.step(4)
+    assert not bench.said().valid
+    assert reason in bench.said().reason
+    assert bench.said().force_N == (0.0, 0.0, 0.0)
+
+    bench.sensor = {}
+    for _ in range(20):
+        bench.step()
+        if bench.said().valid:
+            assert bench.said().force_N == pytest.approx((0, 0, 0), abs=1e-9)
+    assert bench.said().valid
+
+
 def test_after_a_gap_the_filter_starts_anew(bench: WrenchBench) -> None:
     """The first wrench after silence is of the present, not a mean with the past."""
     bench.force_N = np.array([0.0, 0.0, 40.0])

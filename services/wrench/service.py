@@ -9,7 +9,7 @@ from common.cell import Cell
 from common.clock import NS_PER_S
 from common.convert import pose_of, vec3
 from common.endpoints import Bus, Origin, Reading
-from common.frames import Array
+from common.frames import Array, is_finite_pose
 from common.messages import Reply, RobotState, SensorWrench, WrenchAtTcp
 from common.payload import Payload
 from services.wrench.compensation import Mounting, Wrench, compensate
@@ -103,7 +103,10 @@ class WrenchService:
         self._out.put(message, None if header is None else Origin(header.stamp_ns, header.seq))
 
     def _complaint(self, sensor: Reading[SensorWrench], robot: Reading[RobotState]) -> str:
-        return self._sensor_complaint(sensor) or robot.fault
+        complaint = self._sensor_complaint(sensor) or robot.fault
+        if complaint or robot.fresh is None or is_finite_pose(pose_of(robot.fresh)):
+            return complaint
+        return "robot/state holds a quaternion of length zero"
 
     def _sensor_complaint(self, sensor: Reading[SensorWrench]) -> str:
         """Say why a sample is no measurement: then it must not reach the filter either."""

@@ -182,6 +182,16 @@ def test_a_sample_that_is_no_measurement_makes_no_wrench(
     assert bench.said().valid
 
 
+def test_a_robot_without_an_orientation_makes_no_wrench(bench: WrenchBench) -> None:
+    """A quaternion of zeros is said with its name; the service goes on."""
+    bench.settle()
+    bench.silent = {"robot"}
+    bench.put(topics.ROBOT_STATE, RobotState(orientation_xyzw=(0.0, 0.0, 0.0, 0.0)))
+    bench.step(2)
+    assert not bench.said().valid
+    assert "robot/state" in bench.said().reason
+
+
 def test_after_a_gap_the_filter_starts_anew(bench: WrenchBench) -> None:
     """The first wrench after silence is of the present, not a mean with the past."""
     bench.force_N = np.array([0.0, 0.0, 40.0])

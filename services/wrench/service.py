@@ -9,7 +9,7 @@ from common.cell import Cell
 from common.clock import NS_PER_S
 from common.convert import pose_of, vec3
 from common.endpoints import Bus, Origin, Reading
-from common.frames import Array, is_finite_pose
+from common.frames import Array, is_finite_pose, rotation_between
 from common.messages import Reply, RobotState, SensorWrench, WrenchAtTcp
 from common.payload import Payload
 from services.wrench.compensation import Mounting, Wrench, compensate
@@ -18,6 +18,7 @@ from services.wrench.tare import TareLimits, tare
 
 TARE_WINDOW_S = 0.25
 REST_POSITION_M = 2e-4  # the flange moved less than this during the window: at rest
+REST_TURN_RAD = 2e-3  # the same for its orientation: 2 g of a kilogram
 
 
 class WrenchService:
@@ -36,7 +37,7 @@ class WrenchService:
         self._empty_filter = Filter(cell.filter.median, cell.filter.lowpass_s)
         self._filter = self._empty_filter
         window = round(TARE_WINDOW_S * cell.rates.sensor_hz)
-        self._recent: deque[tuple[Array, Array]] = deque(maxlen=window)  # reading, position
+        self._recent: deque[tuple[Array, RobotState]] = deque(maxlen=window)
         self._last_stamp_ns = 0
         self._next_put_ns = 0
         self._sensor = bus.reader(topics.SENSOR_WRENCH)
@@ -76,7 +77,7 @@ class WrenchService:
         reading = np.array(sensor.message.force_N + sensor.message.torque_Nm)
         self._filter = feed(self._filter, reading, dt_s)
         if robot.fresh is not None:
-            self._recent.append((reading, np.array(robot.fresh.position_m)))
+            self._recent.append((reading, robot.fresh))
 
     def _put(self, sensor: Reading[SensorWrench], robot: Reading[RobotState]) -> None:
         self.fault = self._complaint(sensor, robot)
@@ -121,19 +122,32 @@ class WrenchService:
                 return f"the sensor reads beyond its range of {limit:g}"
         return ""
 
+    def _motion(self, robot: RobotState) -> Reply | None:
+        """Refuse when the flange moved or turned during the window."""
+        poses = [pose_of(state) for _, state in self._recent]
+        moved_m = float(np.max(np.ptp([T.translation for T in poses], axis=0)))
+        turns = [rotation_between(poses[-1].rotation, T.rotation) for T in poses]
+        turned_rad = max(float(np.linalg.norm(turn)) for turn in turns)
+        value, limit = moved_m, REST_POSITION_M
+        if moved_m <= limit and turned_rad > REST_TURN_RAD:
+            value, limit = turned_rad, REST_TURN_RAD
+        if value <= limit and not robot.status.moving:
+            return None
+        text = (
+            f"the arm moved {moved_m * 1e3:.2f} mm and turned {np.degrees(turned_rad):.2f} degrees "
+            f"within {TARE_WINDOW_S:g} s: let it rest"
+        )
+        return Reply(accepted=False, code="moving", text=text, value=value, limit=limit)
+
     def _tare(self, sensor: Reading[SensorWrench], robot: Reading[RobotState]) -> Reply:
         fault = self._complaint(sensor, robot)
         if fault or robot.fresh is None:
             return Reply(accepted=False, code="input", text=fault)
         if len(self._recent) < (self._recent.maxlen or 1):
             return Reply(accepted=False, code="wait", text="not enough samples yet, ask again")
-        positions = np.array([position for _, position in self._recent])
-        moved_m = float(np.max(np.ptp(positions, axis=0)))
-        if robot.fresh.status.moving or moved_m > REST_POSITION_M:
-            text = f"the arm moved {moved_m * 1e3:.2f} mm within {TARE_WINDOW_S:g} s: let it rest"
-            return Reply(
-                accepted=False, code="moving", text=text, value=moved_m, limit=REST_POSITION_M
-            )
+        motion = self._motion(robot.fresh)
+        if motion is not None:
+            return motion
         R = np.asarray((pose_of(robot.fresh) * self._mounting.T_flange_sensor).rotation)
         readings = [reading for reading, _ in self._recent]
         self._payload, reply = tare(self._payload, readings, R, self._tare_limits)

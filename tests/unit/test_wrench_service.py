@@ -245,6 +245,26 @@ def test_tare_is_refused_in_contact(bench: WrenchBench) -> None:
     assert bench.settle().force_N[2] == pytest.approx(10.1)
 
 
+def test_tare_is_refused_in_motion(bench: WrenchBench) -> None:
+    """By the controller's bit, by the way that the flange has gone, and by the angle."""
+    bench.pass_s(0.4)
+    bench.status = RobotStatus(moving=True)
+    bench.step()
+    assert bench.ask(topics.TARE, Empty()).code == "moving"
+    bench.status = RobotStatus()
+    bench.p_m = bench.p_m + np.array([0.0, 0.0, 3e-4])
+    bench.step()
+    reply = bench.ask(topics.TARE, Empty())
+    assert (reply.code, reply.limit) == ("moving", 2e-4)
+    assert reply.value == pytest.approx(3e-4)
+    bench.pass_s(0.3)
+    bench.R_base_flange = rotation_from_vector(np.array([0.02, 0.0, 0.0])) @ bench.R_base_flange
+    bench.step()
+    assert bench.ask(topics.TARE, Empty()).code == "moving"
+    bench.pass_s(0.3)
+    assert bench.ask(topics.TARE, Empty()).accepted
+
+
 def test_tare_needs_inputs_and_a_full_window(bench: WrenchBench) -> None:
     """Refused with what is missing; a window that began with a gap is not full."""
     bench.pass_s(0.1)

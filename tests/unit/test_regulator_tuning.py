@@ -1,0 +1,64 @@
+"""The gain rule: what becomes of stiffness, delay and inertia in a cell file."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from services.regulator.service import law_settings, pi_gains
+from services.regulator.tuning import loop_delay_s, tune
+from tests.fakes.bench import CELL
+
+GAINS = pi_gains(tune(CELL).gains)
+
+
+@given(st.floats(1e3, 1e6), st.floats(1.0, 1e4), st.floats(0.0, 0.2))
+def test_the_gain_rule_is_045_over_k_tau_unless_inertia_is_in_the_way(k, k_tilt, delay_s) -> None:
+    """K Ki tau = 0.45, or Ki = 0.5 / (m w_b) where that is less; force and torque alike."""
+    update = {"stiffness_N_m": k, "tilt_stiffness_Nm_rad": k_tilt}
+    contact = CELL.contact.model_copy(update=update)
+    robot = CELL.robot.model_copy(update={"delay_s": delay_s})
+    tuning = tune(CELL.model_copy(update={"contact": contact, "robot": robot}))
+    bandwidth = CELL.robot.bandwidth_rad_s
+    force_cap = 0.5 / (CELL.contact.inertia_kg * bandwidth)
+    torque_cap = 0.5 / (CELL.contact.inertia_kg_m2 * bandwidth)
+    for gain, stiffness, cap in (
+        (tuning.force_i_m_per_Ns, k, force_cap),
+        (tuning.torque_i_rad_per_Nms, k_tilt, torque_cap),
+    ):
+        if gain < cap:
+            assert stiffness * gain * tuning.tau_s == pytest.approx(0.45)
+        else:
+            assert gain == cap
+            assert stiffness * gain * tuning.tau_s <= 0.45 * (1.0 + 1e-12)
+
+
+def test_all_delay_of_the_loop_counts() -> None:
+    """Longer delay, lag, filter, median or period: each makes tau longer by itself."""
+    tau_s = loop_delay_s(CELL)
+    slower = {
+        "robot": {"delay_s": 0.1, "lag_s": 0.1},
+        "filter": {"lowpass_s": 0.1, "median": 5},
+        "rates": {"control_hz": 50.0},
+    }
+    for section, changes in slower.items():
+        for name, value in changes.items():
+            changed = getattr(CELL, section).model_copy(update={name: value})
+            assert loop_delay_s(CELL.model_copy(update={section: changed})) > tau_s
+
+
+def test_proportional_gains_are_zero_unless_somebody_sets_them() -> None:
+    """They only fight known lag; the same integral gain on all axes."""
+    assert not GAINS.force_p_m_per_N.any()
+    assert not GAINS.torque_p_rad_per_Nm.any()
+    assert len(set(GAINS.force_i_m_per_Ns)) == len(set(GAINS.torque_i_rad_per_Nms)) == 1
+
+
+def test_the_approach_is_as_slow_as_its_force_budget_asks_for() -> None:
+    """The first touch adds about k v tau: never more than the budget, never over the wish."""
+    tau_s = tune(CELL).tau_s
+    for stiffness in (1e3, 2e4, 1e6):
+        contact = CELL.contact.model_copy(update={"stiffness_N_m": stiffness})
+        settings = law_settings(CELL.model_copy(update={"contact": contact}), tau_s)
+        budget = CELL.force.approach_budget_N
+        assert stiffness * settings.approach_m_s * tau_s <= budget * (1.0 + 1e-12)
+        assert settings.approach_m_s <= CELL.force.approach_m_s

@@ -1,0 +1,163 @@
+"""The regulator on the bus: started and stopped by request, refused with a reason, tuned."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from common import topics
+from common.convert import pose_of
+from common.endpoints import Origin
+from common.frames import rotation_between
+from common.messages import ArbiterStatus, Empty, ForceStartRequest, GainsRequest
+from services.regulator.tuning import tune
+from tests.fakes.arbiter_world import T_START
+from tests.fakes.bench import CELL
+from tests.fakes.regulator_bench import (
+    KI,
+    PERIOD_S,
+    T_FLANGE_TCP,
+    RegulatorBench,
+    assert_stopped,
+)
+
+
+@pytest.fixture
+def bench() -> RegulatorBench:
+    """A regulator that nobody has started."""
+    bench = RegulatorBench()
+    bench.pass_s(0.1)
+    return bench
+
+
+# --- start and stop -------------------------------------------------------------------------------
+
+
+def test_it_speaks_every_period_while_it_is_stopped(bench: RegulatorBench) -> None:
+    """Not valid and stopped, with the sample behind it: silence would look like death."""
+    for _ in range(10):
+        bench.step()
+        reading = bench.out.read(bench.clock.now_ns())
+        assert (reading.age_s, reading.origin) == (0.0, Origin(77, 8))
+        assert_stopped(bench, "stopped")
+
+
+@pytest.mark.parametrize("mode", ["position", "orientation", "both"])
+@pytest.mark.parametrize("force_N", [0.0, 30.0])
+def test_it_starts_where_the_arm_is(bench: RegulatorBench, mode: Any, force_N: float) -> None:
+    """The first pose is the measured one, whatever the wrench is at that moment."""
+    bench.push((force_N, 0.0, force_N), (1.0, 0.0, 0.0))
+    bench.step()
+    assert bench.start(ForceStartRequest(mode=mode, setpoint_N=10.0)).accepted
+    said = bench.said()
+    assert (said.valid, said.mode, said.host) == (True, mode, "pc")
+    assert said.pose is not None
+    assert pose_of(said.pose).homogeneous == pytest.approx(T_START.homogeneous, abs=1e-12)
+
+
+def test_position_moves_the_flange_along_the_force_at_the_tuned_rate(bench: RegulatorBench) -> None:
+    """After a second at 5 N beyond the deadband: Ki 5 N 1 s upwards, no turn."""
+    bench.push((0.0, 0.0, 5.0 + CELL.force.deadband_N))
+    bench.start()
+    bench.pass_s(1.0)
+    moved = bench.T_base_tcp().translation - (T_START * T_FLANGE_TCP).translation
+    assert moved == pytest.approx([0.0, 0.0, 5.0 * KI], rel=0.01, abs=1e-9)
+    assert bench.said().error_force_N == pytest.approx((0.0, 0.0, 5.0))
+
+
+def test_orientation_turns_the_flange_about_the_tcp(bench: RegulatorBench) -> None:
+    """The TCP stays to a nanometre while the flange swings round it."""
+    bench.push((0.0, 0.0, 30.0), (0.3, -0.2, 0.1))
+    bench.start(ForceStartRequest(mode="orientation"))
+    bench.pass_s(0.3)
+    T = bench.T_base_tcp()
+    turned = rotation_between(T_START.rotation, T.rotation)
+    assert T.translation == pytest.approx((T_START * T_FLANGE_TCP).translation, abs=1e-9)
+    assert np.linalg.norm(turned) > 0.03
+    assert np.cross(turned, (0.3, -0.2, 0.1)) == pytest.approx(np.zeros(3), abs=1e-9)
+
+
+def test_stop_ends_it_and_a_new_start_begins_at_the_arm(bench: RegulatorBench) -> None:
+    """What was proposed last time is forgotten."""
+    bench.push((0.0, 0.0, 20.0))
+    bench.start()
+    bench.pass_s(0.5)
+    assert bench.ask(topics.FORCE_STOP, Empty()).accepted
+    bench.step()
+    assert_stopped(bench, "stopped")
+    assert bench.start().accepted
+    start = (T_START * T_FLANGE_TCP).translation
+    assert bench.T_base_tcp().translation == pytest.approx(start, abs=1e-12)
+
+
+def test_another_mode_or_set_point_goes_on_without_a_bump(bench: RegulatorBench) -> None:
+    """Asked for while it runs: the pose goes on from where it was, the set point on a ramp."""
+    bench.push((0.0, 0.0, 5.0))
+    bench.start()
+    bench.pass_s(0.5)
+    before = bench.T_base_tcp().translation
+    assert bench.start(ForceStartRequest(mode="both", setpoint_N=20.0)).accepted
+    assert np.linalg.norm(bench.T_base_tcp().translation - before) < 1e-4
+    ramp_s = 20.0 / CELL.force.setpoint_ramp_N_s
+    errors = []
+    for _ in range(round(ramp_s / PERIOD_S) + 5):
+        bench.step()
+        errors.append(bench.said().error_force_N[2])
+    assert max(np.abs(np.diff(errors))) <= CELL.force.setpoint_ramp_N_s * PERIOD_S + 1e-9
+    assert errors[-1] == pytest.approx(5.0 - 20.0 + CELL.force.deadband_N)
+
+
+# --- refusals -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("state", ["BOOT", "IDLE", "HOLDING", "FAULT"])
+def test_a_start_needs_an_armed_arbiter(bench: RegulatorBench, state: Any) -> None:
+    """Refused in every other state, by its name."""
+    bench.arbiter = ArbiterStatus(state=state)
+    bench.step()
+    reply = bench.start()
+    assert (reply.accepted, reply.code) == (False, "not_armed")
+    assert state in reply.text
+
+
+def test_a_host_that_the_cell_has_not_is_refused(bench: RegulatorBench) -> None:
+    """The refusal says what would be needed and what there is."""
+    reply = bench.start(ForceStartRequest(mode="position", host="controller"))
+    assert (reply.accepted, reply.code) == (False, "host")
+    assert "offers pc" in reply.text
+
+
+def test_a_set_point_above_the_cells_is_refused_with_both_numbers(bench: RegulatorBench) -> None:
+    """The limit itself is allowed."""
+    most = CELL.force.setpoint_max_N
+    reply = bench.start(ForceStartRequest(mode="position", setpoint_N=most + 0.1))
+    assert (reply.code, reply.value, reply.limit) == ("setpoint", most + 0.1, most)
+    assert bench.start(ForceStartRequest(mode="position", setpoint_N=most)).accepted
+
+
+@pytest.mark.parametrize("topic", [topics.WRENCH, topics.ROBOT_STATE], ids=lambda t: t.key)
+def test_a_start_needs_fresh_inputs(bench: RegulatorBench, topic: Any) -> None:
+    """Refused with the name of what is stale."""
+    bench.silent = {topic.key}
+    bench.pass_s(0.2)
+    reply = bench.start()
+    assert (reply.accepted, reply.code) == (False, "input")
+    assert f"{topic.key} stale" in reply.text
+    assert_stopped(bench, "stopped")
+
+
+# --- gains ----------------------------------------------------------------------------------------
+
+
+def test_gains_are_set_by_request_and_the_rest_keeps_its_value(bench: RegulatorBench) -> None:
+    """One kind of gain changes, at once and without a bump; the reply lists all."""
+    bench.push((0.0, 0.0, 5.0 + CELL.force.deadband_N), (0.5, 0.0, 0.0))
+    bench.start(ForceStartRequest(mode="orientation"))
+    reply = bench.ask(topics.GAINS, GainsRequest(force_i_m_per_Ns=(0.0, 0.0, 2.0 * KI)))
+    assert reply.accepted
+    assert f"{tune(CELL).torque_i_rad_per_Nms}" in reply.text
+    assert "force_p_m_per_N [0.0, 0.0, 0.0]" in reply.text
+    bench.start()
+    before = bench.T_base_tcp().translation[2]
+    bench.pass_s(0.5)
+    assert bench.T_base_tcp().translation[2] - before == pytest.approx(5.0 * KI, rel=0.02)

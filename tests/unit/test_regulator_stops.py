@@ -1,0 +1,156 @@
+"""What ends force feedback and that it stays ended; and what a limited command is to it."""
+
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from common import topics
+from common.convert import record_of, vec3
+from common.frames import rotation_from_vector
+from common.messages import ArbiterStatus, ForceStartRequest, RobotCommand, RobotState, WrenchAtTcp
+from tests.fakes.arbiter_world import T_START
+from tests.fakes.bench import CELL
+from tests.fakes.regulator_bench import (
+    KI,
+    PERIOD_S,
+    POSITION,
+    T_FLANGE_TCP,
+    RegulatorBench,
+    assert_stopped,
+)
+
+DEADLINE_S = CELL.stale_after_s(topics.WRENCH)
+
+
+@pytest.fixture
+def bench() -> RegulatorBench:
+    """A regulator that pushes back against 10 N and is obeyed."""
+    bench = RegulatorBench()
+    bench.push((0.0, 0.0, 10.0))
+    bench.pass_s(0.1)
+    assert bench.start().accepted
+    bench.arbiter = ArbiterStatus(state="ACTIVE", commander="regulator", lease=3)
+    bench.pass_s(0.2)
+    assert bench.said().valid
+    return bench
+
+
+# --- inputs ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("topic", [topics.WRENCH, topics.ROBOT_STATE], ids=lambda t: t.key)
+def test_a_stale_input_makes_the_target_not_valid_with_its_name(
+    bench: RegulatorBench, topic: Any
+) -> None:
+    """The mode stays in the message: it runs and cannot go on, so the arbiter holds."""
+    bench.silent = {topic.key}
+    bench.pass_s(CELL.stale_after_s(topic) - PERIOD_S)
+    assert bench.said().valid
+    bench.step(3)
+    said = bench.said()
+    assert (said.valid, said.mode, said.pose) == (False, "position", None)
+    assert f"{topic.key} stale" in said.reason
+    assert bench.service.fault == said.reason
+
+
+def test_an_invalid_wrench_is_passed_on_with_its_reason(bench: RegulatorBench) -> None:
+    """From the sensor's cable to the arbiter's trip the words stay readable."""
+    bench.wrench = WrenchAtTcp(valid=False, reason="the sensor says saturated")
+    bench.step()
+    assert bench.said().reason == "wrench invalid: the sensor says saturated"
+
+
+def test_the_same_sample_is_integrated_once(bench: RegulatorBench) -> None:
+    """Steps between two wrenches propose the same pose again."""
+    bench.silent = {topics.WRENCH.key}
+    bench.step()
+    before = bench.said().pose
+    bench.step(10)
+    assert bench.said().pose == before
+
+
+def test_a_gap_is_not_integrated_over(bench: RegulatorBench) -> None:
+    """After samples were lost, at most three periods of motion are made up for."""
+    before = bench.T_base_tcp().translation[2]
+    bench.silent = {topics.WRENCH.key}
+    bench.step(15)
+    bench.silent = set()
+    bench.step()
+    moved = bench.T_base_tcp().translation[2] - before
+    assert moved <= (10.0 - CELL.force.deadband_N) * KI * 3.0 * PERIOD_S * (1.0 + 1e-9)
+    assert moved > 0.0
+
+
+# --- the arbiter ----------------------------------------------------------------------------------
+
+
+def test_a_silent_arbiter_ends_it(bench: RegulatorBench) -> None:
+    """Within the deadline of its status; the reason names it."""
+    bench.silent = {topics.ARBITER_STATUS.key}
+    bench.pass_s(CELL.stale_after_s(topics.ARBITER_STATUS) + 2 * PERIOD_S)
+    assert_stopped(bench, "arbiter/status stale")
+
+
+def test_with_an_endless_reason_it_still_speaks(bench: RegulatorBench) -> None:
+    """Words from other processes never end this one."""
+    bench.arbiter = ArbiterStatus(valid=False, reason="y" * 500)
+    bench.step()
+    assert_stopped(bench, "arbiter/status invalid: yyy")
+
+
+# --- what was let through -------------------------------------------------------------------------
+
+
+def test_it_goes_on_from_what_was_really_let_through(bench: RegulatorBench) -> None:
+    """Back-calculation: no integral builds up behind a limit."""
+    let_through = pin.SE3(
+        rotation_from_vector(np.array([0.01, 0.0, 0.0])) @ T_START.rotation,
+        T_START.translation + np.array([0.0, 0.0, 0.001]),
+    )
+    bench.command = RobotCommand(kind="setpoint", pose=record_of(let_through), limited=True)
+    one_step = (10.0 - CELL.force.deadband_N) * KI * PERIOD_S
+    for _ in range(50):
+        bench.step()
+        T = bench.T_base_tcp()
+        gone = T.translation - (let_through * T_FLANGE_TCP).translation
+        assert gone == pytest.approx([0.0, 0.0, one_step], abs=1e-9)
+        assert pin.log3(T.rotation @ let_through.rotation.T) == pytest.approx(np.zeros(3), abs=1e-9)
+
+
+def test_what_was_let_through_whole_does_not_pull_it_back(bench: RegulatorBench) -> None:
+    """An echo that is a period old must not eat a period's motion each time."""
+    start = bench.T_base_tcp().translation[2]
+    for _ in range(100):
+        pose = bench.said().pose
+        bench.command = RobotCommand(kind="setpoint", pose=pose)
+        bench.step()
+    expected = (10.0 - CELL.force.deadband_N) * KI * 100 * PERIOD_S
+    assert bench.T_base_tcp().translation[2] - start == pytest.approx(expected, rel=1e-6)
+
+
+# --- host controller ------------------------------------------------------------------------------
+
+
+def test_for_the_host_controller_it_says_mode_set_point_and_gains_instead_of_poses() -> None:
+    """The set point points along the tool, as a force of the environment in base axes."""
+    robot = CELL.robot.model_copy(update={"hosts": ("pc", "controller")})
+    bench = RegulatorBench(CELL.model_copy(update={"robot": robot}))
+    bench.pass_s(0.1)
+    R = rotation_from_vector(np.array([0.3, 0.2, 0.0])) @ T_START.rotation
+    tilted = record_of(pin.SE3(R, T_START.translation))
+    bench.robot = RobotState.model_validate(bench.robot.model_dump() | tilted.model_dump())
+    bench.step()
+    wanted = ForceStartRequest(mode="both", host="controller", setpoint_N=10.0)
+    assert bench.start(wanted).accepted
+    bench.pass_s(0.2)
+    said = bench.said()
+    assert (said.host, said.pose, said.valid) == ("controller", None, True)
+    assert said.feedback is not None
+    assert said.feedback.mode == "both"
+    assert said.feedback.setpoint_force_N == pytest.approx(vec3(-10.0 * R[:, 2]), abs=1e-6)
+    assert said.feedback.gains.force_i_m_per_Ns == (KI, KI, KI)
+    assert bench.start(POSITION).accepted
+    start = (T_START * T_FLANGE_TCP).translation
+    assert np.linalg.norm(bench.T_base_tcp().translation - start) < 0.1

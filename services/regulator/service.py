@@ -35,6 +35,8 @@ class Session:
     setpoint_N: float  # ramped
     law: LawState
     last_sample_ns: int
+    lease: int  # under which it was started
+    failure: str = ""  # latched: an input failed
 
 
 class Regulator:
@@ -51,6 +53,7 @@ class Regulator:
         self._T_flange_tcp = cell.tool.T_flange_tcp.pose
         self._session: Session | None = None
         self._stop_reason = STOPPED
+        self._lease = 0
         self._now_ns = 0
         self._wrench = bus.reader(topics.WRENCH)
         self._robot = bus.reader(topics.ROBOT_STATE)
@@ -79,8 +82,9 @@ class Regulator:
         if session is None:
             return RegulatorTarget(valid=False, reason=self._stop_reason)
         wanted = session.wanted
-        self.fault = wrench.fault or robot.fault
+        self.fault = session.failure or wrench.fault or robot.fault
         if wrench.fresh is None or self.fault:
+            self._session = replace(session, failure=self.fault)
             return RegulatorTarget(
                 valid=False, reason=self.fault, mode=wanted.mode, host=wanted.host
             )
@@ -172,17 +176,19 @@ class Regulator:
         refusal = self._refusal(wanted, now_ns, wrench.fault or robot.fault)
         if refusal is not None or robot.fresh is None:
             return refusal or Reply(accepted=False, code="stale", text=robot.fault)
-        if self._session is not None and self._session.wanted.host == wanted.host:
-            self._session = replace(self._session, wanted=wanted)
+        running = self._session
+        if running is not None and running.wanted.host == wanted.host and not running.failure:
+            self._session = replace(running, wanted=wanted)
             return Reply(accepted=True, text=f"{wanted.mode}, set point {wanted.setpoint_N:g} N")
         law = start_at(pose_of(robot.fresh) * self._T_flange_tcp)
         stamp_ns = wrench.header.stamp_ns if wrench.header else now_ns
-        self._session = Session(wanted, 0.0, law, stamp_ns)
+        self._session = Session(wanted, 0.0, law, stamp_ns, self._lease)
         return Reply(accepted=True, text=f"{wanted.mode}, set point {wanted.setpoint_N:g} N")
 
     def _refusal(self, wanted: ForceStartRequest, now_ns: int, fault: str) -> Reply | None:
         arbiter = self._arbiter.read(now_ns)
         state = arbiter.fresh.state if arbiter.fresh is not None else "silent"
+        self._lease = arbiter.fresh.lease if arbiter.fresh is not None else 0
         largest_N = self._cell.force.setpoint_max_N
         if wanted.host not in self._cell.robot.hosts:
             text = (

@@ -55,6 +55,23 @@ def test_a_stale_input_makes_the_target_not_valid_with_its_name(
     assert bench.service.fault == said.reason
 
 
+def test_a_failure_is_latched_until_somebody_starts_again(bench: RegulatorBench) -> None:
+    """The input comes back, the target does not: nothing resumes by itself."""
+    bench.silent = {topics.WRENCH.key}
+    bench.pass_s(0.2)
+    bench.silent = set()
+    for _ in range(100):
+        bench.step()
+        assert not bench.said().valid
+        assert "wrench stale" in bench.said().reason
+    bench.arbiter = ArbiterStatus(state="ARMED", lease=3)
+    bench.step()
+    assert bench.start().accepted
+    assert bench.T_base_tcp().translation == (
+        pytest.approx((T_START * T_FLANGE_TCP).translation, abs=1e-12)
+    )
+
+
 def test_an_invalid_wrench_is_passed_on_with_its_reason(bench: RegulatorBench) -> None:
     """From the sensor's cable to the arbiter's trip the words stay readable."""
     bench.wrench = WrenchAtTcp(valid=False, reason="the sensor says saturated")

@@ -148,10 +148,15 @@ class Regulator:
         if self._session is None:
             return
         status = self._arbiter.read(now_ns)
-        if status.fresh is None:
+        arbiter = status.fresh
+        if arbiter is None:
             self._end(status.fault)
-        elif status.fresh.state not in MOTION_STATES:
-            self._end(f"the arbiter is {status.fresh.state}")
+        elif arbiter.state not in MOTION_STATES:
+            self._end(f"the arbiter is {arbiter.state}")
+        elif arbiter.lease != self._session.lease:  # held and armed again between two readings
+            self._end("the arm was armed anew")
+        elif arbiter.commander == "operator":
+            self._end("the operator commands the arm")
 
     def _end(self, reason: str) -> None:
         self._session, self._stop_reason, self.fault = None, reason, ""
@@ -209,6 +214,9 @@ class Regulator:
             return Reply(
                 accepted=False, code="not_armed", text=f"the arbiter is {state}: arm first"
             )
+        if arbiter.fresh is not None and arbiter.fresh.commander == "operator":
+            text = "the operator commands the arm: wait for the move to end, or hold"
+            return Reply(accepted=False, code="busy", text=text)
         return Reply(accepted=False, code="input", text=fault) if fault else None
 
 

@@ -120,6 +120,15 @@ def test_a_start_needs_an_armed_arbiter(bench: RegulatorBench, state: Any) -> No
     assert state in reply.text
 
 
+def test_a_start_is_refused_while_the_operator_commands(bench: RegulatorBench) -> None:
+    """A goal is on its way: it would be followed by a jump to where force feedback began."""
+    bench.arbiter = ArbiterStatus(state="ACTIVE", commander="operator", lease=3)
+    bench.step()
+    reply = bench.start()
+    assert (reply.accepted, reply.code) == (False, "busy")
+    assert_stopped(bench, "stopped")
+
+
 def test_a_host_that_the_cell_has_not_is_refused(bench: RegulatorBench) -> None:
     """The refusal says what would be needed and what there is."""
     reply = bench.start(ForceStartRequest(mode="position", host="controller"))

@@ -103,6 +103,35 @@ def test_a_gap_is_not_integrated_over(bench: RegulatorBench) -> None:
 # --- the arbiter ----------------------------------------------------------------------------------
 
 
+@pytest.mark.parametrize(
+    ("status", "reason"),
+    [
+        (ArbiterStatus(state="HOLDING", lease=3), "the arbiter is HOLDING"),
+        (ArbiterStatus(state="FAULT", lease=3), "the arbiter is FAULT"),
+        (ArbiterStatus(state="IDLE", lease=3), "the arbiter is IDLE"),
+        (ArbiterStatus(state="BOOT"), "the arbiter is BOOT"),
+        (ArbiterStatus(state="ARMED", lease=4), "armed anew"),
+        (ArbiterStatus(state="ACTIVE", commander="operator", lease=3), "the operator commands"),
+        (ArbiterStatus(valid=False, reason="no idea"), "arbiter/status invalid: no idea"),
+    ],
+    ids=lambda value: value if isinstance(value, str) else "",
+)
+def test_it_ends_when_it_may_not_go_on_and_never_resumes(
+    bench: RegulatorBench, status: ArbiterStatus, reason: str
+) -> None:
+    """A hold, a new arming (also one whose hold it never saw), a goal: start again by request."""
+    bench.arbiter = status
+    bench.step()
+    assert_stopped(bench, reason)
+    bench.arbiter = ArbiterStatus(state="ARMED", lease=status.lease)
+    for _ in range(100):
+        bench.step()
+        assert_stopped(bench, reason)
+    assert bench.service.fault == ""
+    assert bench.start().accepted
+    assert bench.said().valid
+
+
 def test_a_silent_arbiter_ends_it(bench: RegulatorBench) -> None:
     """Within the deadline of its status; the reason names it."""
     bench.silent = {topics.ARBITER_STATUS.key}

@@ -10,6 +10,7 @@ from common.clock import NS_PER_S
 from common.convert import pose_of, record_of, vec3
 from common.endpoints import Bus, Reading
 from common.messages import (
+    ArbiterStatus,
     Feedback,
     ForceStartRequest,
     Gains,
@@ -53,7 +54,6 @@ class Regulator:
         self._T_flange_tcp = cell.tool.T_flange_tcp.pose
         self._session: Session | None = None
         self._stop_reason = STOPPED
-        self._lease = 0
         self._now_ns = 0
         self._wrench = bus.reader(topics.WRENCH)
         self._robot = bus.reader(topics.ROBOT_STATE)
@@ -178,8 +178,9 @@ class Regulator:
         wrench: Reading[WrenchAtTcp],
         robot: Reading[RobotState],
     ) -> Reply:
-        refusal = self._refusal(wanted, now_ns, wrench.fault or robot.fault)
-        if refusal is not None or robot.fresh is None:
+        arbiter = self._arbiter.read(now_ns).fresh
+        refusal = self._refusal(wanted, arbiter, wrench.fault or robot.fault)
+        if refusal is not None or robot.fresh is None or arbiter is None:
             return refusal or Reply(accepted=False, code="stale", text=robot.fault)
         running = self._session
         if running is not None and running.wanted.host == wanted.host and not running.failure:
@@ -187,13 +188,13 @@ class Regulator:
             return Reply(accepted=True, text=f"{wanted.mode}, set point {wanted.setpoint_N:g} N")
         law = start_at(pose_of(robot.fresh) * self._T_flange_tcp)
         stamp_ns = wrench.header.stamp_ns if wrench.header else now_ns
-        self._session = Session(wanted, 0.0, law, stamp_ns, self._lease)
+        self._session = Session(wanted, 0.0, law, stamp_ns, arbiter.lease)
         return Reply(accepted=True, text=f"{wanted.mode}, set point {wanted.setpoint_N:g} N")
 
-    def _refusal(self, wanted: ForceStartRequest, now_ns: int, fault: str) -> Reply | None:
-        arbiter = self._arbiter.read(now_ns)
-        state = arbiter.fresh.state if arbiter.fresh is not None else "silent"
-        self._lease = arbiter.fresh.lease if arbiter.fresh is not None else 0
+    def _refusal(
+        self, wanted: ForceStartRequest, arbiter: ArbiterStatus | None, fault: str
+    ) -> Reply | None:
+        state = "silent" if arbiter is None else arbiter.state
         largest_N = self._cell.force.setpoint_max_N
         if wanted.host not in self._cell.robot.hosts:
             text = (
@@ -214,7 +215,7 @@ class Regulator:
             return Reply(
                 accepted=False, code="not_armed", text=f"the arbiter is {state}: arm first"
             )
-        if arbiter.fresh is not None and arbiter.fresh.commander == "operator":
+        if arbiter is not None and arbiter.commander == "operator":
             text = "the operator commands the arm: wait for the move to end, or hold"
             return Reply(accepted=False, code="busy", text=text)
         return Reply(accepted=False, code="input", text=fault) if fault else None

@@ -1,7 +1,6 @@
 """A whole simulated cell in one process on a virtual clock: the same services, faster than time."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 from common.cell import Cell
 from common.clock import NS_PER_S, ManualClock
@@ -10,27 +9,12 @@ from common.memory import MemoryTransport
 from common.service import Runner, Service, reporter_of
 from common.topics import CLIENT
 from services.arbiter.service import ArbiterService
+from services.hub.service import Hub
 from services.regulator.service import Regulator
 from services.wrench.service import WrenchService
 from sim.robot.service import SimRobot
 
 STEP_NS = 1_000_000
-
-
-@dataclass(slots=True)
-class Hub:
-    """Stands for the hub: in memory nothing needs to be routed, but its health is watched."""
-
-    period_s: float = 0.1
-    trigger: None = None
-    fault: str = ""
-
-    def step(self, now_ns: int) -> None:
-        """Nothing to do."""
-
-    def counters(self) -> dict[str, int]:
-        """Nothing to count."""
-        return {}
 
 
 class WorldClock:
@@ -65,7 +49,7 @@ class VirtualCell:
         self.robot = SimRobot(robot_bus, cell)
         self._add("robot", self.robot, robot_bus, robot_bus.playing("sensor"))
         for role, make in (
-            ("hub", lambda _bus, _cell: Hub()),
+            ("hub", Hub),
             ("wrench", WrenchService),
             ("regulator", Regulator),
             ("arbiter", ArbiterService),

@@ -50,7 +50,7 @@ def open_bus(
 
 
 @contextmanager
-def open_hub(cell: Cell, *, clock: Clock | None = None) -> Iterator[Bus]:
+def open_hub(cell: Cell, role: str = "hub", *, clock: Clock | None = None) -> Iterator[Bus]:
     """Be the cell's hub: a Zenoh router that listens on the cell's endpoint.
 
     Raises:
@@ -59,11 +59,11 @@ def open_hub(cell: Cell, *, clock: Clock | None = None) -> Iterator[Bus]:
     endpoint = endpoint_of(cell)
     listen = {"mode": "router", "listen": {"endpoints": [endpoint]}}
     try:
-        session = zenoh.open(_config(listen, "hub"))
+        session = zenoh.open(_config(listen, role))
     except zenoh.ZError as error:
         raise BusError(f"cannot listen on {endpoint}: is another hub running there?") from error
     try:
-        yield Bus("hub", cell.cell, ZenohTransport(session), cell, clock or MonotonicClock())
+        yield Bus(role, cell.cell, ZenohTransport(session), cell, clock or MonotonicClock())
     finally:
         with suppress(zenoh.ZError):
             session.close()

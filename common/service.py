@@ -11,8 +11,9 @@ import sys
 import threading
 from collections import deque
 from collections.abc import Callable
+from contextlib import AbstractContextManager, ExitStack
 from importlib.metadata import PackageNotFoundError, version
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 from common.bus import open_bus
 from common.cell import Cell
@@ -25,6 +26,7 @@ from common.priority import has_realtime_priority, take_realtime_priority
 from common.topics import HEALTH
 
 POLL_S = 0.0005
+LONGEST_PAUSE_S = 0.05  # a process that waits longer would be slow to stop
 PATIENCE_PERIODS = 1.5  # a triggered service that hears nothing steps after this many periods
 LATENESS_WINDOW = 512
 
@@ -49,6 +51,17 @@ class Service(Protocol):
 
     def counters(self) -> dict[str, int]:
         """Return what is worth counting."""
+
+
+@runtime_checkable
+class Closable(Protocol):
+    """A service that has something to say goodbye to."""
+
+    def close(self) -> None:
+        """Say it."""
+
+
+Connect = Callable[[Cell, str], AbstractContextManager[Bus]]
 
 
 class HealthReporter:
@@ -122,7 +135,13 @@ class Runner:
             if self.due(now_ns):
                 self.step(now_ns)
             else:
-                self._clock.sleep_s(POLL_S)
+                self._clock.sleep_s(self._pause_s(now_ns))
+
+    def _pause_s(self, now_ns: int) -> float:
+        """Return how long there is nothing to do: only a trigger has to be looked for."""
+        if self.service.trigger is not None:
+            return POLL_S
+        return min((self._due_ns - now_ns) / NS_PER_S, LONGEST_PAUSE_S)
 
 
 def reporter_of(bus: Bus, cell: Cell) -> HealthReporter:
@@ -131,21 +150,35 @@ def reporter_of(bus: Bus, cell: Cell) -> HealthReporter:
 
 
 def main(
-    role: str, make_service: Callable[[Bus, Cell], Service], *, player: str | None = None
+    roles: str | tuple[str, ...],
+    make_service: Callable[[Bus, Cell], Service],
+    *,
+    player: str | None = None,
+    connect: Connect = open_bus,
 ) -> None:
     """Run one service as a process until SIGTERM or SIGINT.
 
-    A process that plays a swappable role (robot, sensor) names itself as the cell file would:
-    `player`. It refuses a cell that gives the role to another process.
+    Args:
+        roles: The role that the process plays, or several; the first one is its bus's.
+        make_service: Makes the service; if it has a `close`, that is called at the end.
+        player: How the cell file names this process where a role can be played by another one
+            too. A cell that gives such a role to another process is refused.
+        connect: How the process gets onto the bus; the hub opens it instead.
     """
-    cell = cell_from_arguments(role)
+    roles = (roles,) if isinstance(roles, str) else roles
+    cell = cell_from_arguments(roles[0])
     stop = stop_on_signals()
     take_realtime_priority()
-    with exit_on_error(role):
+    with exit_on_error(roles[0]), ExitStack() as exits:
         if player is not None:
-            refuse_unless_played_by(cell, role, player)
-        with open_bus(cell, role) as bus:
-            Runner(make_service(bus, cell), [reporter_of(bus, cell)], bus.clock).run(stop)
+            for role in roles:
+                refuse_unless_played_by(cell, role, player)
+        bus = exits.enter_context(connect(cell, roles[0]))
+        service = make_service(bus, cell)
+        if isinstance(service, Closable):
+            exits.callback(service.close)
+        buses = [bus, *(bus.playing(role) for role in roles[1:])]
+        Runner(service, [reporter_of(each, cell) for each in buses], bus.clock).run(stop)
 
 
 def refuse_unless_played_by(cell: Cell, role: str, player: str) -> None:

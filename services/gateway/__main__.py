@@ -4,4 +4,4 @@ from common.service import main
 from services.gateway.service import Gateway
 
 if __name__ == "__main__":
-    main("robot", Gateway)
+    main("robot", Gateway, player="gateway")

@@ -35,6 +35,7 @@ class Gateway:
             raise ConfigError(cell.cell, ["gateway: the section is missing"])
         self.period_s = STEP_S
         self.fault = ""
+        self._clock = bus.clock
         limits, kept = Limits.of(cell), controller_limits(cell, section)
         pacing = Pacing(
             max_untaken=section.max_untaken_setpoints, heartbeat_after_s=section.heartbeat_s
@@ -76,9 +77,9 @@ class Gateway:
             "unframed": self._dialogue.unframed,
         }
 
-    def close(self, now_ns: int) -> None:
+    def close(self) -> None:
         """Let the controller go: it holds when the connection ends."""
-        self._connection.close(now_ns)
+        self._connection.close(self._clock.now_ns())
 
     def step(self, now_ns: int) -> None:
         """Listen to the controller, obey or hold, say where the arm is."""

@@ -165,7 +165,7 @@ def gateway_rig(stack: ExitStack) -> Rig:
     controller = stack.enter_context(FakeController(rate_hz=100.0))
     rig = Rig(gateway_cell(controller.port), MonotonicClock(), Gateway)
     assert isinstance(rig.service, Gateway)
-    stack.callback(rig.service.close, 0)
+    stack.callback(rig.service.close)
     return rig
 
 

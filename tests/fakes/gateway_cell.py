@@ -18,7 +18,7 @@ class GatewayCell:
         cell = gateway_cell(self.controller.port, **overrides)
         self.rig = Rig(cell, MonotonicClock(), Gateway)
         assert isinstance(self.rig.service, Gateway)
-        stack.callback(self.rig.service.close, 0)
+        stack.callback(self.rig.service.close)
 
     def coms(self) -> list[int]:
         """Commands that the controller got, in their order, without heartbeats."""

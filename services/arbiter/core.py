@@ -156,6 +156,7 @@ class Arbiter:
     def _pass_target(self, robot: RobotState, target: RegulatorTarget, dt_s: float) -> RobotCommand:
         before = self._motion.T_base_flange
         if target.host == "controller" and target.feedback is not None:
+            self._motion = Motion("regulator", T_base_flange=pose_of(robot))
             return self._command("feedback", host="controller", feedback=target.feedback)
         if target.host == "controller" or target.pose is None or before is None:
             return self._hold_for(Trip(code="regulator", text="the target holds nothing to do"))

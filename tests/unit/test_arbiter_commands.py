@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from common.convert import record_of
 from common.frames import rotation_from_vector
-from common.messages import GoalReport, MoveRequest, PoseRecord, Speed
+from common.messages import Feedback, Gains, GoalReport, MoveRequest, PoseRecord, Speed
 from tests.fakes.arbiter_world import (
     CELL,
     MOVE_DOWN,
@@ -25,6 +25,7 @@ from tests.fakes.arbiter_world import (
 )
 
 LIMITS = CELL.limits
+FEEDBACK = Feedback(mode="position", setpoint_force_N=(0.0, 0.0, 5.0), gains=Gains())
 FASTEST_M = LIMITS.speed_m_s * PERIOD_NS * 1e-9  # way of one period
 NOWHERE = PoseRecord(position_m=(0.0, 0.5, 0.35), orientation_xyzw=(0.0, 0.0, 0.0, 0.0))
 
@@ -238,6 +239,20 @@ def test_set_points_never_outrun_the_speed_limit(wishes: list[tuple[float, float
         assert moved <= FASTEST_M * (1.0 + 1e-9)
         assert command.limited or way_m(command.pose, record_of(wish)) <= 1e-12
         before = command.pose
+
+
+def test_force_feedback_that_comes_back_from_the_controller_starts_where_the_arm_is() -> None:
+    """The controller moved it meanwhile: the last set point of long ago is no place to begin."""
+    world = World().make_active("regulator")
+    there = shifted(y_m=-0.015)
+    world.propose(None, host="controller", feedback=FEEDBACK)
+    assert world.tick().kind == "feedback"
+    world.place(pose_of(there))
+    world.tick(5)
+    world.propose(there)
+    command = world.tick()
+    assert command.kind == "setpoint"
+    assert way_m(command.pose, there) <= 1e-12
 
 
 def test_a_set_point_too_far_from_the_arm_holds() -> None:

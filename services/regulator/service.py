@@ -83,14 +83,17 @@ class Regulator:
             return RegulatorTarget(valid=False, reason=self._stop_reason)
         wanted = session.wanted
         self.fault = session.failure or wrench.fault or robot.fault
-        if wrench.fresh is None or self.fault:
+        if wrench.fresh is None or robot.fresh is None or self.fault:
             self._session = replace(session, failure=self.fault)
             return RegulatorTarget(
                 valid=False, reason=self.fault, mode=wanted.mode, host=wanted.host
             )
+        on_controller = wanted.host == "controller"
+        if on_controller:  # it moves the arm by itself: the set point goes with the measured tool
+            T_base_tcp = pose_of(robot.fresh) * self._T_flange_tcp
+            session = replace(session, law=replace(session.law, T_base_tcp=T_base_tcp))
         self._session = session = self._advance(session, wrench, wrench.fresh)
         law = session.law
-        on_controller = wanted.host == "controller"
         T_base_flange = law.T_base_tcp * self._T_flange_tcp.inverse()
         return RegulatorTarget(
             mode=wanted.mode,

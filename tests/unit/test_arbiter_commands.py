@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.convert import record_of
+from common.convert import pose_of, record_of
 from common.frames import rotation_from_vector
 from common.messages import Feedback, Gains, GoalReport, MoveRequest, PoseRecord, Speed
 from tests.fakes.arbiter_world import (

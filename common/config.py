@@ -25,7 +25,7 @@ def load_cell(path: Path | str, overrides: dict[str, Any] | None = None) -> Cell
     source = str(path)
     tree = _read_tree(Path(path), source)
     for dotted, value in (overrides or {}).items():
-        _set(tree, dotted.split("."), value)
+        _set(tree, dotted, value, source)
     return cell_from_tree(tree, source)
 
 
@@ -63,9 +63,16 @@ def _read_tree(path: Path, source: str) -> Any:
         raise ConfigError(source, [f"not YAML: {' '.join(str(error).split())}"]) from None
 
 
-def _set(tree: Any, keys: list[str], value: object) -> None:
-    for key in keys[:-1]:
-        tree = tree.setdefault(key, {})
+def _set(tree: Any, dotted: str, value: object, source: str) -> None:
+    keys = dotted.split(".")
+    if not isinstance(tree, dict):
+        return  # there is no cell file here, which will be said of the whole
+    for depth, key in enumerate(keys[:-1], start=1):
+        tree[key] = {} if tree.get(key) is None else tree[key]
+        tree = tree[key]
+        if not isinstance(tree, dict):
+            mistake = f"{dotted}: {'.'.join(keys[:depth])} holds no section"
+            raise ConfigError(source, [mistake])
     tree[keys[-1]] = value
 
 

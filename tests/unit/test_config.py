@@ -228,6 +228,32 @@ def test_overrides_replace_and_add_by_dotted_path() -> None:
     assert load_cell(DEMO) == DEMO_CELL
 
 
+@pytest.mark.parametrize(
+    ("path", "told"),
+    [
+        ("sim.tilt_dg", "sim.tilt_dg: unknown name; did you mean tilt_deg?"),
+        ("simm.tilt_deg", "simm: unknown name; did you mean sim?"),
+        ("sim.tilt_deg", "sim.tilt_deg: input should be"),
+        ("cell.name", "cell.name: cell holds no section"),
+        ("rates.robot_hz.x", "rates.robot_hz.x: rates.robot_hz holds no section"),
+    ],
+)
+def test_an_override_is_judged_like_the_file(path: str, told: str) -> None:
+    """A wrong name, a wrong value, a path through something that is no section."""
+    with pytest.raises(ConfigError) as caught:
+        load_cell(DEMO, {path: "wrong"})
+    assert [line for line in caught.value.mistakes if line.startswith(told)], str(caught.value)
+
+
+@pytest.mark.parametrize("content", ["", "- 1", "sim:", "sim: 3"])
+def test_an_override_of_a_file_that_is_none_is_a_clear_error(tmp_path: Path, content: str) -> None:
+    """Empty, a list, a section without content."""
+    path = tmp_path / "cell.yaml"
+    path.write_text(content, encoding="utf-8")
+    with pytest.raises(ConfigError):
+        load_cell(path, {"sim.tilt_deg": 5.0})
+
+
 # --- hash -----------------------------------------------------------------------------------------
 
 

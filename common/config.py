@@ -2,6 +2,7 @@
 
 import difflib
 import hashlib
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, get_args
 
@@ -52,7 +53,11 @@ def dump_cell(cell: Cell) -> str:
 
 def _read_tree(path: Path, source: str) -> Any:
     try:
-        return yaml.safe_load(path.read_text(encoding="utf-8"))
+        text = path.read_text(encoding="utf-8")
+        twice = list(_said_twice(yaml.compose(text, Loader=yaml.SafeLoader)))
+        if twice:
+            raise ConfigError(source, twice)
+        return yaml.safe_load(text)
     except FileNotFoundError:
         nearby = sorted(str(other) for other in path.parent.glob("*.yaml"))
         there = f"; there are {', '.join(nearby)}" if nearby else ""
@@ -61,6 +66,19 @@ def _read_tree(path: Path, source: str) -> Any:
         raise ConfigError(source, [f"cannot be read: {error}"]) from None
     except yaml.YAMLError as error:
         raise ConfigError(source, [f"not YAML: {' '.join(str(error).split())}"]) from None
+
+
+def _said_twice(node: yaml.Node | None, path: str = "") -> Iterator[str]:
+    """Yield the names that stand twice in one section; YAML itself takes the last one."""
+    if not isinstance(node, yaml.MappingNode):
+        return
+    lines: dict[str, int] = {}
+    for key, value in node.value:
+        name, line = f"{path}{key.value}", key.start_mark.line + 1
+        if name in lines:
+            yield f"{name}: stands there twice, in lines {lines[name]} and {line}"
+        lines.setdefault(name, line)
+        yield from _said_twice(value, f"{name}.")
 
 
 def _set(tree: Any, dotted: str, value: object, source: str) -> None:

@@ -210,6 +210,18 @@ def test_a_file_that_is_no_cell_file_is_one_clear_error(
     assert [line for line in caught.value.mistakes if told in line], caught.value.mistakes
 
 
+def test_names_that_stand_there_twice_are_all_told_with_their_lines(tmp_path: Path) -> None:
+    """YAML would silently take the last one: the limit that a person reads is not the one kept."""
+    path = tmp_path / "cell.yaml"
+    path.write_text("cell: x\nlimits:\n  force_N: 20\n  force_N: 60\ncell: y\n", encoding="utf-8")
+    with pytest.raises(ConfigError) as caught:
+        load_cell(path)
+    assert caught.value.mistakes == [
+        "limits.force_N: stands there twice, in lines 3 and 4",
+        "cell: stands there twice, in lines 1 and 5",
+    ]
+
+
 def test_a_folder_is_no_file(tmp_path: Path) -> None:
     """Told like any other file that cannot be read."""
     with pytest.raises(ConfigError, match="cannot be read"):

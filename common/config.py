@@ -68,9 +68,11 @@ def _read_tree(path: Path, source: str) -> Any:
         raise ConfigError(source, [f"not YAML: {' '.join(str(error).split())}"]) from None
 
 
-def _said_twice(node: yaml.Node | None, path: str = "") -> Iterator[str]:
+def _said_twice(
+    node: yaml.Node | None, path: str = "", inside: tuple[yaml.Node, ...] = ()
+) -> Iterator[str]:
     """Yield the names that stand twice in one section; YAML itself takes the last one."""
-    if not isinstance(node, yaml.MappingNode):
+    if not isinstance(node, yaml.MappingNode) or any(node is other for other in inside):
         return
     lines: dict[str, int] = {}
     for key, value in node.value:
@@ -78,7 +80,7 @@ def _said_twice(node: yaml.Node | None, path: str = "") -> Iterator[str]:
         if name in lines:
             yield f"{name}: stands there twice, in lines {lines[name]} and {line}"
         lines.setdefault(name, line)
-        yield from _said_twice(value, f"{name}.")
+        yield from _said_twice(value, f"{name}.", (*inside, node))
 
 
 def _set(tree: Any, dotted: str, value: object, source: str) -> None:

@@ -171,10 +171,11 @@ def test_a_file_that_holds_no_sections_is_told(nothing: object) -> None:
 @pytest.mark.parametrize("key", [1, 2.5, True, None])
 def test_a_key_that_is_no_name_is_a_mistake(key: object) -> None:
     """YAML allows numbers as keys; a cell file does not, also inside a section."""
-    outside: dict[object, object] = {**tree(), key: 1}
-    inside: dict[object, object] = {**tree()["sim"], key: 1}
-    assert mistakes(outside)
+    inside: dict[Any, Any] = {**tree()["sim"], key: 1}
     assert mistakes({**tree(), "sim": inside})
+    outside: dict[Any, Any] = tree()
+    outside[key] = 1
+    assert mistakes(outside)
 
 
 # --- files ----------------------------------------------------------------------------------------
@@ -197,12 +198,14 @@ def test_a_missing_file_is_told_with_its_neighbours(tmp_path: Path) -> None:
         (b"cell: !!python/object:os.system x", "not YAML: "),
         (b"cell: \xff\xfe", "cannot be read: "),
         (b"", "the file must hold a map of sections"),
+        (b"cell: x\nsim: &s {sim: *s}", "sim.sim: unknown name"),
+        (b"&c {cell: *c}", "cell: "),
     ],
 )
 def test_a_file_that_is_no_cell_file_is_one_clear_error(
     tmp_path: Path, content: bytes, told: str
 ) -> None:
-    """Broken YAML, other bytes, nothing at all, a name said twice."""
+    """Broken YAML, other bytes, nothing at all, a section inside itself."""
     path = tmp_path / "cell.yaml"
     path.write_bytes(content)
     with pytest.raises(ConfigError) as caught:

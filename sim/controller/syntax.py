@@ -1,0 +1,191 @@
+"""What an AS source file is made of, after parsing. Values only: nothing here is executed.
+
+    SourceFile                 one .as or .pg file
+      Program                  name, parameters, labels and a FLAT tuple of steps
+        Step                   number (from 1), label, source line and text, one Statement
+      DataValue                one line of .REALS, .STRINGS, .INTEGER, .TRANS or .JOINTS
+
+A program has no tree. IF, WHILE, FOR, DO and CASE are resolved into **indices into
+`Program.steps`** when the file is loaded, so GOTO may enter and leave a structure, and an error
+names program and step as the controller does. Wherever a field is called `after_...` or `..._at`
+it is such an index (0-based; `len(steps)` means: end of the program). An `Unresolved` target is
+-1. Comment lines are steps (`Comment`), as in the controller's own listing; blank lines are not.
+
+What the machine does per statement, apart from going on with the next step:
+
+    If(condition, false_at)    false: go on at false_at (behind its ELSE, or at its END)
+    Else(end_at)               reached by running into it: go on at end_at
+    While(condition, after_at) false: go on at after_at
+    For(...)                   see `For`
+    Until(condition, do_at)    false: go on at do_at
+    Case(selector, branches, default_at)   first branch with an equal value, else default_at
+    Value, Any                 reached by running into it: go on at end_at
+    End(of, start_at)          of "WHILE"/"FOR": go back to start_at; of "IF"/"CASE": nothing
+    Goto(label, target, condition)         target -1: E0101
+
+Names are stored in lower case and cut to 15 characters, keywords and functions in upper case and
+in full. A variable's `kind` is "" (real or transformation), "$", "#" or "@".
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from sim.controller.syntax_expressions import (
+    Binary,
+    Expression,
+    Format,
+    Function,
+    JointLiteral,
+    Number,
+    Reference,
+    Text,
+    Unary,
+    Variable,
+    Word,
+)
+from sim.controller.syntax_statements import (
+    UNRESOLVED,
+    Any,
+    Assign,
+    Branch,
+    Call,
+    Case,
+    Comment,
+    Decompose,
+    Do,
+    Else,
+    End,
+    For,
+    Goto,
+    Here,
+    If,
+    Instruction,
+    Point,
+    Print,
+    Return,
+    Scall,
+    Statement,
+    Until,
+    Value,
+    While,
+)
+
+__all__ = [
+    "SIGNIFICANT_CHARACTERS",
+    "UNRESOLVED",
+    "Any",
+    "Assign",
+    "Binary",
+    "Branch",
+    "Call",
+    "Case",
+    "Comment",
+    "DataValue",
+    "Decompose",
+    "Do",
+    "Else",
+    "End",
+    "Expression",
+    "For",
+    "Format",
+    "Function",
+    "Goto",
+    "Here",
+    "If",
+    "Instruction",
+    "JointLiteral",
+    "Number",
+    "Point",
+    "Position",
+    "Print",
+    "Program",
+    "Reference",
+    "Remark",
+    "Return",
+    "Scall",
+    "Section",
+    "SourceFile",
+    "Statement",
+    "Step",
+    "Text",
+    "Unary",
+    "Until",
+    "Value",
+    "Variable",
+    "While",
+    "Word",
+]
+
+SIGNIFICANT_CHARACTERS = 15
+
+
+@dataclass(frozen=True, slots=True)
+class Position:
+    """Where something stands: file and line (from 1)."""
+
+    file: str
+    line: int
+
+    def __str__(self) -> str:
+        return f"{self.file}:{self.line}"
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """One step of a program; `number` counts from 1, as in the controller's messages."""
+
+    number: int
+    statement: Statement
+    where: Position
+    text: str = ""
+    label: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Program:
+    """A program; `labels` maps a label ("10", "accept") to the index of its step."""
+
+    name: str
+    parameters: tuple[Variable, ...]
+    steps: tuple[Step, ...]
+    where: Position
+    labels: Mapping[str, int] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class DataValue:
+    """One line of a data section; `variable` may hold Number indices.
+
+    `value` is one real, one string, or the numbers of a pose (.TRANS, .JOINTS; at least six).
+    """
+
+    variable: Variable
+    value: float | str | tuple[float, ...]
+    where: Position
+
+
+@dataclass(frozen=True, slots=True)
+class Section:
+    """A section that is skipped: its name (".ROBOTDATA1") and where it stands."""
+
+    name: str
+    where: Position
+
+
+@dataclass(frozen=True, slots=True)
+class Remark:
+    """Something the parser accepted, but that deserves a warning."""
+
+    where: Position
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class SourceFile:
+    """A whole file: programs by name in the order of the file, data, what was skipped."""
+
+    name: str
+    programs: Mapping[str, Program]
+    data: tuple[DataValue, ...] = ()
+    skipped: tuple[Section, ...] = ()
+    remarks: tuple[Remark, ...] = ()

@@ -1,0 +1,115 @@
+"""A whole cell on a virtual clock, armed, with a client's eyes and hands."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cli.virtual import VirtualCell
+from common import topics
+from common.convert import pose_of, record_of
+from common.frames import rotate_about_base_axes
+from common.messages import (
+    ArbiterStatus,
+    Empty,
+    ForceStartRequest,
+    MoveRequest,
+    PoseRecord,
+    RobotState,
+)
+from tests.fakes.bench import CELL
+
+PRESS_N = 20.0
+STILL_M = 5e-5
+BRAKE_S = 0.25
+
+
+class Lab:
+    """The cell with a client's eyes and hands."""
+
+    def __init__(self) -> None:
+        """Wait out the preflight, tare and arm."""
+        self.cell = VirtualCell(CELL)
+        self.robot = self.cell.client.reader(topics.ROBOT_STATE)
+        self.command = self.cell.client.reader(topics.ROBOT_COMMAND)
+        self.arbiter = self.cell.client.reader(topics.ARBITER_STATUS)
+        self.wrench = self.cell.client.reader(topics.WRENCH)
+        self.cell.advance(1.2)
+        assert self.ask(topics.TARE, Empty()).accepted
+        assert self.ask(topics.ARM, Empty()).accepted
+        self.cell.advance(0.05)
+
+    def ask(self, request: topics.Request[Any], message: Any) -> Any:
+        """Ask as a client."""
+        return self.cell.client.ask(request, message)
+
+    def now(self, reader: Any) -> Any:
+        """Return the newest message of a reader, however old."""
+        return reader.read(self.cell.clock.now_ns()).message
+
+    @property
+    def state(self) -> RobotState:
+        """What the robot said last."""
+        state: RobotState = self.now(self.robot)
+        return state
+
+    @property
+    def status(self) -> ArbiterStatus:
+        """What the arbiter said last."""
+        status: ArbiterStatus = self.now(self.arbiter)
+        return status
+
+    @property
+    def force_N(self) -> float:
+        """Force along base z."""
+        return float(self.now(self.wrench).force_N[2])
+
+    def p_m(self) -> np.ndarray:
+        """True flange position, also when the robot's process is dead."""
+        return np.array(self.cell.robot.arm.T_base_flange.translation)
+
+    def q_command(self) -> np.ndarray:
+        """Joint angles that the controller commands its servos."""
+        return self.cell.robot.arm.q_command
+
+    def approach(self) -> None:
+        """Move down under force feedback, in free space."""
+        wanted = ForceStartRequest(mode="position", setpoint_N=PRESS_N)
+        assert self.ask(topics.FORCE_START, wanted).accepted
+        self.cell.advance(0.2)
+
+    def press(self) -> None:
+        """Press on the plate."""
+        self.approach()
+        self.cell.advance(1.0)
+        assert self.force_N == pytest.approx(PRESS_N, abs=1.0)
+
+    def lift(self) -> None:
+        """Be on the way up under a goal."""
+        assert self.ask(topics.MOVE, MoveRequest(kind="pose", pose=self.target(z_m=0.1))).accepted
+        self.cell.advance(0.5)
+
+    def target(self, **shift: float) -> PoseRecord:
+        """Return a flange pose beside where the arm is, turned a little."""
+        T = pose_of(self.state)
+        T.translation = T.translation + np.array(
+            [shift.get(axis, 0.0) for axis in ("x_m", "y_m", "z_m")]
+        )
+        T.rotation = rotate_about_base_axes(T.rotation, np.array([0.1, 0.0, 0.2]))
+        return record_of(T)
+
+    def seconds_until(self, condition: Callable[[], bool], at_most_s: float) -> float:
+        """Let time pass until something is true; return how long it took."""
+        before_ns = self.cell.clock.now_ns()
+        self.cell.advance(at_most_s, condition)
+        assert condition()
+        return (self.cell.clock.now_ns() - before_ns) / 1e9
+
+    def assert_still(self, duration_s: float) -> None:
+        """Neither the command nor the arm moves."""
+        q, p = self.q_command(), self.p_m()
+        for _ in range(10):
+            self.cell.advance(duration_s / 10)
+            assert self.q_command() == pytest.approx(q, abs=1e-9)
+            assert self.p_m() == pytest.approx(p, abs=STILL_M)

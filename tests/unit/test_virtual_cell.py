@@ -1,0 +1,87 @@
+"""A whole cell in one process: whoever dies or freezes, the arm holds, and stays held."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from common import topics
+from common.messages import Empty, RobotCommand
+from tests.fakes.bench import CELL
+from tests.fakes.lab import BRAKE_S, Lab
+
+LATE_S = 0.03  # a period of each service on the way, beyond the deadline
+# What each role's death is noticed by, and so what the trip must name.
+NOTICED_BY: dict[str, topics.Topic[Any]] = {
+    "robot": topics.ROBOT_STATE,
+    "wrench": topics.WRENCH,
+    "regulator": topics.REGULATOR_TARGET,
+    "hub": topics.HUB_HEALTH,
+}
+ROLES = [*NOTICED_BY, "arbiter"]
+MOTIONS = {"approach": Lab.approach, "press": Lab.press, "goal": Lab.lift}
+FROZEN = [(role, "goal") for role in ROLES] + [(role, "approach") for role in ROLES[1:3]]
+
+
+# --- death ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("motion", ["press", "goal"])
+@pytest.mark.parametrize("role", ROLES)
+def test_whoever_dies_the_arm_holds_in_time_and_for_good(role: str, motion: str) -> None:
+    """Swept: each role in each motion; the hold comes within the deadline and names the input."""
+    lab = Lab()
+    MOTIONS[motion](lab)
+    topic = NOTICED_BY.get(role, topics.ROBOT_COMMAND)
+    before = lab.q_command()
+    lab.cell.advance(0.02)
+    assert np.abs(lab.q_command() - before).max() > 1e-8, "this would prove nothing"
+    lab.cell.kill(role)
+
+    def permission_is_gone() -> bool:
+        if role == "arbiter":
+            return bool(lab.state.hold_reason)
+        command: RobotCommand = lab.now(lab.command)
+        return command.permission is None
+
+    in_time_s = CELL.stale_after_s(topic) + LATE_S
+    assert lab.seconds_until(permission_is_gone, in_time_s) > 0.5 * CELL.stale_after_s(topic)
+    lab.cell.advance(0.02)
+    if role == "arbiter":
+        assert topic.key in lab.state.hold_reason
+    else:
+        assert lab.status.state == "FAULT"
+        assert f"{topic.key} stale" in lab.status.trips[0].text
+        assert role == "robot" or topic.key in lab.state.hold_reason
+    lab.cell.advance(BRAKE_S)
+    lab.assert_still(0.5)
+    if role not in {"arbiter", "hub"}:
+        assert not lab.ask(topics.CLEAR, Empty()).accepted
+    if role != "arbiter":
+        assert not lab.ask(topics.ARM, Empty()).accepted
+        lab.assert_still(0.2)
+
+
+# --- freeze ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("role", "motion"), FROZEN)
+def test_whoever_freezes_and_comes_back_sets_nothing_in_motion(role: str, motion: str) -> None:
+    """As a debugger or a swapping machine does: afterwards a person clears, arms and starts."""
+    lab = Lab()
+    MOTIONS[motion](lab)
+    frozen = lab.cell.runners.pop(role)
+    lab.cell.advance(1.3 if role == "hub" else 0.7)
+    lab.cell.runners[role] = frozen
+    lab.cell.advance(BRAKE_S)
+    lab.assert_still(1.2)
+    assert lab.status.state in {"HOLDING", "FAULT"}
+    assert lab.status.trips
+    assert lab.state.hold_reason
+
+    assert lab.ask(topics.CLEAR, Empty()).accepted
+    assert lab.ask(topics.ARM, Empty()).accepted
+    lab.assert_still(0.3)
+    before = lab.q_command()
+    MOTIONS[motion](lab)
+    assert np.abs(lab.q_command() - before).max() > 1e-6

@@ -1,0 +1,132 @@
+"""Moves in a whole cell on a virtual clock: they arrive or say why not; one commander."""
+
+from functools import partial
+
+import numpy as np
+import pytest
+
+from common import topics
+from common.convert import pose_of, record_of
+from common.frames import rotation_between
+from common.messages import (
+    Empty,
+    ForceStartRequest,
+    HoldRequest,
+    MoveRequest,
+    PoseRecord,
+    Speed,
+)
+from tests.fakes.lab import BRAKE_S, PRESS_N, Lab
+
+
+@pytest.fixture
+def lab() -> Lab:
+    """A cell that is armed."""
+    return Lab()
+
+
+def finish(lab: Lab, at_most_s: float = 6.0) -> float:
+    """Wait until the goal is done; return how long it took."""
+    duration_s = lab.seconds_until(lambda: lab.status.state == "ARMED", at_most_s)
+    assert lab.state.goal.state == "done"
+    assert lab.status.commander == "none"
+    return duration_s
+
+
+def test_a_move_to_a_pose_arrives_there(lab: Lab) -> None:
+    """Position to a tenth of a millimetre, orientation to a milliradian; twice in a row."""
+    for shift in (partial(lab.target, z_m=0.03, x_m=0.02), partial(lab.target, y_m=-0.03)):
+        target = shift()
+        reply = lab.ask(topics.MOVE, MoveRequest(kind="pose", pose=target))
+        assert reply.accepted
+        finish(lab)
+        assert lab.state.goal.id == reply.value
+        T, T_wanted = pose_of(lab.state), pose_of(target)
+        assert T.translation == pytest.approx(T_wanted.translation, abs=1e-4)
+        assert np.linalg.norm(rotation_between(T.rotation, T_wanted.rotation)) < 1e-3
+
+
+def test_moves_of_the_joints_arrive_there(lab: Lab) -> None:
+    """By angles from where they are, then to angles: back to the start."""
+    start = np.array(lab.state.joint_rad)
+    turn = np.radians([4.0, -3.0, 5.0, 2.0, -4.0, 10.0])
+    assert lab.ask(topics.MOVE, MoveRequest(kind="by", joint_rad=tuple(turn.tolist()))).accepted
+    finish(lab)
+    assert lab.state.joint_rad == pytest.approx(start + turn, abs=1e-3)
+    back = MoveRequest(kind="joints", joint_rad=tuple(start.tolist()))
+    assert lab.ask(topics.MOVE, back).accepted
+    finish(lab)
+    assert lab.state.joint_rad == pytest.approx(start, abs=1e-3)
+
+
+def test_a_pose_out_of_reach_is_refused_by_the_robot_with_its_reason(lab: Lab) -> None:
+    """Inside the workspace box but beyond the arm: nothing moves, the arm stays armed."""
+    far = PoseRecord(position_m=(0.39, 0.79, 0.7), orientation_xyzw=lab.state.orientation_xyzw)
+    assert lab.ask(topics.MOVE, MoveRequest(kind="pose", pose=far)).accepted
+    lab.seconds_until(lambda: lab.state.goal.state == "refused", 0.1)
+    reason = lab.state.goal.reason
+    assert "of the way: " in reason
+    lab.assert_still(0.3)
+    assert lab.status.state == "ARMED"
+    (trip,) = lab.status.trips
+    assert (trip.code, trip.text) == ("goal_refused", reason)
+
+
+def test_hold_during_a_move_brakes_and_holds(lab: Lab) -> None:
+    """On the way, not at the end; the robot says why, and the goal is over for good."""
+    target = lab.target(z_m=0.1)
+    assert lab.ask(topics.MOVE, MoveRequest(kind="pose", pose=target)).accepted
+    lab.cell.advance(0.5)
+    at_m = lab.p_m()
+    assert lab.ask(topics.HOLD, HoldRequest(reason="enough")).accepted
+    lab.cell.advance(BRAKE_S)
+    assert np.linalg.norm(lab.p_m() - at_m) < 0.01
+    lab.assert_still(0.5)
+    assert np.linalg.norm(lab.p_m() - np.array(target.position_m)) > 0.02
+    assert "enough" in lab.state.hold_reason
+    assert lab.state.goal.state == "refused"
+    assert lab.ask(topics.ARM, Empty()).accepted
+    lab.assert_still(0.5)
+    assert lab.status.state == "ARMED"
+
+
+def test_speed_decides_how_long_a_move_takes(lab: Lab) -> None:
+    """The real speed is mechanical times modular: half of either is twice the time."""
+
+    def duration_s(speed: Speed, **shift: float) -> float:
+        assert lab.ask(topics.SPEED, speed).accepted
+        T = pose_of(lab.state)
+        T.translation = T.translation + np.array([0.0, 0.0, shift["z_m"]])
+        assert lab.ask(topics.MOVE, MoveRequest(kind="pose", pose=record_of(T))).accepted
+        return finish(lab)
+
+    fast_s = duration_s(Speed(mechanical_m_s=0.1), z_m=0.08)
+    assert fast_s == pytest.approx(0.8, abs=0.2)
+    half_s = duration_s(Speed(mechanical_m_s=0.05), z_m=-0.08)
+    assert half_s == pytest.approx(2.0 * fast_s, rel=0.15)
+    modular_s = duration_s(Speed(mechanical_m_s=0.2, modular_fraction=0.25), z_m=0.08)
+    assert modular_s == pytest.approx(half_s, rel=0.05)
+
+
+def test_a_start_during_a_move_is_refused_and_a_move_during_force_feedback_too(lab: Lab) -> None:
+    """One commander: the first one, until it is done or stopped."""
+    lab.lift()
+    wanted = ForceStartRequest(mode="position", setpoint_N=PRESS_N)
+    assert lab.ask(topics.FORCE_START, wanted).code == "busy"
+    finish(lab)
+    lab.assert_still(0.3)
+    assert lab.ask(topics.FORCE_START, wanted).accepted
+    lab.cell.advance(0.1)
+    assert lab.ask(topics.MOVE, MoveRequest(kind="pose", pose=lab.target(z_m=0.02))).code == "busy"
+    assert lab.status.commander == "regulator"
+
+
+def test_the_same_seed_is_the_same_run() -> None:
+    """Lock step: two cells agree to the last bit, so that a failure can be found again."""
+    runs = []
+    for _ in range(2):
+        lab = Lab()
+        lab.approach()
+        lab.cell.advance(0.5)
+        runs.append((lab.state.joint_rad, lab.now(lab.wrench)))
+    assert runs[0] == runs[1]

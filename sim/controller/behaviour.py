@@ -1,0 +1,60 @@
+"""How the emulated controller behaves where its manuals leave a question open.
+
+Every field is one open question. The defaults take the reading that public AS programs rely on;
+`PESSIMISTIC` takes the worse reading of each, so that a program proven under both needs no luck.
+"""
+
+import math
+from dataclasses import dataclass
+
+from common.clock import NS_PER_S
+
+SHORTEST_STEP_S = 1e-6
+
+
+@dataclass(frozen=True, slots=True)
+class Behaviour:
+    """Speed of the interpreter and the open questions."""
+
+    step_s: float = 0.0005  # one AS step of one task; all tasks share one processor
+    whole_second_timeouts: bool = False  # a TCP time-out of 0.2 s becomes 1 s
+    brake_keeps_prefetched: bool = False  # the motion that waits behind the braked one starts
+    timer_grain_s: float = 0.0  # TIMER moves on in steps of this
+    send_ignores_timeout: bool = False  # TCP_SEND waits for a peer that does not read, for ever
+    planning_stall_s: float = 0.0  # no step of any task while the robot program plans
+    stall_at_motions: tuple[int, ...] = ()  # at which motions of a run, the first one is 1
+
+    def __post_init__(self) -> None:
+        """Raise ValueError for a step time that makes no sense."""
+        if not SHORTEST_STEP_S <= self.step_s <= 1.0:
+            raise ValueError(f"step time is {self.step_s:g} s, must be within 1e-6 .. 1 s")
+
+    @property
+    def step_ns(self) -> int:
+        """Processor time of one step [ns]."""
+        return round(self.step_s * NS_PER_S)
+
+    def timeout_s(self, asked_s: float) -> float:
+        """Return the time-out that a TCP instruction really gets [s]."""
+        if self.whole_second_timeouts:
+            return float(max(1, math.ceil(asked_s)))
+        return max(0.0, asked_s)
+
+    def timer_s(self, elapsed_s: float) -> float:
+        """Return what TIMER reads after an elapsed time [s]."""
+        if self.timer_grain_s <= 0.0:
+            return elapsed_s
+        return math.floor(elapsed_s / self.timer_grain_s + 1e-9) * self.timer_grain_s
+
+
+def pessimistic(step_s: float = Behaviour.step_s) -> Behaviour:
+    """Return the worse reading of every open question, with a step time of one's own."""
+    return Behaviour(
+        step_s=step_s,
+        whole_second_timeouts=True,
+        brake_keeps_prefetched=True,
+        timer_grain_s=0.016,
+        send_ignores_timeout=True,
+        planning_stall_s=1.0,
+        stall_at_motions=(1,),
+    )

@@ -1,0 +1,199 @@
+"""The motions of the robot program: one under way, one ahead, superposed where they blend.
+
+CP ON: the next motion starts once the one under way is within its ACCURACY and slows down; the
+two displacements are added in joint space. CP OFF: it starts when the arm has arrived. The program
+waits at the next motion's step until then ("one motion ahead").
+"""
+
+from typing import Literal
+
+import numpy as np
+
+from common.frames import Array
+from sim.controller.errors import AsError
+from sim.controller.motion_requests import Motion
+from sim.controller.planner import joint_target, plan
+from sim.controller.segment import Segment
+from sim.robot.kinematics import ArmKinematics
+
+TicketState = Literal["waiting", "under way", "finished", "dropped", "failed"]
+
+
+class Ticket:
+    """What became of a motion that was handed over."""
+
+    def __init__(self, motion: Motion) -> None:
+        """A motion that has not started."""
+        self.motion = motion
+        self.state: TicketState = "waiting"
+        self.error: AsError | None = None
+
+
+class MotionQueue:
+    """One joint command per millisecond. It never looks at the arm: `arrived` is told to it."""
+
+    def __init__(self, kinematics: ArmKinematics, q_start: Array) -> None:
+        """Stand still at q_start [rad]. Shape (6,)."""
+        self._kinematics = kinematics
+        self._active: list[tuple[Segment, Ticket]] = []
+        self._pause_s = 0.0
+        self._pausing: Ticket | None = None
+        self.ahead: Ticket | None = None
+        self.continuous_path = True
+        self.monitor_fraction = 0.1
+        self.held = False
+        self.q_command: Array = np.array(q_start, dtype=float)
+        self.q_end: Array = self.q_command  # where the last motion that was handed over ends
+        self._base: Array = self.q_command  # what the segments under way are added to
+        self.last: Motion | None = None
+        self.started = 0
+
+    # --- what the program sees --------------------------------------------------------------------
+
+    @property
+    def busy(self) -> bool:
+        """Whether a motion is under way or waits."""
+        return bool(self._active) or self._pausing is not None or self.ahead is not None
+
+    @property
+    def under_way(self) -> bool:
+        """Whether the command still changes, or a pause runs."""
+        return bool(self._active) or self._pausing is not None
+
+    @property
+    def has_room(self) -> bool:
+        """Whether a motion can be handed over now."""
+        return self.ahead is None
+
+    def offer(self, motion: Motion, *, arrived: bool) -> Ticket:
+        """Take a motion; it starts at once when nothing is under way.
+
+        Raises AsError when its target cannot be reached from where the last motion ends.
+        """
+        ticket = Ticket(motion)
+        joint_target(self._kinematics, motion, self.q_end)
+        self.ahead = ticket
+        self._try_start(arrived=arrived)
+        if ticket.error is not None:
+            self.ahead = None
+            raise ticket.error
+        return ticket
+
+    def remaining_m(self) -> float:
+        """Return how far the command of the newest motion still is from its end [m]."""
+        return self._remaining_m(self._active[-1][0]) if self._active else 0.0
+
+    # --- stopping ---------------------------------------------------------------------------------
+
+    def brake(self, *, keep_ahead: bool) -> None:
+        """Stop what is under way at once and forget it; the motion ahead too unless kept."""
+        for segment, _ in self._active:
+            segment.braking = True
+        self._end_pause()
+        if self.ahead is not None and not keep_ahead:
+            self.drop_ahead()
+
+    def drop_ahead(self) -> None:
+        """Forget the motion that waits."""
+        if self.ahead is not None:
+            self.ahead.state, self.ahead = "dropped", None
+
+    def reseed(self, q: Array) -> None:
+        """Forget everything and stand still at q [rad]: the motors were off. Shape (6,)."""
+        for _, ticket in self._active:
+            ticket.state = "dropped"
+        self._active.clear()
+        self._end_pause()
+        self.drop_ahead()
+        self.q_command = np.array(q, dtype=float)
+        self.q_end = self.q_command
+
+    # --- time -------------------------------------------------------------------------------------
+
+    def tick(self, dt_s: float, *, arrived: bool) -> Array:
+        """Advance by one tick and return the joint command [rad]. Shape (6,).
+
+        `arrived`: the arm stands where it was last commanded to. Raises AsError when a motion
+        cannot be followed on; then everything under way is braked or gone.
+        """
+        feed = 0.0 if self.held else self.monitor_fraction
+        try:
+            for segment, _ in self._active:
+                segment.tick(dt_s, feed)
+        finally:
+            self._gather()
+        self._tick_pause(dt_s)
+        self._try_start(arrived=arrived)
+        error = self.ahead.error if self.ahead is not None else None
+        if error is not None:
+            self.drop_ahead()
+            raise error
+        return self.q_command
+
+    def _gather(self) -> None:
+        """Add up the displacements; forget the segments that ended."""
+        if not self._active:
+            return
+        q = self._base + sum(segment.covered for segment, _ in self._active)
+        violation = self._kinematics.limit_violation(q)
+        if violation:
+            self.fail()
+            raise AsError("E6007", f"where two motions blend, {violation}")
+        self.q_command = q
+        while self._active and self._active[0][0].done:
+            segment, ticket = self._active.pop(0)
+            ticket.state = "dropped" if segment.braking and segment.share < 1.0 else "finished"
+            self._base = self._base + segment.covered
+        if not self._active:
+            self.q_end = self.q_command
+
+    def fail(self) -> None:
+        """Brake everything: a motion under way cannot be followed on."""
+        for segment, _ in self._active:
+            segment.braking = True
+
+    def _tick_pause(self, dt_s: float) -> None:
+        if self._pausing is None or self.held or self._active:
+            return
+        self._pause_s -= dt_s
+        if self._pause_s <= 1e-9:
+            self._end_pause("finished")
+
+    def _end_pause(self, state: TicketState = "dropped") -> None:
+        if self._pausing is not None:
+            self._pausing.state, self._pausing = state, None
+
+    # --- starting ---------------------------------------------------------------------------------
+
+    def _try_start(self, *, arrived: bool) -> None:
+        if self.ahead is None or self.held or not self._may_start(self.ahead, arrived=arrived):
+            return
+        ticket, motion = self.ahead, self.ahead.motion
+        if motion.kind == "pause":
+            self._pause_s, self._pausing = motion.pause_s, ticket
+        else:
+            try:
+                segment = plan(self._kinematics, motion, self.q_end)
+            except AsError as error:
+                ticket.state, ticket.error = "failed", error
+                return
+            if not self._active:
+                self._base = self.q_command
+            self._active.append((segment, ticket))
+            self.q_end = segment.q_to
+        ticket.state, self.ahead, self.last = "under way", None, motion
+        self.started += 1
+
+    def _may_start(self, ticket: Ticket, *, arrived: bool) -> bool:
+        if self._pausing is not None:
+            return False
+        if not self._active:
+            return arrived or (self.continuous_path and ticket.motion.kind != "pause")
+        segment, running = self._active[-1]
+        if not self.continuous_path or ticket.motion.kind == "pause" or segment.braking:
+            return False
+        return segment.slowing and self._remaining_m(segment) <= running.motion.manner.accuracy_m
+
+    def _remaining_m(self, segment: Segment) -> float:
+        here, end = (self._kinematics.flange_pose(q) for q in (segment.q, segment.q_to))
+        return float(np.linalg.norm(here.translation - end.translation))

@@ -1,0 +1,262 @@
+"""The network below the TCP instructions: real sockets, or wires in memory for lock step.
+
+Nothing here blocks. A broken connection is an OSError; everything else is a value.
+"""
+
+import socket
+from collections import deque
+from contextlib import suppress
+from typing import Protocol
+
+Octets = tuple[int, int, int, int]
+LOOPBACK: Octets = (127, 0, 0, 1)
+WIRE_BYTES = 16_384  # what a wire in memory holds before its writer has to wait
+ANY_ADDRESS = ""  # a controller listens on its one Ethernet port, whatever its address
+
+
+class Stream(Protocol):
+    """One end of a connection."""
+
+    @property
+    def peer(self) -> Octets:
+        """Address of the other end."""
+
+    def ready(self) -> bool:
+        """Tell whether the connection stands. Raises OSError when it cannot be made."""
+
+    def receive(self, most: int) -> bytes | None:
+        """Return what has come in; None when nothing has, b"" at the end of the stream."""
+
+    def send(self, data: bytes) -> int:
+        """Hand over what fits; return how many bytes that were. Raises OSError."""
+
+    def close(self) -> None:
+        """End this direction and the other one."""
+
+
+class Listener(Protocol):
+    """A port that can be connected to."""
+
+    def accept(self) -> Stream | None:
+        """Return a new connection, None when there is none."""
+
+    def close(self) -> None:
+        """Free the port; accepted connections live on."""
+
+
+class Network(Protocol):
+    """What the controller's Ethernet port is plugged into."""
+
+    def listen(self, port: int) -> Listener:
+        """Open a port. Raises OSError when it is taken."""
+
+    def connect(self, peer: Octets, port: int) -> Stream:
+        """Start a connection; the stream is ready later. Raises OSError."""
+
+
+# --- sockets --------------------------------------------------------------------------------------
+
+
+class SocketStream:
+    """A TCP connection of this host."""
+
+    def __init__(self, connection: socket.socket, peer: Octets, *, pending: bool = False) -> None:
+        """Take over a socket."""
+        connection.setblocking(False)  # noqa: FBT003 - the library's own signature
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self.peer = peer
+        self._socket, self._pending = connection, pending
+
+    def ready(self) -> bool:
+        """Tell whether the connection stands. Raises OSError when it cannot be made."""
+        if self._pending:
+            number = self._socket.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR)
+            if number:
+                raise OSError(number, "connection failed")
+            try:
+                self._socket.getpeername()
+            except OSError:
+                return False
+            self._pending = False
+        return True
+
+    def receive(self, most: int) -> bytes | None:
+        """Return what has come in; None when nothing has, b"" at the end of the stream."""
+        try:
+            return self._socket.recv(most)
+        except BlockingIOError:
+            return None
+
+    def send(self, data: bytes) -> int:
+        """Hand over what fits; return how many bytes that were. Raises OSError."""
+        try:
+            return self._socket.send(data, socket.MSG_NOSIGNAL)
+        except BlockingIOError:
+            return 0
+
+    def close(self) -> None:
+        """End the connection."""
+        with suppress(OSError):
+            self._socket.close()
+
+
+class SocketListener:
+    """A listening port of this host."""
+
+    def __init__(self, listening: socket.socket) -> None:
+        """Take over a listening socket."""
+        listening.setblocking(False)  # noqa: FBT003 - the library's own signature
+        self._socket = listening
+
+    @property
+    def port(self) -> int:
+        """The port number."""
+        port: int = self._socket.getsockname()[1]
+        return port
+
+    def accept(self) -> Stream | None:
+        """Return a new connection, None when there is none."""
+        try:
+            connection, address = self._socket.accept()
+        except BlockingIOError:
+            return None
+        return SocketStream(connection, _octets(address[0]))
+
+    def close(self) -> None:
+        """Free the port."""
+        with suppress(OSError):
+            self._socket.close()
+
+
+class SocketNetwork:
+    """The sockets of this host. `ports` puts another number in the place of a program's."""
+
+    def __init__(self, address: str = "127.0.0.1", ports: dict[int, int] | None = None) -> None:
+        """Listen on one address only; ANY_ADDRESS for all of this host."""
+        self._address, self._ports = address, ports or {}
+        self.bound: dict[int, int] = {}  # the program's port -> the real one
+
+    def listen(self, port: int) -> Listener:
+        """Open a port. Raises OSError when it is taken."""
+        real = self._ports.get(port, port)
+        listener = SocketListener(socket.create_server((self._address, real), backlog=5))
+        self.bound[port] = listener.port
+        return listener
+
+    def connect(self, peer: Octets, port: int) -> Stream:
+        """Start a connection; the stream is ready later. Raises OSError."""
+        connection = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+        stream = SocketStream(connection, peer, pending=True)
+        with suppress(BlockingIOError):
+            connection.connect((".".join(str(octet) for octet in peer), port))
+        return stream
+
+
+def _octets(address: str) -> Octets:
+    a, b, c, d = (int(octet) for octet in address.split("."))
+    return (a, b, c, d)
+
+
+# --- wires in memory ------------------------------------------------------------------------------
+
+
+class MemoryStream:
+    """One end of a wire; `partner` is the other one."""
+
+    def __init__(self, peer: Octets = LOOPBACK) -> None:
+        """Make an end without a partner: `wire` joins two."""
+        self.peer = peer
+        self.partner: MemoryStream | None = None
+        self.closed = False
+        self.cut = False  # a reset instead of an end
+        self._inbox: deque[bytes] = deque()
+        self._held = 0
+
+    def ready(self) -> bool:
+        """Wires in memory stand at once."""
+        return True
+
+    def receive(self, most: int) -> bytes | None:
+        """Return what has come in; None when nothing has, b"" at the end of the stream."""
+        if self.cut or self.closed:
+            raise ConnectionResetError("the connection was reset")
+        if not self._inbox:
+            return b"" if self.partner is None or self.partner.closed else None
+        data = b"".join(self._inbox)
+        self._inbox.clear()
+        head, rest = data[:most], data[most:]
+        if rest:
+            self._inbox.append(rest)
+        self._held = len(rest)
+        return head
+
+    def send(self, data: bytes) -> int:
+        """Hand over what fits; return how many bytes that were. Raises OSError."""
+        other = self.partner
+        if self.cut or self.closed or other is None or other.closed:
+            raise ConnectionResetError("the connection was reset")
+        count = min(len(data), WIRE_BYTES - other._held)  # noqa: SLF001 - its own kind
+        if count > 0:
+            other._inbox.append(data[:count])  # noqa: SLF001
+            other._held += count  # noqa: SLF001
+        return max(0, count)
+
+    def close(self) -> None:
+        """End this direction and the other one; what was sent can still be read."""
+        self.closed = True
+
+    def reset(self) -> None:
+        """Cut the wire: the other end reads no rest, it is told at once."""
+        self.closed = True
+        if self.partner is not None:
+            self.partner.cut = True
+
+
+class MemoryListener:
+    """A port of a MemoryNetwork."""
+
+    def __init__(self, network: "MemoryNetwork", port: int) -> None:
+        """Open the port."""
+        self._network, self._port = network, port
+        self.waiting: deque[MemoryStream] = deque()
+
+    def accept(self) -> Stream | None:
+        """Return a new connection, None when there is none."""
+        return self.waiting.popleft() if self.waiting else None
+
+    def close(self) -> None:
+        """Free the port; who has not been accepted is turned away."""
+        for stream in self.waiting:
+            stream.reset()
+        self._network.listeners.pop(self._port, None)
+
+
+class MemoryNetwork:
+    """Both ends in one process, for a controller in lock step with its client."""
+
+    def __init__(self) -> None:
+        """No port is open."""
+        self.listeners: dict[int, MemoryListener] = {}
+
+    def listen(self, port: int) -> Listener:
+        """Open a port. Raises OSError when it is taken."""
+        if port in self.listeners:
+            raise OSError(f"port {port} is taken")
+        self.listeners[port] = MemoryListener(self, port)
+        return self.listeners[port]
+
+    def connect(self, peer: Octets, port: int) -> Stream:
+        """Connect to a port of this network. Raises OSError when nobody listens."""
+        stream = self.dial(port)
+        stream.peer = peer
+        return stream
+
+    def dial(self, port: int) -> MemoryStream:
+        """Connect to a port of the controller, as a client. Raises OSError if nobody listens."""
+        listener = self.listeners.get(port)
+        if listener is None:
+            raise ConnectionRefusedError(f"nobody listens on port {port}")
+        near, far = MemoryStream(), MemoryStream()
+        near.partner, far.partner = far, near
+        listener.waiting.append(far)
+        return near

@@ -1,0 +1,133 @@
+"""From a requested motion to a segment: reach is tested before anything moves."""
+
+import numpy as np
+import pinocchio as pin
+
+from common.frames import Array
+from sim.controller.errors import AsError
+from sim.controller.motion_requests import (
+    BRAKE_FACTOR,
+    JOINT_ACCEL_TIME_S,
+    LINEAR_ACCEL_M_S2,
+    LINEAR_MAX_M_S,
+    Motion,
+)
+from sim.controller.paths import TcpLine
+from sim.controller.segment import Ramp, Segment
+from sim.robot.kinematics import JOINTS, MAX_SPEED_RAD_S, ArmKinematics, IkResult
+from sim.robot.paths import JointPath
+
+_LEAST_EXTENT = 1e-9
+_WHOLE_TURN_RAD = 2.0 * np.pi
+# Where the search for a joint motion's goal starts when it fails from where the arm is: JT1 and
+# JT5 decide the branch, so these few cover what six turning joints can do (degrees).
+_STARTS_DEG = tuple(
+    (jt1, jt2, jt3, 0.0, jt5, 0.0)
+    for jt1 in (0.0, 90.0, -90.0, 170.0)
+    for jt2, jt3 in ((0.0, -90.0), (45.0, -45.0))
+    for jt5 in (-60.0, 60.0)
+)
+
+
+def plan(kinematics: ArmKinematics, motion: Motion, q_from: Array) -> Segment:
+    """Return the segment of a motion that starts at q_from [rad].
+
+    Raises AsError: E6007, E6008, E6016 when the target or the way to it cannot be reached.
+    """
+    if motion.kind == "linear":
+        return _linear(kinematics, motion, q_from)
+    q_to = joint_target(kinematics, motion, q_from)
+    return _joint(kinematics, motion, q_from=q_from, q_to=q_to)
+
+
+def joint_target(kinematics: ArmKinematics, motion: Motion, q_near: Array) -> Array:
+    """Return the joint angles [rad] at which a motion ends, near the ones given.
+
+    Raises AsError: E6007, E6008, E6016 when the target cannot be reached.
+    """
+    if motion.q is not None:
+        violation = kinematics.limit_violation(motion.q)
+        if violation:
+            raise AsError("E6007", violation)
+        return motion.q
+    if motion.T_base_tcp is None:
+        return q_near
+    goal = motion.T_base_tcp
+    if motion.manner.T_flange_tcp is not None:
+        goal = goal * motion.manner.T_flange_tcp.inverse()
+    result = inverse(kinematics, goal, q_near)
+    if result.q is None:
+        raise reach_error(result.reason)
+    return result.q
+
+
+def inverse(kinematics: ArmKinematics, T_base_flange: pin.SE3, q_near: Array) -> IkResult:
+    """Return joint angles for a pose: the branch of q_near, else the nearest one that is found."""
+    first = kinematics.solve(T_base_flange, q_near, jump_rad=_WHOLE_TURN_RAD)
+    if first.q is not None or "out of reach" in first.reason:
+        return first
+    found: list[Array] = []
+    for start in _STARTS_DEG:
+        result = kinematics.solve(T_base_flange, np.radians(start), jump_rad=_WHOLE_TURN_RAD)
+        if result.q is not None:
+            found.append(result.q)
+    if not found:
+        return first
+    return IkResult(min(found, key=lambda q: float(np.abs(q - q_near).max())))
+
+
+def reach_error(reason: str) -> AsError:
+    """Return the AS error for a reason of the kinematics.
+
+    E6007: farther than the arm is long, or beyond a joint's limit; E6016: a singular pose is in
+    the way; E6008: only another posture of the arm would get there.
+    """
+    if "limits are" in reason or "out of reach" in reason:
+        return AsError("E6007", reason)
+    return AsError("E6016" if "singular" in reason else "E6008", reason)
+
+
+def _linear(kinematics: ArmKinematics, motion: Motion, q_from: Array) -> Segment:
+    tool = motion.manner.T_flange_tcp or pin.SE3.Identity()
+    T_from = kinematics.flange_pose(q_from) * tool
+    T_to = motion.T_base_tcp
+    if T_to is None:
+        T_to = kinematics.flange_pose(joint_target(kinematics, motion, q_from)) * tool
+    line = TcpLine(kinematics, T_flange_tcp=tool, T_from=T_from, T_to=T_to)
+    if line.extent_m < _LEAST_EXTENT:
+        return Segment(line, Ramp(1.0, 1.0, 1.0, 1.0), q_from=q_from, q_to=q_from)
+    end = line.walk(q_from)
+    if end.q is None:
+        raise reach_error(end.reason)
+    extent, manner = line.extent_m, motion.manner
+    per_extent = LINEAR_ACCEL_M_S2 / extent
+    ramp = Ramp(
+        cap=min(manner.speed.linear_m_s(extent), LINEAR_MAX_M_S) / extent,
+        accel=manner.accel_fraction * per_extent,
+        decel=manner.decel_fraction * per_extent,
+        brake=BRAKE_FACTOR * per_extent,
+    )
+    return Segment(line, ramp, q_from=q_from, q_to=end.q)
+
+
+def _joint(kinematics: ArmKinematics, motion: Motion, *, q_from: Array, q_to: Array) -> Segment:
+    full_speed_s = max(float((np.abs(q_to - q_from) / MAX_SPEED_RAD_S).max()), _LEAST_EXTENT)
+    manner = motion.manner
+    # The manual's 100 % ramps take every joint to its full speed in the same time; the flange
+    # stays within the linear ramp too, so that a joint motion is no harder on the tool.
+    path = JointPath(kinematics, q_from, q_to)
+    full_accel = min(
+        1.0 / JOINT_ACCEL_TIME_S / full_speed_s, 5.0 * LINEAR_ACCEL_M_S2 / path.extent_m
+    )
+    ramp = Ramp(
+        cap=manner.speed.joint_fraction(full_speed_s) / full_speed_s,
+        accel=manner.accel_fraction * full_accel,
+        decel=manner.decel_fraction * full_accel,
+        brake=BRAKE_FACTOR * full_accel,
+    )
+    return Segment(path, ramp, q_from=q_from, q_to=q_to)
+
+
+def joints_deg(q: Array) -> tuple[float, ...]:
+    """Return joint angles in degrees."""
+    return tuple(float(angle) for angle in np.degrees(q[:JOINTS]))

@@ -1,0 +1,132 @@
+"""The arm as AS sees it: motor power, BASE and TOOL, where it is, where it is going.
+
+Inside: metres, radians, `pin.SE3`, all in the robot's own base frame (the simulation's). What
+programs call a pose is the TOOL's frame in the BASE frame, T_base_shift_tcp here.
+"""
+
+import numpy as np
+import pinocchio as pin
+
+from common.frames import Array
+from sim.controller.errors import AsError
+from sim.controller.motion_queue import MotionQueue, Ticket
+from sim.controller.motion_requests import Motion
+from sim.controller.planner import inverse
+from sim.robot.arm import SimArm
+from sim.robot.kinematics import IkResult
+from sim.robot.settings import TICK_S
+
+_STANDING_RAD = 2e-5  # of every joint: the arm is where it was told to be
+_SETTLED_TICKS = 500  # an arm that trembles in contact is taken as it is
+
+
+class Robot:
+    """The simulated arm and its motions; stepped every millisecond."""
+
+    def __init__(self, arm: SimArm) -> None:
+        """Take over an arm that stands still."""
+        self.arm = arm
+        self.kinematics = arm.kinematics
+        self.queue = MotionQueue(arm.kinematics, arm.q)
+        self.T_base_shift = pin.SE3.Identity()  # BASE
+        self.T_flange_tcp = pin.SE3.Identity()  # TOOL
+        self.motor_power = True
+        self._arrived_at = -1
+        self._arrived = True
+        self._commanded_at = -_SETTLED_TICKS  # tick of the last change of the command
+
+    # --- where it is ------------------------------------------------------------------------------
+
+    @property
+    def q(self) -> Array:
+        """Joint angles that the encoders read [rad]. Shape (6,)."""
+        return self.arm.q
+
+    def here(self) -> pin.SE3:
+        """Return the TOOL's pose in BASE, from the encoders."""
+        return self.pose_of(self.arm.q)
+
+    def destination(self) -> pin.SE3:
+        """Return the TOOL's pose in BASE where the newest motion ends; where it is at rest."""
+        return self.pose_of(self.q_destination())
+
+    def q_destination(self) -> Array:
+        """Return the joint angles where the newest motion ends [rad]. Shape (6,)."""
+        return self.queue.q_end
+
+    def pose_of(self, q: Array) -> pin.SE3:
+        """Return the TOOL's pose in BASE at joint angles [rad]."""
+        T_base_tcp = self.kinematics.flange_pose(q) * self.T_flange_tcp
+        return self.T_base_shift.actInv(T_base_tcp)
+
+    def in_robot_base(self, T_shift_tcp: pin.SE3) -> pin.SE3:
+        """Return a program's pose in the robot's own base frame."""
+        return self.T_base_shift * T_shift_tcp
+
+    def joints_of(self, T_shift_tcp: pin.SE3, q_near: Array) -> IkResult:
+        """Return the joint angles for a program's pose, near the ones given."""
+        T_base_flange = self.in_robot_base(T_shift_tcp) * self.T_flange_tcp.inverse()
+        return inverse(self.kinematics, T_base_flange, q_near)
+
+    # --- moving -----------------------------------------------------------------------------------
+
+    @property
+    def arrived(self) -> bool:
+        """Whether the arm stands where it was last commanded to, within the motion's ACCURACY."""
+        if self._arrived_at != self.arm.ticks:
+            self._arrived_at = self.arm.ticks
+            self._arrived = not self.queue.under_way and self._is_near()
+        return self._arrived and not self.queue.under_way
+
+    @property
+    def moving(self) -> bool:
+        """Whether a motion is under way or waits, or the arm has not come to rest."""
+        return self.queue.busy or not self.at_rest
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether the command stands and the arm with it; 0.5 s after the command at the latest."""
+        if self.queue.under_way:
+            return False
+        still = not self.arm.moving or self._off_rad() < _STANDING_RAD
+        return still or self.arm.ticks - self._commanded_at > _SETTLED_TICKS
+
+    def move(self, motion: Motion) -> Ticket:
+        """Hand a motion over. Raises AsError: P1000, E6007, E6008, E6016."""
+        if not self.motor_power:
+            raise AsError("P1000")
+        return self.queue.offer(motion, arrived=self.arrived)
+
+    def power(self, *, on: bool) -> None:
+        """Switch the motors; off: what was under way is braked and forgotten."""
+        if on and not self.motor_power:
+            self.queue.reseed(self.arm.q)
+        elif not on:
+            self.queue.brake(keep_ahead=False)
+        self.motor_power = on
+
+    def tick(self) -> None:
+        """Let a millisecond pass. Raises AsError when a motion cannot be followed on."""
+        try:
+            waits = self.queue.ahead is not None and not self.queue.under_way
+            self.queue.tick(TICK_S, arrived=waits and self.arrived)
+        except AsError:
+            self.queue.fail()
+            raise
+        finally:
+            if self.queue.under_way:
+                self._commanded_at = self.arm.ticks
+            self.arm.command_joints(self.queue.q_command)
+            self.arm.step()
+
+    def _off_rad(self) -> float:
+        return float(np.abs(self.arm.q - self.queue.q_command).max())
+
+    def _is_near(self) -> bool:
+        if self.at_rest:
+            return True
+        q, command = self.arm.q, self.queue.q_command
+        last = self.queue.last
+        accuracy_m = 0.001 if last is None else last.manner.accuracy_m
+        off = self.pose_of(q).translation - self.pose_of(command).translation
+        return float(np.linalg.norm(off)) <= accuracy_m

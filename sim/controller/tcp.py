@@ -1,0 +1,198 @@
+"""TCP_LISTEN, ACCEPT, CONNECT, SEND, RECV, CLOSE and END_LISTEN: what they do and return.
+
+Codes are the documented ones, -(30000 + number of the E error). An operation that may take time is
+an object: `poll(now_ns)` gives None until it is over, so it blocks its own task and nothing else.
+Listeners and sockets belong to the controller, not to a program: they survive an abort.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from common.clock import NS_PER_S
+from sim.controller.network import Listener, Network, Octets, Stream
+
+OK = 0
+TOO_LONG = -34022
+CANNOT_REACH = -34023
+TIMED_OUT = -34024
+ABORTED = -34025
+CANNOT_CREATE = -34055
+NOT_LISTENING = -34056
+BAD_SOCKET = -34057
+
+BYTES_PER_CALL = 4096
+ELEMENT_CHARS = 255
+PORTS = range(8192, 65536)
+DEFAULT_TIMEOUT_S = 1.0
+NO_PEER: Octets = (0, 0, 0, 0)
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """How an operation ended: its code (or socket), and what it brought."""
+
+    code: int
+    peer: Octets = NO_PEER
+    elements: tuple[str, ...] = ()
+
+
+Operation = Callable[[int], Outcome | None]
+"""Look at it again at a time [ns]: the outcome, or None while it lasts."""
+
+
+class TcpUnit:
+    """All listeners and sockets of the controller."""
+
+    def __init__(self, network: Network, *, send_ignores_timeout: bool = False) -> None:
+        """Have nothing open."""
+        self._network = network
+        self._endless_send = send_ignores_timeout
+        self._listeners: dict[int, Listener] = {}
+        self._streams: dict[int, Stream] = {}
+        self._next = 1
+
+    @property
+    def listening(self) -> tuple[int, ...]:
+        """Ports that are open."""
+        return tuple(self._listeners)
+
+    @property
+    def sockets(self) -> tuple[int, ...]:
+        """Socket numbers in use."""
+        return tuple(self._streams)
+
+    # --- at once ----------------------------------------------------------------------------------
+
+    def listen(self, port: int) -> int:
+        """Open a port; one that is open already cannot be opened again."""
+        if port in self._listeners:
+            return CANNOT_CREATE
+        try:
+            self._listeners[port] = self._network.listen(port)
+        except OSError:
+            return CANNOT_CREATE
+        return OK
+
+    def end_listen(self, port: int) -> int:
+        """Free a port."""
+        listener = self._listeners.pop(port, None)
+        if listener is None:
+            return NOT_LISTENING
+        listener.close()
+        return OK
+
+    def close(self, number: int) -> int:
+        """Close a socket."""
+        stream = self._streams.pop(number, None)
+        if stream is None:
+            return BAD_SOCKET
+        stream.close()
+        return OK
+
+    def close_all(self) -> None:
+        """The controller is switched off."""
+        for number in self.sockets:
+            self.close(number)
+        for port in self.listening:
+            self.end_listen(port)
+
+    # --- with patience ----------------------------------------------------------------------------
+
+    def accept(self, port: int, *, timeout_s: float, now_ns: int) -> Operation:
+        """Wait for a connection: the code is the socket's number, or negative."""
+        end_ns = _end_ns(now_ns, timeout_s)
+
+        def poll(now_ns: int) -> Outcome | None:
+            listener = self._listeners.get(port)
+            if listener is None:
+                return Outcome(NOT_LISTENING)
+            try:
+                stream = listener.accept()
+            except OSError:
+                return Outcome(ABORTED)
+            if stream is not None:
+                return Outcome(self._add(stream), stream.peer)
+            return Outcome(TIMED_OUT) if now_ns >= end_ns else None
+
+        return poll
+
+    def connect(self, peer: Octets, port: int, *, timeout_s: float, now_ns: int) -> Operation:
+        """Connect to a server: the code is the socket's number, or negative."""
+        end_ns = _end_ns(now_ns, timeout_s)
+        try:
+            stream = self._network.connect(peer, port)
+        except OSError:
+            return lambda _: Outcome(CANNOT_REACH)
+
+        def poll(now_ns: int) -> Outcome | None:
+            try:
+                if stream.ready():
+                    return Outcome(self._add(stream), peer)
+            except OSError:
+                stream.close()
+                return Outcome(CANNOT_REACH)
+            if now_ns < end_ns:
+                return None
+            stream.close()
+            return Outcome(TIMED_OUT)
+
+        return poll
+
+    def send(
+        self, number: int, elements: Sequence[str], *, timeout_s: float, now_ns: int
+    ) -> Operation:
+        """Send strings back to back, no separators; at most 4096 bytes."""
+        rest = "".join(elements).encode("latin-1")
+        if len(rest) > BYTES_PER_CALL:
+            return lambda _: Outcome(TOO_LONG)
+        end_ns = _end_ns(now_ns, timeout_s)
+
+        def poll(now_ns: int) -> Outcome | None:
+            nonlocal rest
+            stream = self._streams.get(number)
+            if stream is None:
+                return Outcome(BAD_SOCKET)
+            try:
+                rest = rest[stream.send(rest) :] if rest else rest
+            except OSError:
+                return Outcome(ABORTED)
+            if not rest:
+                return Outcome(OK)
+            late = now_ns >= end_ns and not self._endless_send
+            return Outcome(TIMED_OUT) if late else None
+
+        return poll
+
+    def receive(
+        self, number: int, *, timeout_s: float, longest: int, now_ns: int
+    ) -> Operation:
+        """Wait for bytes, cut into elements of at most `longest` characters.
+
+        A peer that has closed gives code 0 and no element.
+        """
+        end_ns = _end_ns(now_ns, timeout_s)
+
+        def poll(now_ns: int) -> Outcome | None:
+            stream = self._streams.get(number)
+            if stream is None:
+                return Outcome(BAD_SOCKET)
+            try:
+                data = stream.receive(BYTES_PER_CALL)
+            except OSError:
+                return Outcome(ABORTED)
+            if data is None:
+                return Outcome(TIMED_OUT) if now_ns >= end_ns else None
+            text = data.decode("latin-1")
+            cuts = range(0, len(text), longest)
+            return Outcome(OK, elements=tuple(text[at : at + longest] for at in cuts))
+
+        return poll
+
+    def _add(self, stream: Stream) -> int:
+        number, self._next = self._next, self._next + 1
+        self._streams[number] = stream
+        return number
+
+
+def _end_ns(now_ns: int, timeout_s: float) -> int:
+    return now_ns + round(timeout_s * NS_PER_S)

@@ -6,7 +6,7 @@ import pinocchio as pin
 from common import topics
 from common.cell import Cell, SimSection
 from common.clock import NS_PER_S
-from common.convert import pose_of, record_of, vec3, vec6
+from common.convert import pose_of, record_of, vec6
 from common.endpoints import Bus
 from common.errors import SimulationError
 from common.messages import (
@@ -17,12 +17,12 @@ from common.messages import (
     RobotCommand,
     RobotState,
     RobotStatus,
-    SensorWrench,
     Speed,
 )
 from common.permission import CommandGate, Verdict
 from sim.robot.arm import SimArm
 from sim.robot.motion import MotionGenerator, MotionSpeed
+from sim.robot.sensor_feed import SensorFeed
 from sim.robot.settings import TICK_S, SensorSettings, SimSettings
 
 MOST_TICKS_PER_STEP = 50  # a process that was held up longer loses simulated time instead
@@ -48,12 +48,11 @@ class SimRobot:
         self._target_refused = False
         self._seeded = True
         self._state_ticks = max(1, round(1.0 / cell.rates.robot_hz / TICK_S))
-        self._sensor_ticks = max(1, round(1.0 / cell.rates.sensor_hz / TICK_S))
         self._start_ns = bus.clock.now_ns()
         self._ticks_lost = 0
         self._command = bus.reader(topics.ROBOT_COMMAND)
         self._state = bus.publisher(topics.ROBOT_STATE)
-        self._wrench = bus.playing("sensor").publisher(topics.SENSOR_WRENCH)
+        self._sensor = SensorFeed(bus.playing("sensor"), cell, self.arm)
 
     def counters(self) -> dict[str, int]:
         """Return what was dropped or lost."""
@@ -72,8 +71,7 @@ class SimRobot:
     def _tick(self) -> None:
         self.arm.command_joints(self._motion.tick(TICK_S))
         self.arm.step()
-        if self.arm.ticks % self._sensor_ticks == 0:
-            self._put_wrench()
+        self._sensor.ticked()
         if self.arm.ticks % self._state_ticks == 0:
             self._put_state()
 
@@ -148,17 +146,6 @@ class SimRobot:
         self._hold()
 
     # --- saying ---------------------------------------------------------------------------------
-
-    def _put_wrench(self) -> None:
-        sample = self.arm.sample_ft()
-        self._wrench.put(
-            SensorWrench(
-                force_N=vec3(sample.force_N),
-                torque_Nm=vec3(sample.torque_Nm),
-                status=sample.status,
-                counter=self.arm.ticks // self._sensor_ticks,
-            )
-        )
 
     def _put_state(self) -> None:
         T_base_flange = record_of(self.arm.T_base_flange)

@@ -1,7 +1,6 @@
 """Limits: exact at their boundary, blind nowhere, and an answer, never an exception."""
 
 import math
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -41,14 +40,11 @@ spots = hnp.arrays(float, 3, elements=st.floats(-1.0, 1.0))
 
 def around(limit: float) -> list[float]:
     """Return values dense at a limit and sparse elsewhere, all of its sign."""
-    near = [limit]
-    for _ in range(3):
-        near += [math.nextafter(near[-1], math.inf)]
-    below = [limit]
-    for _ in range(3):
-        below += [math.nextafter(below[-1], -math.inf)]
-    far = [limit * share for share in (1 - 1e-6, 1 + 1e-6, 0.99, 1.01, 0.5, 2.0)]
-    return [*near, *below, *far]
+    values = [limit * share for share in (1.0, 1 - 1e-6, 1 + 1e-6, 0.99, 1.01, 0.5, 2.0)]
+    for way in (math.inf, -math.inf):
+        values.append(math.nextafter(limit, way))
+        values.append(math.nextafter(values[-1], way))
+    return values
 
 
 def at(p: Any, turn: Any = (0.0, 0.0, 0.0)) -> pin.SE3:
@@ -80,7 +76,7 @@ def test_the_workspace_ends_exactly_at_its_walls(axis: int, side: str) -> None:
             broken = LIMITS.workspace_min_m if value < CENTRE[axis] else LIMITS.workspace_max_m
             assert_trip(trip, "workspace", value, broken[axis])
             assert trip is not None
-            assert "xyz"[axis] in trip.text
+            assert f"TCP {'xyz'[axis]} = {value * 1e3:.1f} mm" in trip.text
 
 
 @pytest.mark.parametrize("joint", range(6))
@@ -107,6 +103,7 @@ def test_a_set_point_may_be_one_step_away_and_no_more(axis: int) -> None:
         assert (trip is None) == (length <= LIMITS.step_m)
         if trip is not None:
             assert_trip(trip, "step", length, LIMITS.step_m)
+            assert f"{length * 1e3:.1f} mm" in trip.text
 
 
 @given(directions, st.sampled_from(around(LIMITS.step_rad)))
@@ -135,6 +132,20 @@ def test_the_tether_ends_exactly(axis: int) -> None:
         assert (trip is None) == (length <= LIMITS.tether_m)
         if trip is not None:
             assert_trip(trip, "tether", length, LIMITS.tether_m)
+            assert f"{length * 1e3:.0f} mm" in trip.text
+
+
+@given(spots, directions)
+def test_distances_are_from_where_the_arm_is_or_was(p: np.ndarray, way: np.ndarray) -> None:
+    """Anywhere in base: what counts is the difference."""
+    near, far = 0.99 * way / np.linalg.norm(way), 1.01 * way / np.linalg.norm(way)
+    step_m, tether_m = LIMITS.step_m, LIMITS.tether_m
+
+    assert check_step(LIMITS, at(p), at(p + near * step_m)) is None
+    assert_trip(check_step(LIMITS, at(p), at(p + far * step_m)), "step", 1.01 * step_m, step_m)
+    assert check_tether(LIMITS, p, p + near * tether_m) is None
+    trip = check_tether(LIMITS, p, p + far * tether_m)
+    assert_trip(trip, "tether", 1.01 * tether_m, tether_m)
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2])
@@ -158,12 +169,8 @@ def test_the_ceiling_is_of_the_length_not_of_one_axis() -> None:
     """Three axes just below the ceiling are together far above it."""
     each = np.full(3, 0.9 * LIMITS.force_N)
 
-    assert_trip(
-        check_wrench(LIMITS, each, np.zeros(3)),
-        "force",
-        0.9 * math.sqrt(3.0) * LIMITS.force_N,
-        LIMITS.force_N,
-    )
+    trip = check_wrench(LIMITS, each, np.zeros(3))
+    assert_trip(trip, "force", 0.9 * math.sqrt(3.0) * LIMITS.force_N, LIMITS.force_N)
 
 
 @pytest.mark.parametrize("bad", NOT_FINITE)
@@ -258,6 +265,19 @@ def test_no_time_means_no_motion() -> None:
     T = at(CENTRE)
 
     assert limit_speed(LIMITS, T, at(CENTRE + 0.1, [0.1, 0, 0]), 0.0) == T
+    assert limit_speed(LIMITS, T, at(CENTRE), 0.0) == T
+
+
+def test_a_turn_is_limited_beside_a_small_way_and_a_way_beside_a_small_turn() -> None:
+    """One of the two within its limit is no leave for the other."""
+    T, dt_s = at(CENTRE), 0.004
+    for way_m, turn_rad in ((1e-5, 0.5), (0.5, 1e-5)):
+        wish = at(CENTRE + way_m * np.eye(3)[0], [turn_rad, 0.0, 0.0])
+        T_next = limit_speed(LIMITS, T, wish, dt_s)
+        moved = np.linalg.norm(T_next.translation - CENTRE)
+        turned = np.linalg.norm(rotation_between(T.rotation, T_next.rotation))
+        assert moved == pytest.approx(min(way_m, LIMITS.speed_m_s * dt_s))
+        assert turned == pytest.approx(min(turn_rad, LIMITS.speed_rad_s * dt_s))
 
 
 @pytest.mark.parametrize("bad", NOT_FINITE)
@@ -271,8 +291,7 @@ def test_a_wish_that_is_not_finite_stays_recognisable(bad: float) -> None:
 
 def test_limits_are_those_of_the_cell_file_in_si_units() -> None:
     """Degrees stay in the file."""
-    cell = CELL.model_copy(update={"limits": CELL.limits.model_copy(update={"step_deg": 90.0})})
+    quarter = CELL.model_copy(update={"limits": CELL.limits.model_copy(update={"step_deg": 90.0})})
 
-    assert Limits.of(cell).step_rad == pytest.approx(math.pi / 2)
+    assert Limits.of(quarter).step_rad == pytest.approx(math.pi / 2)
     assert LIMITS.joint_max_rad[1] == pytest.approx(math.radians(135.0))
-    assert replace(LIMITS, force_N=1.0).force_N == 1.0

@@ -181,6 +181,13 @@ def test_a_single_spike_leaves_no_trace(sample, spike, median, lowpass_s, at) ->
         assert output == pytest.approx(sample, abs=1e-12)
 
 
+def test_a_median_of_five_takes_out_two_spikes_at_once() -> None:
+    """The middle of the window, not just beside its edge: on either side."""
+    for spikes in (([100.0] * 6, [90.0] * 6), ([-100.0] * 6, [-90.0] * 6)):
+        stream = [np.zeros(6)] * 5 + [np.array(spike) for spike in spikes] + [np.zeros(6)] * 5
+        assert not np.any(run(Filter(5, 0.0), stream))
+
+
 def test_without_a_median_a_spike_shows() -> None:
     """The test above can fail."""
     stream = [np.zeros(6)] * 5 + [np.full(6, 100.0)] + [np.zeros(6)] * 5
@@ -256,3 +263,12 @@ def test_tare_is_refused_exactly_above_its_limits(turn, push, torque_Nm) -> None
         assert reply.code == "contact"
         wrong, limit = (force_N, 10.0) if force_N > LIMITS.force_N else (torque_Nm, 1.0)
         assert (reply.value, reply.limit) == (pytest.approx(wrong), limit)
+
+
+def test_tare_takes_the_limit_itself() -> None:
+    """Exactly at it is drift, one bit above it is contact."""
+    for place, limit in ((0, LIMITS.force_N), (3, LIMITS.torque_Nm)):
+        for value, accepted in ((limit, True), (math.nextafter(limit, math.inf), False)):
+            reading = np.zeros(6)
+            reading[place] = value
+            assert tare(NOTHING, [reading], np.eye(3), LIMITS)[1].accepted == accepted

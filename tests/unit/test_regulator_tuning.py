@@ -32,18 +32,33 @@ def test_the_gain_rule_is_045_over_k_tau_unless_inertia_is_in_the_way(k, k_tilt,
             assert stiffness * gain * tuning.tau_s <= 0.45 * (1.0 + 1e-12)
 
 
-def test_all_delay_of_the_loop_counts() -> None:
-    """Longer delay, lag, filter, median or period: each makes tau longer by itself."""
-    tau_s = loop_delay_s(CELL)
-    slower = {
-        "robot": {"delay_s": 0.1, "lag_s": 0.1},
-        "filter": {"lowpass_s": 0.1, "median": 5},
-        "rates": {"control_hz": 50.0},
-    }
-    for section, changes in slower.items():
-        for name, value in changes.items():
-            changed = getattr(CELL, section).model_copy(update={name: value})
-            assert loop_delay_s(CELL.model_copy(update={section: changed})) > tau_s
+@pytest.mark.parametrize(
+    ("section", "changes", "longer_s"),
+    [
+        ("robot", {"delay_s": 0.110}, 0.1),
+        ("robot", {"lag_s": 0.1107}, 0.1),
+        ("filter", {"lowpass_s": 0.105}, 0.1),
+        ("filter", {"median": 5}, 0.002),  # a window of five is a sample later than one of three
+        ("filter", {"median": 1}, -0.002),
+        ("rates", {"sensor_hz": 100.0}, 0.008),  # the median's sample, five times as long
+        ("rates", {"control_hz": 50.0}, 0.008),  # on average half a period is waited
+    ],
+)
+def test_all_delay_of_the_loop_counts(
+    section: str, changes: dict[str, float], longer_s: float
+) -> None:
+    """Delay, lag, filter, median and period: each by as much as it really delays."""
+    changed = getattr(CELL, section).model_copy(update=changes)
+    tau_s = loop_delay_s(CELL.model_copy(update={section: changed}))
+
+    assert tau_s - loop_delay_s(CELL) == pytest.approx(longer_s)
+
+
+def test_tau_is_the_sum_of_its_parts() -> None:
+    """Nothing else is in it: the demo cell's numbers by hand."""
+    parts_s = (0.010, 0.0107, 0.005, 0.002, 0.002, CELL.force.chain_s)
+
+    assert loop_delay_s(CELL) == pytest.approx(sum(parts_s))
 
 
 def test_proportional_gains_are_zero_unless_somebody_sets_them() -> None:

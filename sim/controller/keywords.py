@@ -1,0 +1,97 @@
+"""The words of AS: instructions, operators, functions, and what may be abbreviated how.
+
+Sources: AS Language Reference Manual (chapters 6, 7, 9, appendix 5) and the keyword lists of
+public editors for what is known by name only.
+"""
+
+
+def _words(text: str) -> frozenset[str]:
+    return frozenset(text.split())
+
+
+OPERATORS = frozenset({"AND", "OR", "XOR", "NOT", "BAND", "BOR", "BXOR", "COM", "MOD"})
+CONSTANTS = {"TRUE": -1.0, "ON": -1.0, "FALSE": 0.0, "OFF": 0.0}
+
+# First word -> terminal of the grammar. Everything else that is known is INSTRUCTION.
+STATEMENTS = {
+    "POINT": "_POINT", "HERE": "_HERE", "DECOMPOSE": "_DECOMPOSE", "IF": "_IF", "GOTO": "_GOTO",
+    "ELSE": "_ELSE", "WHILE": "_WHILE", "DO": "_DO", "UNTIL": "_UNTIL", "FOR": "_FOR",
+    "CASE": "CASE", "SCASE": "CASE", "VALUE": "_VALUE", "SVALUE": "_VALUE", "ANY": "_ANY",
+    "END": "_END", "CALL": "_CALL", "SCALL": "_SCALL", "RETURN": "_RETURN", "PRINT": "PRINT",
+    "TYPE": "PRINT", "ON": "ON", "ONI": "ON",
+}  # fmt: skip
+
+# Words inside a statement that are keywords there, and names elsewhere.
+INNER = {
+    "_IF": frozenset({"THEN", "GOTO"}), "_GOTO": frozenset({"IF"}), "_WHILE": frozenset({"DO"}),
+    "_FOR": frozenset({"TO", "STEP"}), "CASE": frozenset({"OF"}),
+    "ON": frozenset({"CALL", "GOTO"}), "INSTRUCTION": frozenset({"TILL"}),
+}  # fmt: skip
+
+# Instructions whose first argument (after `n:`) names a program.
+TAKES_PROGRAM = frozenset(
+    {"PCEXECUTE", "EXECUTE", "ONE", "MC EXECUTE", "PRIME", "PCSTEP", "MC PRIME"}
+)
+TAKES_TASK_NUMBER = frozenset({"PCEXECUTE", "PCABORT", "PCEND", "PCKILL", "PCCONTINUE"})
+
+# What the emulator executes (beside STATEMENTS), so what `--check` is silent about.
+EXECUTED = _words("""
+    JMOVE LMOVE HMOVE JAPPRO LAPPRO JDEPART LDEPART HOME DRIVE DRAW TDRAW DELAY STABLE
+    SPEED ACCURACY ACCEL DECEL BREAK BRAKE MVWAIT BASE TOOL WEIGHT
+    LEFTY RIGHTY ABOVE BELOW UWRIST DWRIST
+    SIGNAL PULSE BITS WAIT TWAIT SWAIT TIMER PAUSE HALT STOP LOCK ONE RETURNE
+    PCEXECUTE PCABORT PCEND PCSCAN
+    TCP_LISTEN TCP_ACCEPT TCP_CONNECT TCP_SEND TCP_RECV TCP_CLOSE TCP_END_LISTEN SWITCH
+    """) | {"MC ABORT", "MC CONTINUE", "MC ERESET", "MC EXECUTE", "MC HOLD", "MC SPEED"}
+
+# Known by name: parsed, listed by `--check`, never executed.
+PARSED_ONLY = _words("""
+    ABSDRIVE ALIGN ALONE ASSUME ATTACH BITS32 BSPEED C1MOVE C2MOVE CLAMP CLOSE CLOSEI CLOSES
+    CVLMOVE CVHMOVE CVJMOVE CVLAPPRO CVLDEPART CVWAIT CVSET CVRESET CVSCALE CVPOS CVSPEED
+    DEFSIG DETACH DLYSIG ENVCHKRATE EXECUTE EXTCALL FHERE FJMOVE FLMOVE FTOOL GUNOFF GUNON
+    GUNOFFTIMER GUNONTIMER HSENSE HSENSESET IFPDISP IFPLABEL IFPTITLE IFPWOVERWRITE IFPWPRINT
+    IGNORE JUMP L3ACCURACY L3C1MOVE L3C2MOVE L3LMOVE L3SPEED L3TOOL LLIMIT MASTER MHERE MLC1MOVE
+    MLC2MOVE MLJMOVE MLLMOVE MON_TWAIT MRC1MOVE MRC2MOVE MRLMOVE NCHOFF NCHON NEXT OPEN OPENI OPENS
+    OUTDA PCCONTINUE PCKILL PCSTEP PLCAIN PLCAOUT PMODEND PMODLIMIT PMODPRINTDATA PMODSTART PMODTXYZ
+    PMODXYZ PMOD_LINSP PMOD_ROTSP PRIME PROMPT REFFLTRESET REFFLTSET REFFLTSET_STATUS RELAX RELAXI
+    RELAXS RESET RUNMASK SC2RECEIVE SC2SEND SCNT SCNTRESET SCPROTOCOL SCSETSIO SETOUTDA SETPICK
+    SETPLACE SET_TOOLSHAPE SETTIME SFLK SFLP SJUMP SLAVE SLOAD SLOW STIM SOUT STPNEXT TCP_ISLINK
+    TCP_STATUS TOOLSHAPE TRACE UDP_RECVFROM UDP_SENDTO ULIMIT UTIMER XMOVE XFER
+    """)
+
+KNOWN = EXECUTED | PARSED_ONLY
+
+# Abbreviations that the manual and public programs show although another word begins alike.
+SHORT = {"CA": "CALL", "SI": "SIGNAL", "TW": "TWAIT", "TY": "TYPE", "PCEX": "PCEXECUTE",
+         "EXEC": "EXECUTE", "ACCU": "ACCURACY", "DECO": "DECOMPOSE", "SP": "SPEED"}  # fmt: skip
+
+# Functions that may stand without parentheses, and those whose arguments are bare names.
+WITHOUT_ARGUMENTS = _words("""
+    PI RANDOM NULL HERE #HERE DEST #DEST #HOME BASE TOOL ERROR MSPEED MSPEED2
+    $DATE $TIME $TIME_MS TIME_MS PRIORITY
+    """)
+WORD_ARGUMENTS = frozenset({"SWITCH", "EXISTPGM"})
+
+UNITS = frozenset({"MM/S", "MM/MIN", "CM/S", "CM/MIN", "DEG/S", "DEG/MIN", "M/S", "M/MIN"})
+
+MONITOR = ("ABORT", "CONTINUE", "ERESET", "EXECUTE", "HOLD", "SPEED", "PRIME")
+
+
+def instruction(word: str) -> str | None:
+    """Return the full name of an instruction written in full or unmistakably shortened."""
+    upper = word.upper()
+    if upper in STATEMENTS or upper in KNOWN:
+        return upper
+    return SHORT.get(upper) or _only((*STATEMENTS, *KNOWN), upper)
+
+
+def monitor_command(word: str) -> str | None:
+    """Return the full name of a command behind MC."""
+    return _only(MONITOR, word.upper())
+
+
+def _only(names: tuple[str, ...], beginning: str) -> str | None:
+    if len(beginning) < 2:
+        return None
+    longer = [name for name in names if name.startswith(beginning) and " " not in name]
+    return longer[0] if len(longer) == 1 or longer[:1] == [beginning] else None

@@ -1,0 +1,151 @@
+"""Parse one line of a program with the grammar, and say clearly what is wrong with it."""
+
+import re
+from dataclasses import fields, is_dataclass
+from functools import cache
+from pathlib import Path
+from typing import cast
+
+from lark import Lark, Token
+from lark.exceptions import UnexpectedCharacters, UnexpectedInput, UnexpectedToken, VisitError
+
+from sim.controller import keywords, syntax
+from sim.controller.builder import Line
+from sim.controller.errors import AsError
+from sim.controller.lexis import Lexis
+from sim.controller.statements import LineBuilder
+
+GRAMMAR = Path(__file__).with_name("grammar.lark")
+DEEPEST = 100
+UNREAD = re.compile(
+    r"\s*((?P<label>\d+)\s+)?(?P<word>[A-Za-z][\w.]*)(?P<rest>\s+(?![=\[\s]).*|[^\s\w.=\[].*)?$",
+    re.ASCII,
+)
+OPERANDS = frozenset({"NUMBER", "BASED", "STRING", "NAME", "SIGIL_NAME", "FUNCTION", "_LPAR"})
+LEAVES = (syntax.Number, syntax.Text, syntax.Word, syntax.Format)
+
+# How a terminal of the grammar is called in a message, in the order of the message.
+PLAIN = {
+    "_THEN": "THEN", "_DO": "DO", "_OF": "OF", "_TO": "TO", "_GOTO": "GOTO", "_CALL": "CALL",
+    "TARGET": "a label", "PROGRAM": "the name of a program", "NUMBER": "a value",
+    "_ASSIGN": "'='", "_RPAR": "')'", "_RSQB": "']'", "_COLON": "':'", "_COMMA": "','",
+    "PLUS": "an operator", "RELATION": "an operator", "$END": "the end of the line",
+}  # fmt: skip
+
+
+class LineError(Exception):
+    """One line is wrong: AS's code, a sentence, and the column from 1."""
+
+    def __init__(self, code: str, text: str, column: int = 0) -> None:
+        """Keep what a `Mistake` needs beside the position."""
+        super().__init__(text)
+        self.code = code
+        self.text = text
+        self.column = column
+
+
+@cache
+def _lark() -> Lark:
+    return Lark(
+        GRAMMAR.read_text(encoding="utf-8"),
+        parser="lalr",
+        lexer="basic",
+        postlex=Lexis(),
+        start=["line", "parameters"],
+        maybe_placeholders=False,
+        transformer=LineBuilder(),
+    )
+
+
+def parse_line(text: str) -> Line:
+    """Return label and statement of a line of a program; raise `LineError`."""
+    try:
+        result = _lark().parse(text, start="line")
+    except (UnexpectedInput, VisitError, AsError) as error:
+        unread = _unread(text)
+        if unread is not None:
+            return unread
+        raise _explain(text, error) from None
+    line = cast("Line", result)
+    _refuse_depth(line.statement)
+    return line
+
+
+def parse_parameters(text: str) -> tuple[syntax.Variable, ...]:
+    """Return the parameters of a program, from the text between its parentheses."""
+    try:
+        result = _lark().parse(text, start="parameters")
+    except (UnexpectedInput, VisitError, AsError) as error:
+        raise _explain(text, error) from None
+    if not isinstance(result, tuple) or not all(isinstance(v, syntax.Variable) for v in result):
+        raise LineError("P0117", "parameters are variables such as .x, .$s, .p or .a[]")
+    return result
+
+
+def _unread(text: str) -> Line | None:
+    """Keep a line whose first word is no instruction we know, unread: real backups have them."""
+    match = UNREAD.match(text)
+    if match is None or keywords.instruction(match["word"]) or match["word"].upper() == "MC":
+        return None
+    words = syntax.Text(match["rest"].strip())
+    statement = syntax.Instruction(match["word"].upper(), (words,), unknown=True)
+    return Line(match["label"], statement)
+
+
+def _explain(text: str, error: Exception) -> LineError:
+    """Turn what Lark or a builder says into AS's code and a sentence."""
+    if isinstance(error, VisitError):
+        error = error.orig_exc
+    if isinstance(error, AsError):
+        return LineError(error.code, error.detail)
+    if isinstance(error, UnexpectedCharacters):
+        return _bad_character(text, error.column)
+    if isinstance(error, UnexpectedToken):
+        return _bad_token(text, error)
+    return LineError("P0108", str(error).split("\n", 1)[0])
+
+
+def _bad_character(text: str, column: int) -> LineError:
+    found = text[column - 1]
+    if found == '"':
+        return LineError("P0108", "the string that opens here is not closed by a quote", column)
+    if not found.isascii():
+        return LineError("P0108", f"found {found!a}: AS text is plain ASCII", column)
+    return LineError("P0108", f"found {found!r}, which means nothing in AS here", column)
+
+
+def _bad_token(text: str, error: UnexpectedToken) -> LineError:
+    token: Token = error.token
+    expected = set(error.accepts or error.expected)
+    at_end = token.type == "$END"
+    found = "the end of the line" if at_end else f"'{token.value}'"
+    column = len(text) + 1 if at_end else (token.column or 0)
+    choices = list(dict.fromkeys(plain for name, plain in PLAIN.items() if name in expected))[:3]
+    would_be = f"; right would be {' or '.join(choices)}" if choices else ""
+    return LineError(_code(token, expected), f"found {found}{would_be}", column)
+
+
+def _code(token: Token, expected: set[str]) -> str:
+    if token.type in {"_RPAR", "_RSQB"} or ("_RPAR" in expected and token.type == "$END"):
+        return "P0120"
+    if token.type in OPERANDS and "PLUS" in expected and "NUMBER" not in expected:
+        return "P0121"
+    return "P0108"
+
+
+def _refuse_depth(statement: object) -> None:
+    """Refuse what is nested so deep that nobody wrote it by hand."""
+    level = [statement]
+    for _ in range(DEEPEST):
+        level = [child for node in level for child in _children(node)]
+        if not level:
+            return
+    raise LineError("P0114", f"the expression is nested deeper than {DEEPEST} levels")
+
+
+def _children(node: object) -> list[object]:
+    if isinstance(node, tuple):
+        return list(node)
+    if not is_dataclass(node) or isinstance(node, LEAVES):
+        return []
+    return [getattr(node, field.name) for field in fields(node)]

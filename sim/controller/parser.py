@@ -1,0 +1,189 @@
+"""Parse a whole .as or .pg file: programs, data sections, header lines.
+
+`load` and `parse` give a `syntax.SourceFile` or raise `AsSyntaxError` with every mistake;
+`examine` gives both what could be read and the mistakes. Sections that only a controller
+understands are skipped and listed. Bytes are Latin-1: one character is one byte.
+"""
+
+import re
+from pathlib import Path
+
+from common.errors import DataError
+from sim.controller import syntax
+from sim.controller.builder import short_name
+from sim.controller.errors import AsSyntaxError, Mistake
+from sim.controller.lines import LineError, parse_line, parse_parameters
+from sim.controller.sections import DATA_SECTIONS, data_line
+from sim.controller.structure import Linker
+from sim.controller.syntax import Position, Program, Remark, Section, SourceFile, Step
+
+HEADER = re.compile(r"\.(?P<word>[A-Za-z][A-Za-z0-9_]*)(?P<rest>.*)", re.DOTALL)
+PROGRAM = re.compile(
+    r"\s*(?P<name>[A-Za-z][\w.]*)\s*(\((?P<parameters>[^)]*)\)?)?(?P<tail>.*)", re.ASCII
+)
+TAIL = re.compile(r"\s*(@[^#;]*)?(#\s*-?\d+)?\s*(;.*)?", re.DOTALL)
+END = re.compile(r"\.END\b", re.IGNORECASE)
+
+
+def load(path: Path) -> SourceFile:
+    """Parse a file; raise `AsSyntaxError` with every mistake, `DataError` if it cannot be read."""
+    try:
+        text = path.read_bytes().decode("latin-1")
+    except OSError as error:
+        raise DataError(f"{path}: cannot be read: {error.strerror}") from None
+    return parse(text, str(path))
+
+
+def parse(text: str, name: str = "text") -> SourceFile:
+    """Parse the text of a file; raise `AsSyntaxError` with every mistake."""
+    source, mistakes = examine(text, name)
+    if mistakes:
+        raise AsSyntaxError(mistakes)
+    return source
+
+
+def examine(text: str, name: str = "text") -> tuple[SourceFile, tuple[Mistake, ...]]:
+    """Parse the text of a file; return what could be read, and every mistake."""
+    reader = _Reader(name)
+    for number, line in enumerate(re.split(r"\r\n|\n|\r", text), start=1):
+        reader.read(line, Position(name, number))
+    return reader.finish()
+
+
+class _Reader:
+    """Reads a file line by line; knows in which section it is."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self.section = ""  # "", ".PROGRAM", a data section, or one that is skipped
+        self.program: _ProgramReader | None = None
+        self.programs: dict[str, Program] = {}
+        self.data: list[syntax.DataValue] = []
+        self.skipped: list[Section] = []
+        self.remarks: list[Remark] = []
+        self.mistakes: list[Mistake] = []
+
+    def read(self, line: str, where: Position) -> None:
+        """Take the next line."""
+        stripped = line.strip(" \t\x1a\x00")
+        header = HEADER.match(stripped)
+        if END.match(stripped):
+            self._close()
+        elif self.program is not None:
+            if header and header["word"].upper() == "PROGRAM":
+                self._complain(self.program.where, "P0140", "the program has no .END")
+                self._close()
+                self._open(header, where)
+            else:
+                self.program.read(line, where)
+        elif header is not None:
+            self._open(header, where)
+        elif self.section in DATA_SECTIONS and stripped and not stripped.startswith(";"):
+            self._data(stripped, where)
+        elif not self.section and stripped and not stripped.startswith((";", ".*")):
+            text = f"{stripped!a:.60} stands outside of every .PROGRAM and data section"
+            self._complain(where, "P0109", text)
+
+    def finish(self) -> tuple[SourceFile, tuple[Mistake, ...]]:
+        """Return the file and its mistakes in the order of the file."""
+        if self.program is not None:
+            self._complain(self.program.where, "P0140", "the program has no .END")
+            self._close()
+        source = SourceFile(
+            self.name, self.programs, tuple(self.data), tuple(self.skipped), tuple(self.remarks)
+        )
+        return source, tuple(sorted(self.mistakes, key=lambda m: (m.where.line, m.column)))
+
+    def _open(self, header: re.Match[str], where: Position) -> None:
+        self.section = f".{header['word'].upper()}"
+        if self.section == ".PROGRAM":
+            self.program = _ProgramReader(header["rest"], where)
+        elif self.section not in DATA_SECTIONS:
+            self.skipped.append(Section(self.section, where))
+
+    def _close(self) -> None:
+        if self.program is None:
+            self.section = ""
+            return
+        program = self.program.finish()
+        self.mistakes += self.program.mistakes
+        self.remarks += self.program.remarks
+        if program.name in self.programs:
+            first = self.programs[program.name].where
+            text = f"program {program.name} is defined twice, first in line {first.line}"
+            self.remarks.append(Remark(program.where, text))
+        self.programs[program.name] = program
+        self.program = None
+        self.section = ""
+
+    def _data(self, line: str, where: Position) -> None:
+        try:
+            self.data.append(data_line(self.section, line, where))
+        except LineError as error:
+            self._complain(where, error.code, error.text)
+
+    def _complain(self, where: Position, code: str, text: str) -> None:
+        self.mistakes.append(Mistake(where, code, text))
+
+
+class _ProgramReader:
+    """Reads one program; numbers its steps and finds its labels."""
+
+    def __init__(self, header: str, where: Position) -> None:
+        self.where = where
+        self.mistakes: list[Mistake] = []
+        self.remarks: list[Remark] = []
+        self.steps: list[Step] = []
+        self.labels: dict[str, int] = {}
+        self.name = ""
+        self.parameters: tuple[syntax.Variable, ...] = ()
+        try:
+            self.name, self.parameters = _header(header)
+        except LineError as error:
+            self.mistakes.append(Mistake(where, error.code, error.text))
+
+    def read(self, line: str, where: Position) -> None:
+        """Take the next line; blank ones are no steps."""
+        text = line.strip()
+        if not text:
+            return
+        try:
+            parsed = parse_line(line)
+        except LineError as error:
+            self.mistakes.append(Mistake(where, error.code, error.text, error.column))
+            return
+        if parsed.label is not None:
+            self._label(parsed.label, where)
+        number = len(self.steps) + 1
+        statement = parsed.statement or syntax.Comment()
+        self.steps.append(Step(number, statement, where, text, parsed.label))
+
+    def finish(self) -> Program:
+        """Link the steps and return the program."""
+        linker = Linker(self.steps, self.labels)
+        steps = linker.link()
+        if not self.mistakes:  # a line that was not understood may be the IF that END closes
+            self.mistakes += linker.mistakes
+        return Program(self.name, self.parameters, steps, self.where, self.labels)
+
+    def _label(self, label: str, where: Position) -> None:
+        if label in self.labels:
+            first = self.steps[self.labels[label]].where.line
+            text = f"label {label} stands in line {first} already"
+            self.mistakes.append(Mistake(where, "P0146", text))
+        self.labels.setdefault(label, len(self.steps))
+
+
+def _header(rest: str) -> tuple[str, tuple[syntax.Variable, ...]]:
+    """Return name and parameters of `.PROGRAM name(parameters) @date #number ;comment`."""
+    match = PROGRAM.fullmatch(rest.strip())
+    if match is None:
+        raise LineError("P0117", f".PROGRAM is followed by a name; found {rest.strip()!a:.60}")
+    if match["parameters"] is not None and ")" not in rest:
+        raise LineError("P0120", "the list of parameters is not closed by ')'")
+    if not TAIL.fullmatch(match["tail"]):
+        text = (
+            f"behind the parameters stand @date, #number or ;comment; found {match['tail']!a:.60}"
+        )
+        raise LineError("P0108", text)
+    return short_name(match["name"]), parse_parameters(match["parameters"] or "")

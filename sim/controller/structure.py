@@ -1,0 +1,134 @@
+"""Link the flat steps of a program: where IF, WHILE, FOR, DO, CASE and GOTO go on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+from sim.controller import syntax
+from sim.controller.errors import Mistake
+from sim.controller.syntax import Position, Statement, Step
+
+OPENS = {
+    syntax.If: "IF", syntax.While: "WHILE", syntax.For: "FOR", syntax.Case: "CASE",
+    syntax.Do: "DO",
+}  # fmt: skip
+CLOSED_BY = {"IF": "END", "WHILE": "END", "FOR": "END", "CASE": "END", "DO": "UNTIL"}
+
+
+@dataclass(slots=True)
+class Open:
+    """A structure that is not closed yet: its step, and the steps inside that need its end."""
+
+    kind: str
+    at: int
+    inner: list[int] = field(default_factory=list)
+
+
+class Linker:
+    """Links one program; mistakes are gathered, never raised."""
+
+    def __init__(self, steps: list[Step], labels: dict[str, int]) -> None:
+        """Take the steps as parsed, with unresolved targets."""
+        self.statements: list[Statement] = [step.statement for step in steps]
+        self.steps = steps
+        self.labels = labels
+        self.stack: list[Open] = []
+        self.mistakes: list[Mistake] = []
+
+    def link(self) -> tuple[Step, ...]:
+        """Return the steps with their targets."""
+        for at, statement in enumerate(self.statements):
+            self._visit(at, statement)
+        for left in self.stack:
+            code = "P0144" if left.kind == "DO" else "P0140"
+            self._complain(left.at, code, f"{left.kind} has no {CLOSED_BY[left.kind]}")
+        pairs = zip(self.steps, self.statements, strict=True)
+        return tuple(replace(step, statement=statement) for step, statement in pairs)
+
+    def _visit(self, at: int, statement: Statement) -> None:
+        kind = OPENS.get(type(statement))
+        match statement:
+            case _ if kind is not None:
+                self.stack.append(Open(kind, at))
+            case syntax.Else():
+                self._else(at)
+            case syntax.Value() | syntax.Any():
+                self._inside(at, "CASE", "P0145", "VALUE and ANY belong between CASE and END")
+            case syntax.Until():
+                self._until(at, statement)
+            case syntax.End():
+                self._end(at)
+            case syntax.Goto():
+                target = self.labels.get(statement.label, syntax.UNRESOLVED)
+                self.statements[at] = replace(statement, target=target)
+            case _:
+                pass
+
+    def _inside(self, at: int, kind: str, code: str, text: str) -> Open | None:
+        if self.stack and self.stack[-1].kind == kind:
+            self.stack[-1].inner.append(at)
+            return self.stack[-1]
+        self._complain(at, code, text)
+        return None
+
+    def _else(self, at: int) -> None:
+        opened = self._inside(at, "IF", "P0142", "ELSE belongs between IF ... THEN and END")
+        if opened is not None and len(opened.inner) > 1:
+            self._complain(at, "P0142", f"the IF of step {opened.at + 1} has an ELSE already")
+
+    def _until(self, at: int, statement: syntax.Until) -> None:
+        if self.stack and self.stack[-1].kind == "DO":
+            self.statements[at] = replace(statement, do_at=self.stack.pop().at)
+        else:
+            self._complain(at, "P0143", f"UNTIL closes DO{self._instead()}")
+
+    def _end(self, at: int) -> None:
+        if not self.stack or self.stack[-1].kind == "DO":
+            self._complain(at, "P0141", f"END closes IF, WHILE, FOR or CASE{self._instead()}")
+            return
+        opened = self.stack.pop()
+        self.statements[at] = syntax.End(opened.kind, opened.at)
+        for inner in opened.inner:
+            self._lead_to_end(inner, at)
+        head = self.statements[opened.at]
+        match head:
+            case syntax.If():
+                false_at = opened.inner[0] + 1 if opened.inner else at
+                self.statements[opened.at] = replace(head, false_at=false_at)
+            case syntax.While() | syntax.For():
+                self.statements[opened.at] = replace(head, after_at=at + 1)
+            case syntax.Case():
+                self.statements[opened.at] = self._case(head, opened.inner, at)
+            case _:
+                pass
+
+    def _lead_to_end(self, inner: int, end: int) -> None:
+        statement = self.statements[inner]
+        if isinstance(statement, syntax.Else | syntax.Value | syntax.Any):
+            self.statements[inner] = replace(statement, end_at=end)
+
+    def _case(self, head: syntax.Case, inner: list[int], end: int) -> syntax.Case:
+        branches = []
+        default_at = end
+        for at in inner:
+            statement = self.statements[at]
+            if isinstance(statement, syntax.Value):
+                branches.append(syntax.Branch(statement.values, at + 1))
+            else:
+                default_at = at + 1
+        return replace(head, branches=tuple(branches), default_at=default_at)
+
+    def _instead(self) -> str:
+        if not self.stack:
+            return "; none is open here"
+        last = self.stack[-1]
+        return (
+            f"; the {last.kind} of step {last.at + 1} is still open: {CLOSED_BY[last.kind]} comes"
+            " first"
+        )
+
+    def _complain(self, at: int, code: str, text: str) -> None:
+        self.mistakes.append(Mistake(self._where(at), code, text))
+
+    def _where(self, at: int) -> Position:
+        return self.steps[at].where

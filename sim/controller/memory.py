@@ -1,0 +1,219 @@
+"""Variables of AS: sparse arrays, globals that all programs share, locals of one call.
+
+    Cell      one variable or array element; `value` is None until it is defined
+    Array     elements by index: an int for one dimension, a tuple for two or three
+    Names     a namespace, from a spelling without index (`x`, `$s`, `#j`, `@n`) to Cell or Array;
+              `Memory.globals` is one, the locals of each call are another (`Locals`)
+
+A parameter is a name in the callee's Locals bound to the caller's own Cell or Array, so what the
+callee stores is the caller's. A name is a scalar or an array (P0132, P0133) and, without prefix, a
+real or a transformation (P0150), never both.
+"""
+
+from collections.abc import Iterable, Sequence
+
+from sim.controller.errors import AsError
+from sim.controller.syntax import DataValue, Number, Variable
+from sim.controller.values import Joints, Transformation, Value, joints, transformation
+
+LARGEST_INDEX = 9999
+
+Index = int | tuple[int, ...]
+
+
+class Cell:
+    """One variable or array element."""
+
+    __slots__ = ("value",)
+
+    def __init__(self, value: Value | None = None) -> None:
+        """Start undefined, or with a value."""
+        self.value = value
+
+
+class Array:
+    """The elements of an array, by index; there are only those that were ever used."""
+
+    __slots__ = ("cells",)
+    value = None  # so that a reader of scalars finds it undefined and looks closer
+
+    def __init__(self) -> None:
+        """Have no element."""
+        self.cells: dict[Index, Cell] = {}
+
+    def cell(self, index: Index) -> Cell:
+        """Return an element, undefined if it is new."""
+        found = self.cells.get(index)
+        if found is None:
+            found = self.cells[index] = Cell()
+        return found
+
+    def indices(self, dimension: int = 1) -> list[int]:
+        """Return the indices of the defined elements in a dimension, in no order."""
+        found = [index for index, cell in self.cells.items() if cell.value is not None]
+        tuples = [index if isinstance(index, tuple) else (index,) for index in found]
+        return [index[dimension - 1] for index in tuples if len(index) >= dimension]
+
+    @property
+    def defined(self) -> bool:
+        """Whether any element has a value."""
+        return any(cell.value is not None for cell in self.cells.values())
+
+
+class Names(dict[str, Cell | Array]):
+    """A namespace: spelling without index and without the dot of locals -> Cell or Array."""
+
+    __slots__ = ()
+
+    def scalar(self, key: str) -> Cell:
+        """Return a variable, undefined if it is new; P0133 if the name is an array."""
+        found = self.get(key)
+        if isinstance(found, Cell):
+            return found
+        if found is not None and found.defined:
+            raise AsError("P0133", f"{key} is an array")
+        cell = self[key] = Cell()
+        return cell
+
+    def array(self, key: str) -> Array:
+        """Return an array, empty if it is new; P0132 if the name is a scalar."""
+        found = self.get(key)
+        if isinstance(found, Array):
+            return found
+        if found is not None and found.value is not None:
+            raise AsError("P0132", f"{key} has no elements, it is a single variable")
+        array = self[key] = Array()
+        return array
+
+
+Locals = Names
+
+
+class Memory:
+    """The global variables of a controller."""
+
+    def __init__(self, data: Iterable[DataValue] = ()) -> None:
+        """Start with what the data sections of a file define."""
+        self.globals = Names()
+        self.fill(data)
+
+    def fill(self, data: Iterable[DataValue]) -> None:
+        """Define what the lines of data sections say."""
+        for item in data:
+            indices = [int(i.value) for i in item.variable.indices if isinstance(i, Number)]
+            key = key_of(item.variable)
+            cell = (
+                self.globals.array(key).cell(index_of(indices))
+                if indices
+                else self.globals.scalar(key)
+            )
+            cell.value = _initial(item)
+
+    def read(self, spelling: str) -> Value | None:
+        """Return a global by its spelling, such as `$s` or `x[1,2]`; None if it is undefined."""
+        name, _, rest = spelling.lower().partition("[")
+        entry = self.globals.get(name)
+        if not rest or isinstance(entry, Cell) or entry is None:
+            return entry.value if isinstance(entry, Cell) and not rest else None
+        cell = entry.cells.get(index_of([int(n) for n in rest.rstrip("]").split(",")]))
+        return None if cell is None else cell.value
+
+    def write(self, spelling: str, value: Value) -> None:
+        """Define a global by its spelling, such as `$s` or `x[1,2]`."""
+        name, _, rest = spelling.lower().partition("[")
+        if not rest:
+            self.globals.scalar(name).value = value
+            return
+        index = index_of([int(n) for n in rest.rstrip("]").split(",")])
+        self.globals.array(name).cell(index).value = value
+
+
+def key_of(variable: Variable) -> str:
+    """Return the key of a variable in its namespace."""
+    return f"{variable.kind}{variable.name}"
+
+
+def index_of(numbers: Sequence[float]) -> Index:
+    """Return an array index: whole numbers 0 to 9999 (P0119); a fraction is cut off."""
+    whole = [int(number) for number in numbers]
+    if any(not 0 <= number <= LARGEST_INDEX for number in whole):
+        raise AsError("P0119", f"{list(numbers)}: indices are 0 to {LARGEST_INDEX}")
+    return whole[0] if len(whole) == 1 else tuple(whole)
+
+
+def following(index: Index, count: int) -> Index:
+    """Return the index that lies `count` elements further in the last dimension."""
+    if isinstance(index, int):
+        return index_of([index + count])
+    return index_of([*index[:-1], index[-1] + count])
+
+
+def undefined(variable: Variable, *, location: bool = False) -> AsError:
+    """Return the error for an undefined variable: E0102, E0103 (location) or E0104 (string)."""
+    code = "E0104" if variable.kind == "$" else "E0102"
+    if variable.kind == "#" or (location and not variable.kind):
+        code = "E0103"
+    return AsError(code, variable.spelling)
+
+
+def check_type(variable: Variable, old: Value | None, new: Value) -> None:
+    """Refuse to store a value of another type (P0150)."""
+    wanted: tuple[type, ...] = {
+        "$": (str,), "#": (Joints,), "@": (int, float), "": (float, int, Transformation),
+    }[variable.kind]  # fmt: skip
+    if not isinstance(new, wanted):
+        raise AsError("P0150", f"{variable.spelling} cannot hold {plain(new)}")
+    is_pose = isinstance(new, Transformation)
+    if not variable.kind and old is not None and isinstance(old, Transformation) != is_pose:
+        raise AsError("P0150", f"{variable.spelling} holds {plain(old)}, not {plain(new)}")
+
+
+def plain(value: Value) -> str:
+    """Return what kind of value this is, in words."""
+    if isinstance(value, str):
+        return "a string"
+    if isinstance(value, Transformation):
+        return "a transformation"
+    return "joint values" if isinstance(value, Joints) else "a number"
+
+
+def bind(
+    parameters: Sequence[Variable], arguments: Sequence[Cell | Array | None], program: str
+) -> Locals:
+    """Return the locals of a call, its parameters bound to the arguments.
+
+    Raises:
+        AsError: P0137 for their number, P0138 for a type. None (left out) is undefined.
+    """
+    if len(arguments) != len(parameters):
+        text = f"{program} takes {len(parameters)} arguments, not {len(arguments)}"
+        raise AsError("P0137", text)
+    names = Locals()
+    for number, (parameter, given) in enumerate(zip(parameters, arguments, strict=True), start=1):
+        entry = given
+        if entry is None:
+            entry = Array() if parameter.whole else Cell()
+        if isinstance(entry, Array) != parameter.whole:
+            what = "an array" if parameter.whole else "a single value"
+            raise AsError("P0138", f"argument {number} of {program} must be {what}")
+        if isinstance(entry, Cell) and entry.value is not None and not fits(parameter, entry.value):
+            text = f"argument {number} of {program} is {plain(entry.value)}"
+            raise AsError("P0138", f"{text}, the parameter {parameter.spelling} is not")
+        names[key_of(parameter)] = entry
+    return names
+
+
+def fits(parameter: Variable, value: Value) -> bool:
+    """Tell whether a value has the type of a parameter."""
+    try:
+        check_type(parameter, None, value)
+    except AsError:
+        return False
+    return True
+
+
+def _initial(item: DataValue) -> Value:
+    value = item.value
+    if isinstance(value, tuple):
+        return joints(*value[:6]) if item.variable.kind == "#" else transformation(*value[:6])
+    return int(value) if item.variable.kind == "@" and not isinstance(value, str) else value

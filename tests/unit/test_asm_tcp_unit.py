@@ -1,0 +1,265 @@
+"""TCP below the instructions: codes, time-outs and cuts, on sockets and on wires in memory alike."""
+
+import socket
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from typing import Protocol
+
+import pytest
+
+from common.clock import NS_PER_S
+from sim.controller.network import LOOPBACK, MemoryNetwork, SocketNetwork
+from sim.controller.tcp import (
+    ABORTED,
+    BAD_SOCKET,
+    CANNOT_CREATE,
+    CANNOT_REACH,
+    NOT_LISTENING,
+    OK,
+    TIMED_OUT,
+    TOO_LONG,
+    Outcome,
+    TcpUnit,
+)
+
+PORT = 49152
+PATIENCE = 2_000_000  # looks, each of which costs far more than a microsecond
+
+
+class Peer(Protocol):
+    """The client's end of a connection, in either world."""
+
+    def send(self, data: bytes) -> object: ...
+    def receive(self) -> bytes | None: ...
+    def close(self) -> None: ...
+    def reset(self) -> None: ...
+
+
+class SocketPeer:
+    """A client on a real socket."""
+
+    def __init__(self, port: int) -> None:
+        self._socket = socket.create_connection(("127.0.0.1", port), timeout=5.0)
+        self._socket.setblocking(False)
+
+    def send(self, data: bytes) -> object:
+        return self._socket.send(data)
+
+    def receive(self) -> bytes | None:
+        with suppress(BlockingIOError):
+            return self._socket.recv(65536)
+        return None
+
+    def close(self) -> None:
+        self._socket.close()
+
+    def reset(self) -> None:
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, b"\1\0\0\0\0\0\0\0")
+        self._socket.close()
+
+
+class MemoryPeer:
+    """A client on a wire in memory."""
+
+    def __init__(self, network: MemoryNetwork) -> None:
+        self._stream = network.dial(PORT)
+
+    def send(self, data: bytes) -> object:
+        return self._stream.send(data)
+
+    def receive(self) -> bytes | None:
+        return self._stream.receive(65536)
+
+    def close(self) -> None:
+        self._stream.close()
+
+    def reset(self) -> None:
+        self._stream.reset()
+
+
+class World:
+    """A controller's TCP unit and somebody who can call it."""
+
+    def __init__(self, kind: str) -> None:
+        self.kind = kind
+        self.network = SocketNetwork(ports={PORT: 0}) if kind == "sockets" else MemoryNetwork()
+        self.tcp = TcpUnit(self.network)
+        self.peers: list[Peer] = []
+
+    def call(self) -> Peer:
+        if isinstance(self.network, SocketNetwork):
+            self.peers.append(SocketPeer(self.network.bound[PORT]))
+        else:
+            self.peers.append(MemoryPeer(self.network))
+        return self.peers[-1]
+
+    def end(self) -> None:
+        self.tcp.close_all()
+        for peer in self.peers:
+            peer.close()
+
+    def accepted(self) -> tuple[int, Peer]:
+        """A socket of the controller and its peer."""
+        self.tcp.listen(PORT)
+        peer = self.call()
+        outcome = until(self.tcp.accept(PORT, timeout_s=1.0, now_ns=0))
+        assert outcome.code > 0
+        assert outcome.peer == LOOPBACK
+        return outcome.code, peer
+
+    def received(self, number: int, longest: int = 255, now_ns: int = 0) -> Outcome:
+        operation = self.tcp.receive(number, timeout_s=1.0, longest=longest, now_ns=0)
+        return until(operation, now_ns)
+
+
+def until(operation: Callable[[int], Outcome | None], now_ns: int = 0) -> Outcome:
+    """Look at an operation at one instant until it is over."""
+    for _ in range(PATIENCE):
+        outcome = operation(now_ns)
+        if outcome is not None:
+            return outcome
+    pytest.fail("the operation does not end")
+
+
+@pytest.fixture(params=["sockets", "memory"])
+def world(request: pytest.FixtureRequest) -> Iterator[World]:
+    """Return a world that is cleaned up."""
+    world = World(request.param)
+    yield world
+    world.end()
+
+
+def test_a_port_can_be_listened_on_once_until_it_is_freed(world: World) -> None:
+    """The second TCP_LISTEN fails, after TCP_END_LISTEN it works, and ending twice fails."""
+    assert [world.tcp.listen(PORT), world.tcp.listen(PORT)] == [OK, CANNOT_CREATE]
+    assert [world.tcp.end_listen(PORT), world.tcp.end_listen(PORT)] == [OK, NOT_LISTENING]
+    assert world.tcp.listen(PORT) == OK
+
+
+def test_accept_times_out_with_34024_and_not_before(world: World) -> None:
+    """Nobody calls: nothing up to the time-out, -34024 from then on."""
+    world.tcp.listen(PORT)
+    operation = world.tcp.accept(PORT, timeout_s=2.0, now_ns=0)
+    assert operation(2 * NS_PER_S - 1) is None
+    assert operation(2 * NS_PER_S) == Outcome(TIMED_OUT)
+
+
+def test_accept_on_a_port_that_does_not_listen_is_34056(world: World) -> None:
+    """Also when the port is freed while somebody waits in it."""
+    assert world.tcp.accept(PORT, timeout_s=1.0, now_ns=0)(0) == Outcome(NOT_LISTENING)
+    world.tcp.listen(PORT)
+    operation = world.tcp.accept(PORT, timeout_s=1.0, now_ns=0)
+    assert operation(0) is None
+    world.tcp.end_listen(PORT)
+    assert operation(0) == Outcome(NOT_LISTENING)
+
+
+def test_bytes_come_as_elements_of_the_length_asked_for(world: World) -> None:
+    """300 bytes are 255 + 45 by default, and 100 + 100 + 100 when asked for."""
+    number, peer = world.accepted()
+    peer.send(b"x" * 300)
+    assert [len(e) for e in world.received(number).elements] == [255, 45]
+    peer.send(b"y" * 300)
+    assert [len(e) for e in world.received(number, 100).elements] == [100, 100, 100]
+
+
+def test_one_call_takes_4096_bytes_at_most_and_the_next_one_the_rest(world: World) -> None:
+    """Nothing is lost at the limit of a call, whatever pieces the bytes come in."""
+    number, peer = world.accepted()
+    data = bytes(range(256)) * 20
+    peer.send(data)
+    got = []
+    while sum(map(len, got)) < len(data):
+        outcome = world.received(number)
+        assert sum(map(len, outcome.elements)) <= 4096
+        got += outcome.elements
+    assert "".join(got).encode("latin-1") == data
+
+
+def test_silence_is_34024_and_a_closed_peer_is_code_0_without_elements(world: World) -> None:
+    """The two are told apart, as AS programs do."""
+    number, peer = world.accepted()
+    assert world.received(number, now_ns=NS_PER_S) == Outcome(TIMED_OUT)
+    peer.send(b"last")
+    peer.close()
+    assert world.received(number).elements == ("last",)
+    assert world.received(number) == Outcome(OK)
+
+
+def test_a_reset_is_34025_for_receiving_and_sending(world: World) -> None:
+    """The peer cut the connection: -34025."""
+    number, peer = world.accepted()
+    peer.reset()
+    codes = {world.received(number).code for _ in range(2)}
+    assert ABORTED in codes
+    sent = [until(world.tcp.send(number, ["a"], timeout_s=1.0, now_ns=0)).code for _ in range(3)]
+    assert ABORTED in sent
+
+
+def test_sent_elements_arrive_back_to_back(world: World) -> None:
+    """No separators between elements, control characters included."""
+    number, peer = world.accepted()
+    outcome = until(world.tcp.send(number, ["ab", "", "\r\n\x00\xff"], timeout_s=1.0, now_ns=0))
+    assert outcome == Outcome(OK)
+    got = b""
+    for _ in range(PATIENCE):
+        got += peer.receive() or b""
+        if len(got) == 6:
+            break
+    assert got == b"ab\r\n\x00\xff"
+
+
+def test_more_than_4096_bytes_in_one_call_are_34022_and_nothing_is_sent(world: World) -> None:
+    """17 elements of 255 characters are too many, 16 are not."""
+    number, peer = world.accepted()
+    element = "z" * 255
+    assert until(world.tcp.send(number, [element] * 17, timeout_s=1.0, now_ns=0)).code == TOO_LONG
+    assert peer.receive() is None
+    assert until(world.tcp.send(number, [element] * 16, timeout_s=1.0, now_ns=0)).code == OK
+
+
+@pytest.mark.parametrize("patient", [False, True])
+def test_a_peer_that_reads_nothing_stops_the_sender(world: World, patient: bool) -> None:
+    """Full buffers: -34024 at the time-out; the pessimistic controller waits on."""
+    number, _ = world.accepted()
+    world.tcp._endless_send = patient
+    for _ in range(100_000):
+        operation = world.tcp.send(number, ["q" * 255] * 16, timeout_s=1.0, now_ns=0)
+        if operation(0) is None:
+            break
+    else:
+        pytest.fail("the buffers never filled")
+    expected = None if patient else Outcome(TIMED_OUT)
+    assert operation(NS_PER_S) == expected
+
+
+def test_a_socket_number_is_gone_after_close(world: World) -> None:
+    """Closing twice, sending and receiving: -34057."""
+    number, _ = world.accepted()
+    assert [world.tcp.close(number), world.tcp.close(number)] == [OK, BAD_SOCKET]
+    assert world.received(number).code == BAD_SOCKET
+    assert until(world.tcp.send(number, ["a"], timeout_s=1.0, now_ns=0)).code == BAD_SOCKET
+
+
+def test_connecting_reaches_a_listener_and_says_34023_without_one() -> None:
+    """TCP_CONNECT on the real network: the other end is a server of this host."""
+    server = socket.create_server(("127.0.0.1", 0))
+    tcp = TcpUnit(SocketNetwork())
+    port = server.getsockname()[1]
+    outcome = until(tcp.connect(LOOPBACK, port, timeout_s=5.0, now_ns=0))
+    assert outcome.code > 0
+    tcp.close_all()
+    server.close()
+    assert until(tcp.connect(LOOPBACK, port, timeout_s=5.0, now_ns=0)).code == CANNOT_REACH
+
+
+def test_two_clients_of_one_listener_have_a_socket_each(world: World) -> None:
+    """Bytes of one never come out of the other."""
+    first, a = world.accepted()
+    b = world.call()
+    second = until(world.tcp.accept(PORT, timeout_s=1.0, now_ns=0)).code
+    assert first != second
+    b.send(b"bb")
+    a.send(b"aa")
+    assert world.received(first).elements == ("aa",)
+    assert world.received(second).elements == ("bb",)

@@ -1,7 +1,7 @@
 """The PI law: no bump, signs, limits, approach, the point of contact."""
 
 import math
-from dataclasses import replace
+from dataclasses import astuple, replace
 from typing import Any
 
 import numpy as np
@@ -78,12 +78,8 @@ def test_the_start_is_where_the_tool_is(force_N, torque_Nm, mode, setpoint_N) ->
     start = start_at(START)
     assert start.T_base_tcp == START
     only_p = replace(WITH_P, force_i_m_per_Ns=np.zeros(3), torque_i_rad_per_Nms=np.zeros(3))
-    first = step(
-        start,
-        sample(force_N, torque_Nm, mode=mode, setpoint_N=setpoint_N),
-        only_p,
-        replace(NO_BAND, approach_m_s=0.0),
-    )
+    item = sample(force_N, torque_Nm, mode=mode, setpoint_N=setpoint_N)
+    first = step(start, item, only_p, replace(NO_BAND, approach_m_s=0.0))
     assert shift_m(start, first) == pytest.approx(np.zeros(3), abs=1e-15)
     assert turn_rad(start, first) == pytest.approx(np.zeros(3), abs=1e-12)
 
@@ -180,10 +176,7 @@ def test_each_axis_has_its_own_gain_in_base_axes(axis) -> None:
     """A gain of zero is a mask: no motion along, or turn about, that axis of the base."""
     mask = np.ones(3)
     mask[axis] = 0.0
-    masked = PiGains(*[array * mask for array in (
-        WITH_P.force_p_m_per_N, WITH_P.force_i_m_per_Ns,
-        WITH_P.torque_p_rad_per_Nm, WITH_P.torque_i_rad_per_Nms,
-    )])  # fmt: skip
+    masked = PiGains(*(array * mask for array in astuple(WITH_P)))
     states = run([sample((9, 8, 7), (3, 2, 1), mode="orientation")], masked, NO_BAND)
     assert turn_rad(*states)[axis] == pytest.approx(0.0, abs=1e-9)
     states = run([sample((9, 8, 7), (3, 2, 1))] * 3, masked, NO_BAND)
@@ -291,9 +284,14 @@ def test_turning_keeps_the_point_of_contact(r, force_N, free_Nm) -> None:
     assert s + np.cross(w, lever) == pytest.approx(np.zeros(3), abs=1e-9)
 
 
-def test_without_contact_a_moment_turns_about_the_tcp() -> None:
-    """Below the touch force the lever would be noise: no feed-forward."""
-    before, after = run([sample((0, 0, 0.9), (0.5, 0, 0), mode="both")],
-                        replace(GAINS, force_i_m_per_Ns=np.zeros(3)), NO_BAND)  # fmt: skip
+@pytest.mark.parametrize(
+    ("force_N", "lever_m"), [(0.95, 0.0), (1.05, 0.05), (40.0, 0.05), (1.05, 5.0)]
+)
+def test_a_lever_that_is_noise_feeds_nothing_forward(force_N: float, lever_m: float) -> None:
+    """Below the touch force none, and never more than 0.1 m: then it turns about the TCP."""
+    item = sample((0, 0, force_N * SETTINGS.touch_N), mode="both")
+    item = replace(item, torque_Nm=np.array([lever_m * item.force_N[2], 0.0, 0.0]))
+    before, after = run([item], replace(GAINS, force_i_m_per_Ns=np.zeros(3)), NO_BAND)
+    lever = np.cross(turn_rad(before, after), [0.0, min(lever_m, 0.1), 0.0])
 
-    assert np.count_nonzero(shift_m(before, after)) == 0
+    assert shift_m(before, after) == pytest.approx(-lever * (force_N > 1.0), abs=1e-9)

@@ -1,76 +1,13 @@
-"""The wrench service on the bus: what it publishes, when it says "not valid", and tare."""
+"""The wrench service on the bus: what it publishes, and when it says "not valid"."""
 
 import numpy as np
-import pinocchio as pin
 import pytest
 
 from common import topics
-from common.convert import record_of
-from common.frames import GRAVITY_M_S2, Oat, R_from_oat, rotation_from_vector
-from common.messages import Empty, RobotState, RobotStatus, SensorWrench, WrenchAtTcp
-from services.wrench.service import WrenchService
-from tests.fakes.bench import CELL, Bench
-
-SENSOR_S = 1.0 / CELL.rates.sensor_hz
-DOWN = R_from_oat(Oat(0.0, np.pi, 0.0))
-BIAS_N, BIAS_NM = np.array(CELL.payload.bias_force_N), np.array(CELL.payload.bias_torque_Nm)
-MASS_KG, COM_M = CELL.payload.mass_kg, np.array(CELL.payload.com_m)
-P_FLANGE_TCP = np.array(CELL.tool.T_flange_tcp.position_m)
-P_FLANGE_SENSOR = np.array(CELL.sensor.T_flange_sensor.position_m)
-R_FLANGE_SENSOR = CELL.sensor.T_flange_sensor.pose.rotation
-
-
-class WrenchBench(Bench):
-    """The service between a robot and a sensor that tests may silence or bend."""
-
-    def __init__(self) -> None:
-        """Start with a tool that hangs free, pointing down."""
-        super().__init__("wrench", WrenchService, step_s=SENSOR_S)
-        self.R_base_flange, self.p_m = DOWN, np.array([0.0, 0.5, 0.35])
-        self.force_N, self.torque_Nm = np.zeros(3), np.zeros(3)  # environment, base, at the TCP
-        self.status = RobotStatus()
-        self.sensor: dict[str, object] = {}  # fields to say instead of the truth
-        self.silent: set[str] = set()
-        self.before_step = self._speak
-        self.out = self.watch(topics.WRENCH)
-
-    def _speak(self) -> None:
-        if "robot" not in self.silent:
-            pose = record_of(pin.SE3(self.R_base_flange, self.p_m))
-            self.put(
-                topics.ROBOT_STATE,
-                RobotState.model_validate(
-                    {
-                        **pose.model_dump(),
-                        "status": self.status,
-                        "valid": "robot!" not in self.silent,
-                    }
-                ),
-            )
-        if "sensor" not in self.silent:
-            self.put(topics.SENSOR_WRENCH, self.sample())
-
-    def sample(self) -> SensorWrench:
-        """Return the ideal reading: weight, environment and bias, in sensor axes."""
-        R = self.R_base_flange @ R_FLANGE_SENSOR
-        weight_N = np.array([0.0, 0.0, -MASS_KG * GRAVITY_M_S2])
-        lever_m = self.R_base_flange @ (P_FLANGE_TCP - P_FLANGE_SENSOR)
-        moment_Nm = np.cross(R @ COM_M, weight_N) + np.cross(lever_m, self.force_N) + self.torque_Nm
-        truth = {
-            "force_N": tuple((R.T @ (weight_N + self.force_N) + BIAS_N).tolist()),
-            "torque_Nm": tuple((R.T @ moment_Nm + BIAS_NM).tolist()),
-        }
-        return SensorWrench.model_validate(truth | self.sensor)
-
-    def said(self) -> WrenchAtTcp:
-        """Return the newest wrench."""
-        message: WrenchAtTcp = self.newest(topics.WRENCH)
-        return message
-
-    def settle(self) -> WrenchAtTcp:
-        """Let the filter settle."""
-        self.pass_s(0.1)
-        return self.said()
+from common.frames import rotation_from_vector
+from common.messages import RobotState
+from tests.fakes.bench import CELL
+from tests.fakes.wrench_bench import SENSOR_S, WrenchBench
 
 
 @pytest.fixture
@@ -219,61 +156,22 @@ def test_a_sample_counts_once_however_often_the_service_steps(bench: WrenchBench
     assert bench.said().force_N[2] == before
 
 
-# --- tare -----------------------------------------------------------------------------------------
-
-
-def test_tare_at_rest_makes_the_reading_zero_and_says_so(bench: WrenchBench) -> None:
-    """A drift of the sensor is taken out here and in another orientation; nothing else changes."""
-    drifted = np.array(bench.sample().force_N) + np.array([2.0, -1.0, 0.5])
-    bench.sensor = {"force_N": tuple(drifted.tolist())}
-    assert np.linalg.norm(bench.settle().force_N) == pytest.approx(np.sqrt(5.25))
-    bench.pass_s(0.3)
-    reply = bench.ask(topics.TARE, Empty())
-    assert reply.accepted
-    assert reply.value == pytest.approx(np.sqrt(5.25))
-    assert bench.settle().force_N == pytest.approx((0, 0, 0), abs=1e-9)
-    assert bench.said().calibration == "cell file, tared"
-
-
-def test_tare_is_refused_in_contact(bench: WrenchBench) -> None:
-    """More than the cell allows is not drift; the number and the limit are told."""
-    bench.force_N = np.array([0.0, 0.0, CELL.force.tare_max_N + 0.1])
+def test_a_spike_that_stands_while_the_loop_steps_on_is_still_one_sample(
+    bench: WrenchBench,
+) -> None:
+    """The median counts samples: a wild one that is read five times is one of three."""
     bench.settle()
-    bench.pass_s(0.3)
-    reply = bench.ask(topics.TARE, Empty())
-    assert (reply.accepted, reply.code, reply.limit) == (False, "contact", CELL.force.tare_max_N)
-    assert bench.settle().force_N[2] == pytest.approx(10.1)
-
-
-def test_tare_is_refused_in_motion(bench: WrenchBench) -> None:
-    """By the controller's bit, by the way that the flange has gone, and by the angle."""
-    bench.pass_s(0.4)
-    bench.status = RobotStatus(moving=True)
+    bench.sensor = {"force_N": (400.0, 400.0, 400.0)}
     bench.step()
-    assert bench.ask(topics.TARE, Empty()).code == "moving"
-    bench.status = RobotStatus()
-    bench.p_m = bench.p_m + np.array([0.0, 0.0, 3e-4])
-    bench.step()
-    reply = bench.ask(topics.TARE, Empty())
-    assert (reply.code, reply.limit) == ("moving", 2e-4)
-    assert reply.value == pytest.approx(3e-4)
-    bench.pass_s(0.3)
-    bench.R_base_flange = rotation_from_vector(np.array([0.02, 0.0, 0.0])) @ bench.R_base_flange
-    bench.step()
-    assert bench.ask(topics.TARE, Empty()).code == "moving"
-    bench.pass_s(0.3)
-    assert bench.ask(topics.TARE, Empty()).accepted
-
-
-def test_tare_needs_inputs_and_a_full_window(bench: WrenchBench) -> None:
-    """Refused with what is missing; a window that began with a gap is not full."""
-    bench.pass_s(0.1)
-    assert bench.ask(topics.TARE, Empty()).code == "wait"
     bench.silent = {"sensor"}
-    bench.pass_s(0.3)
-    reply = bench.ask(topics.TARE, Empty())
-    assert (reply.code, reply.accepted) == ("input", False)
-    assert "sensor/wrench stale" in reply.text
-    bench.silent = set()
-    bench.step(2)
-    assert bench.ask(topics.TARE, Empty()).code == "wait"
+    bench.step(5)
+    bench.silent, bench.sensor = set(), {}
+    for _ in range(6):
+        bench.step()
+        assert bench.said().force_N == pytest.approx((0, 0, 0), abs=1e-9)
+
+
+def test_every_sample_wakes_the_service(bench: WrenchBench) -> None:
+    """Its trigger is the sensor: the filter runs at the sensor's rate."""
+    assert bench.service.trigger is not None
+    assert bench.service.trigger.topic is topics.SENSOR_WRENCH

@@ -1,0 +1,72 @@
+"""The wrench service on an in-memory bus, between a robot and a sensor that tests may bend."""
+
+import numpy as np
+import pinocchio as pin
+
+from common import topics
+from common.convert import record_of
+from common.frames import GRAVITY_M_S2, Oat, R_from_oat
+from common.messages import RobotState, RobotStatus, SensorWrench, WrenchAtTcp
+from services.wrench.service import WrenchService
+from tests.fakes.bench import CELL, Bench
+
+SENSOR_S = 1.0 / CELL.rates.sensor_hz
+DOWN = R_from_oat(Oat(0.0, np.pi, 0.0))
+BIAS_N, BIAS_NM = np.array(CELL.payload.bias_force_N), np.array(CELL.payload.bias_torque_Nm)
+MASS_KG, COM_M = CELL.payload.mass_kg, np.array(CELL.payload.com_m)
+P_FLANGE_TCP = np.array(CELL.tool.T_flange_tcp.position_m)
+P_FLANGE_SENSOR = np.array(CELL.sensor.T_flange_sensor.position_m)
+R_FLANGE_SENSOR = CELL.sensor.T_flange_sensor.pose.rotation
+
+
+class WrenchBench(Bench):
+    """The service between a robot and a sensor that tests may silence or bend."""
+
+    def __init__(self) -> None:
+        """Start with a tool that hangs free, pointing down."""
+        super().__init__("wrench", WrenchService, step_s=SENSOR_S)
+        self.R_base_flange, self.p_m = DOWN, np.array([0.0, 0.5, 0.35])
+        self.force_N, self.torque_Nm = np.zeros(3), np.zeros(3)  # environment, base, at the TCP
+        self.status = RobotStatus()
+        self.sensor: dict[str, object] = {}  # fields to say instead of the truth
+        self.silent: set[str] = set()
+        self.before_step = self._speak
+        self.out = self.watch(topics.WRENCH)
+
+    def _speak(self) -> None:
+        if "robot" not in self.silent:
+            pose = record_of(pin.SE3(self.R_base_flange, self.p_m))
+            self.put(
+                topics.ROBOT_STATE,
+                RobotState.model_validate(
+                    {
+                        **pose.model_dump(),
+                        "status": self.status,
+                        "valid": "robot!" not in self.silent,
+                    }
+                ),
+            )
+        if "sensor" not in self.silent:
+            self.put(topics.SENSOR_WRENCH, self.sample())
+
+    def sample(self) -> SensorWrench:
+        """Return the ideal reading: weight, environment and bias, in sensor axes."""
+        R = self.R_base_flange @ R_FLANGE_SENSOR
+        weight_N = np.array([0.0, 0.0, -MASS_KG * GRAVITY_M_S2])
+        lever_m = self.R_base_flange @ (P_FLANGE_TCP - P_FLANGE_SENSOR)
+        moment_Nm = np.cross(R @ COM_M, weight_N) + np.cross(lever_m, self.force_N) + self.torque_Nm
+        truth = {
+            "force_N": tuple((R.T @ (weight_N + self.force_N) + BIAS_N).tolist()),
+            "torque_Nm": tuple((R.T @ moment_Nm + BIAS_NM).tolist()),
+        }
+        return SensorWrench.model_validate(truth | self.sensor)
+
+    def said(self) -> WrenchAtTcp:
+        """Return the newest wrench."""
+        message: WrenchAtTcp = self.newest(topics.WRENCH)
+        return message
+
+    def settle(self) -> WrenchAtTcp:
+        """Let the filter settle."""
+        self.pass_s(0.1)
+        return self.said()

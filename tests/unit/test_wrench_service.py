@@ -7,7 +7,7 @@ from common import topics
 from common.frames import rotation_from_vector
 from common.messages import RobotState
 from tests.fakes.bench import CELL
-from tests.fakes.wrench_bench import SENSOR_S, WrenchBench
+from tests.fakes.wrench_bench import DOWN, SENSOR_S, WrenchBench
 
 
 @pytest.fixture

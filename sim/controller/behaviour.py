@@ -10,13 +10,14 @@ from dataclasses import dataclass
 from common.clock import NS_PER_S
 
 SHORTEST_STEP_S = 1e-6
+DEFAULT_STEP_S = 0.0005
 
 
 @dataclass(frozen=True, slots=True)
 class Behaviour:
     """Speed of the interpreter and the open questions."""
 
-    step_s: float = 0.0005  # one AS step of one task; all tasks share one processor
+    step_s: float = DEFAULT_STEP_S  # one AS step of one task; all tasks share one processor
     whole_second_timeouts: bool = False  # a TCP time-out of 0.2 s becomes 1 s
     brake_keeps_prefetched: bool = False  # the motion that waits behind the braked one starts
     timer_grain_s: float = 0.0  # TIMER moves on in steps of this
@@ -47,7 +48,7 @@ class Behaviour:
         return math.floor(elapsed_s / self.timer_grain_s + 1e-9) * self.timer_grain_s
 
 
-def pessimistic(step_s: float = Behaviour.step_s) -> Behaviour:
+def pessimistic(step_s: float = DEFAULT_STEP_S) -> Behaviour:
     """Return the worse reading of every open question, with a step time of one's own."""
     return Behaviour(
         step_s=step_s,

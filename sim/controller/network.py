@@ -129,16 +129,16 @@ class SocketListener:
 
 
 class SocketNetwork:
-    """The sockets of this host. `ports` puts another number in the place of a program's."""
+    """The sockets of this host. `port` takes the place of every port that a program opens."""
 
-    def __init__(self, address: str = "127.0.0.1", ports: dict[int, int] | None = None) -> None:
-        """Listen on one address only; ANY_ADDRESS for all of this host."""
-        self._address, self._ports = address, ports or {}
+    def __init__(self, address: str = "127.0.0.1", port: int | None = None) -> None:
+        """Listen on one address only; ANY_ADDRESS for all of this host; port 0 is any free one."""
+        self._address, self._port = address, port
         self.bound: dict[int, int] = {}  # the program's port -> the real one
 
     def listen(self, port: int) -> Listener:
         """Open a port. Raises OSError when it is taken."""
-        real = self._ports.get(port, port)
+        real = port if self._port is None else self._port
         listener = SocketListener(socket.create_server((self._address, real), backlog=5))
         self.bound[port] = listener.port
         return listener

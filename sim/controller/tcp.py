@@ -163,9 +163,7 @@ class TcpUnit:
 
         return poll
 
-    def receive(
-        self, number: int, *, timeout_s: float, longest: int, now_ns: int
-    ) -> Operation:
+    def receive(self, number: int, *, timeout_s: float, longest: int, now_ns: int) -> Operation:
         """Wait for bytes, cut into elements of at most `longest` characters.
 
         A peer that has closed gives code 0 and no element.

@@ -1,0 +1,131 @@
+"""From a program to closures: which file executes which instruction."""
+
+from collections.abc import Callable
+
+from sim.controller import execute_flow as flow
+from sim.controller import execute_motion as motion
+from sim.controller import execute_output as output
+from sim.controller import execute_poses as poses
+from sim.controller import execute_settings as settings
+from sim.controller import execute_tasks as tasks
+from sim.controller import execute_tcp as tcp
+from sim.controller import execute_waits as waits
+from sim.controller import syntax as s
+from sim.controller.compiled import Compiled, Op
+from sim.controller.context import Context
+from sim.controller.errors import AsError
+from sim.controller.syntax import Instruction, Program, Step
+
+CompileInstruction = Callable[[Instruction, int, Context], Op]
+
+_FLOW: dict[type, Callable[..., Op]] = {
+    s.If: flow.compile_if,
+    s.While: flow.compile_while,
+    s.Until: flow.compile_until,
+    s.For: flow.compile_for,
+    s.End: flow.compile_end,
+    s.Case: flow.compile_case,
+    s.Goto: flow.compile_goto,
+    s.Return: flow.compile_return,
+}
+_STATEMENTS: dict[type, Callable[..., Op]] = {
+    s.Assign: poses.compile_assign,
+    s.Point: poses.compile_point,
+    s.Here: poses.compile_here,
+    s.Decompose: poses.compile_decompose,
+    s.Call: tasks.compile_call,
+    s.Scall: tasks.compile_scall,
+    s.Print: output.compile_print,
+}
+
+INSTRUCTIONS: dict[str, CompileInstruction] = {
+    **dict.fromkeys(("LMOVE", "JMOVE", "HMOVE"), motion.compile_move),
+    **dict.fromkeys(("LAPPRO", "JAPPRO"), motion.compile_approach),
+    **dict.fromkeys(("LDEPART", "JDEPART"), motion.compile_depart),
+    "HOME": motion.compile_home,
+    "DRIVE": motion.compile_drive,
+    **dict.fromkeys(("DRAW", "TDRAW"), motion.compile_draw),
+    **dict.fromkeys(("DELAY", "STABLE"), motion.compile_pause),
+    "SPEED": settings.compile_speed,
+    "ACCURACY": settings.compile_accuracy,
+    **dict.fromkeys(("ACCEL", "DECEL"), settings.compile_ramp),
+    "BREAK": settings.compile_break,
+    "BRAKE": settings.compile_brake,
+    "MVWAIT": settings.compile_mvwait,
+    **dict.fromkeys(("BASE", "TOOL"), settings.compile_frame),
+    "WEIGHT": settings.compile_weight,
+    **dict.fromkeys(
+        ("LEFTY", "RIGHTY", "ABOVE", "BELOW", "UWRIST", "DWRIST"), settings.compile_posture
+    ),
+    "WAIT": waits.compile_wait,
+    "TWAIT": waits.compile_twait,
+    "SWAIT": waits.compile_swait,
+    "SIGNAL": waits.compile_signal,
+    "PULSE": waits.compile_pulse,
+    "BITS": waits.compile_bits,
+    "RESET": waits.compile_reset,
+    "TIMER": waits.compile_timer,
+    "SWITCH": waits.compile_switch,
+    "ONE": tasks.compile_one,
+    "RETURNE": tasks.compile_returne,
+    "HALT": tasks.compile_halt,
+    "STOP": tasks.compile_stop,
+    "PAUSE": tasks.compile_pause,
+    "LOCK": tasks.compile_lock,
+    "PCEXECUTE": tasks.compile_pcexecute,
+    **dict.fromkeys(("PCABORT", "PCEND", "PCKILL"), tasks.compile_pcabort),
+    "PCSCAN": tasks.compile_pcscan,
+    **dict.fromkeys(
+        ("MC EXECUTE", "MC ABORT", "MC HOLD", "MC CONTINUE", "MC ERESET", "MC SPEED"),
+        tasks.compile_mc,
+    ),
+    **dict.fromkeys(("TCP_LISTEN", "TCP_END_LISTEN"), tcp.compile_listen),
+    "TCP_ACCEPT": tcp.compile_accept,
+    "TCP_CONNECT": tcp.compile_connect,
+    "TCP_SEND": tcp.compile_send,
+    "TCP_RECV": tcp.compile_receive,
+    "TCP_CLOSE": tcp.compile_close,
+}
+
+
+def compile_program(program: Program, context: Context) -> Compiled:
+    """Return a program that can be executed.
+
+    A step that cannot be compiled is no reason to refuse the file: it fails when it is reached,
+    as on the controller, with its code, program and step.
+    """
+    return Compiled(
+        program, tuple(_compile(step, at, context) for at, step in enumerate(program.steps))
+    )
+
+
+def _compile(step: Step, at: int, context: Context) -> Op:
+    statement = step.statement
+    try:
+        if isinstance(statement, s.Comment | s.Do):
+            return flow.go_on(at + 1)
+        if isinstance(statement, s.Else | s.Value | s.Any):
+            return flow.go_on(statement.end_at)
+        compile_flow = _FLOW.get(type(statement))
+        if compile_flow is not None:
+            return compile_flow(statement, at, context.evaluate)
+        if isinstance(statement, Instruction):
+            return _compile_instruction(statement, at, context)
+        return _STATEMENTS[type(statement)](statement, at, context)
+    except AsError as error:
+        return _failing(error)
+
+
+def _compile_instruction(statement: Instruction, at: int, context: Context) -> Op:
+    compiler = INSTRUCTIONS.get(statement.name)
+    if compiler is None:
+        known = "unknown" if statement.unknown else "known, but not emulated"
+        return _failing(AsError("E0111", f"{statement.name} is {known}"))
+    return compiler(statement, at, context)
+
+
+def _failing(error: AsError) -> Op:
+    def run(_: object) -> int:
+        raise AsError(error.code, error.detail)
+
+    return run

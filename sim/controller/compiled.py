@@ -1,0 +1,31 @@
+"""A program that can be executed: one closure for each step, in the order of the steps."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from sim.controller.syntax import Program, Step
+
+if TYPE_CHECKING:
+    from sim.controller.task import Task
+
+Op = Callable[["Task"], int]
+"""Executes a step for a task and returns the index of the step to go on with."""
+
+
+@dataclass(frozen=True, slots=True)
+class Compiled:
+    """A program and its operations."""
+
+    program: Program
+    ops: tuple[Op, ...]
+
+    @property
+    def name(self) -> str:
+        """Name of the program, lower case."""
+        return self.program.name
+
+    @property
+    def steps(self) -> tuple[Step, ...]:
+        """The steps as written."""
+        return self.program.steps

@@ -1,0 +1,162 @@
+"""What the instructions need of the language: their arguments as closures over a task."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from common.frames import Array
+from sim.controller.errors import AsError
+from sim.controller.expressions import Expressions
+from sim.controller.machine_api import Context, Machine
+from sim.controller.memory import Locals, bind, following
+from sim.controller.syntax import Expression, Instruction, Program, Variable
+from sim.controller.values import Joints, Transformation, Value, se3_of
+from sim.controller.variables import Store
+
+Real = Callable[[Context], float]
+StoreAt = Callable[[Context, int, Value], None]
+"""Stores a value some elements behind the one that is written in the program."""
+
+_NULL = Transformation()
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """Where a motion goes: joint angles [rad], or the TOOL's pose in BASE."""
+
+    q: Array | None = None
+    T: pin.SE3 | None = None
+
+
+class Evaluate:
+    """Compiles the arguments of instructions."""
+
+    def __init__(self, expressions: Expressions, machine: Machine) -> None:
+        """Bind to the language of one machine."""
+        self._expressions, self._machine = expressions, machine
+        self.real, self.text = expressions.real, expressions.text
+        self.truth, self.pose, self.store = expressions.truth, expressions.pose, expressions.store
+
+    def argument(self, statement: Instruction, index: int, default: float | None = None) -> Real:
+        """Return a number of an instruction; P0100 when it is left out and has no default."""
+        expression = _argument(statement, index)
+        if expression is not None:
+            return self.real(expression)
+        if default is None:
+            raise AsError("P0100", f"{statement.name} needs argument {index + 1}")
+        return lambda _: default
+
+    def condition(self, statement: Instruction, index: int) -> Callable[[Context], bool]:
+        """Return a condition of an instruction; P0100 when it is left out."""
+        number = self.argument(statement, index)
+        return lambda context: number(context) != 0.0
+
+    def target(self, expression: Expression | None) -> Callable[[Context], Target]:
+        """Return where a motion goes."""
+        if expression is None:
+            raise AsError("P0100", "a motion needs a location")
+        read = self.pose(expression)
+
+        def run(context: Context) -> Target:
+            value = read(context)
+            if isinstance(value, Joints):
+                return Target(q=np.radians(value.values))
+            return Target(T=se3_of(value))
+
+        return run
+
+    def pose_or_null(self, expression: Expression | None) -> Callable[[Context], Transformation]:
+        """Return a transformation; NULL when it is left out."""
+        return self._expressions.place(expression) if expression else lambda _: _NULL
+
+    def variable(self, statement: Instruction, index: int) -> Variable:
+        """Return a variable of an instruction; P0118 when something else stands there."""
+        expression = _argument(statement, index)
+        if not isinstance(expression, Variable):
+            raise AsError("P0118", f"argument {index + 1} of {statement.name} must be a variable")
+        return expression
+
+    def result(self, statement: Instruction, index: int) -> Store:
+        """Return what stores into a variable that an instruction gives back."""
+        return self.store(self.variable(statement, index))
+
+    def results(self, statement: Instruction, index: int) -> StoreAt | None:
+        """Return what stores into the elements from one on; None when it is left out."""
+        if _argument(statement, index) is None:
+            return None
+        return self.store_at(self.variable(statement, index))
+
+    def store_at(self, variable: Variable) -> StoreAt:
+        """Return what stores into the elements from one on."""
+        locate = self._expressions.locate(variable)
+
+        def run(context: Context, count: int, value: Value) -> None:
+            array, index = locate(context)
+            array.cell(following(index, count)).value = value
+
+        return run
+
+    def text_element(self, statement: Instruction, index: int) -> Callable[[Context, int], str]:
+        """Return what reads strings from one element on (E0104)."""
+        read = self._element(self.variable(statement, index), "E0104")
+
+        def run(context: Context, count: int) -> str:
+            value = read(context, count)
+            if not isinstance(value, str):
+                raise AsError("P0118", f"{statement.name} needs strings")
+            return value
+
+        return run
+
+    def element(self, statement: Instruction, index: int) -> Callable[[Context, int], float]:
+        """Return what reads numbers from one element on (E0102)."""
+        read = self._element(self.variable(statement, index), "E0102")
+
+        def run(context: Context, count: int) -> float:
+            value = read(context, count)
+            if not isinstance(value, float | int):
+                raise AsError("P0118", f"{statement.name} needs numbers")
+            return value
+
+        return run
+
+    def arguments(
+        self, expressions: Sequence[Expression | None]
+    ) -> Callable[[Context, Program], Locals]:
+        """Return what binds the arguments of CALL to the parameters of a program."""
+        given = [self._expressions.refer(expression) for expression in expressions]
+        return lambda context, program: bind(
+            program.parameters, [read(context) for read in given], program.name
+        )
+
+    def printed(self, items: Sequence[Expression | None]) -> Callable[[Context], tuple[str, bool]]:
+        """Return the text of PRINT's items and whether a line feed follows."""
+        return self._expressions.layout(items)
+
+    def _element(self, variable: Variable, code: str) -> Callable[[Context, int], Value]:
+        if not variable.indices:  # a single string may stand for an array of one
+            read_scalar = self._expressions.value(variable)
+            return lambda context, count: _only(count, variable, code, read_scalar(context))
+        locate = self._expressions.locate(variable)
+
+        def run(context: Context, count: int) -> Value:
+            array, index = locate(context)
+            at = following(index, count)
+            value = array.cell(at).value
+            if value is None:
+                raise AsError(code, f"{variable.spelling}[{at}]")
+            return value
+
+        return run
+
+
+def _only(count: int, variable: Variable, code: str, value: Value) -> Value:
+    if count:
+        raise AsError(code, f"{variable.spelling} is one value, not {count + 1}")
+    return value
+
+
+def _argument(statement: Instruction, index: int) -> Expression | None:
+    return statement.arguments[index] if index < len(statement.arguments) else None

@@ -1,0 +1,158 @@
+"""The instructions that move the arm: a target, a manner, and one motion ahead."""
+
+from collections.abc import Callable
+from typing import Literal
+
+import numpy as np
+import pinocchio as pin
+
+from common.frames import Array
+from sim.controller.compiled import Op
+from sim.controller.context import Context
+from sim.controller.errors import AsError
+from sim.controller.evaluate import Target
+from sim.controller.motion_requests import Motion, Speed
+from sim.controller.speeds import checked, percent, speed_of
+from sim.controller.syntax import Instruction
+from sim.controller.task import Task
+from sim.robot.kinematics import JOINTS
+
+Kind = Literal["linear", "joint"]
+Make = Callable[[Task], Motion]
+_KINDS: dict[str, Kind] = {"L": "linear", "J": "joint", "H": "linear"}
+
+
+def compile_move(statement: Instruction, at: int, context: Context) -> Op:
+    """Compile LMOVE p, JMOVE p and HMOVE p (as LMOVE)."""
+    kind, target = _KINDS[statement.name[0]], context.evaluate.target(statement.arguments[0])
+    return _handed_over(lambda task: _motion(context, kind, target(task)), at, context)
+
+
+def compile_approach(statement: Instruction, at: int, context: Context) -> Op:
+    """Compile LAPPRO p,d and JAPPRO p,d: d [mm] before p, along its -Z."""
+    kind, target = _KINDS[statement.name[0]], context.evaluate.target(statement.arguments[0])
+    distance_mm = context.evaluate.argument(statement, 1)
+
+    def make(task: Task) -> Motion:
+        goal = target(task)
+        T = goal.T if goal.T is not None else context.machine.robot.pose_of(_joints(goal))
+        return _motion(context, kind, Target(T=T * _along_z(-distance_mm(task))))
+
+    return _handed_over(make, at, context)
+
+
+def compile_depart(statement: Instruction, at: int, context: Context) -> Op:
+    """Compile LDEPART d and JDEPART d: d [mm] back along the tool's -Z."""
+    kind = _KINDS[statement.name[0]]
+    distance_mm = context.evaluate.argument(statement, 0)
+
+    def make(task: Task) -> Motion:
+        T = context.machine.robot.destination()
+        return _motion(context, kind, Target(T=T * _along_z(-distance_mm(task))))
+
+    return _handed_over(make, at, context)
+
+
+def compile_home(statement: Instruction, at: int, context: Context) -> Op:
+    """Compile HOME and HOME n: a joint motion to #HOME."""
+    number = context.evaluate.argument(statement, 0, 1.0)
+
+    def make(task: Task) -> Motion:
+        q = context.machine.home_rad(checked(number(task), 1, 2, "HOME"))
+        return _motion(context, "joint", Target(q=q))
+
+    return _handed_over(make, at, context)
+
+
+def compile_drive(statement: Instruction, at: int, context: Context) -> Op:
+    """Compile DRIVE jt,deg[,speed]: one joint, relative; the speed is a % of monitor speed."""
+    joint = context.evaluate.argument(statement, 0)
+    angle_deg = context.evaluate.argument(statement, 1)
+    speed = context.evaluate.argument(statement, 2, 100.0)
+
+    def make(task: Task) -> Motion:
+        number = int(checked(joint(task), 1, JOINTS, "the joint of DRIVE"))
+        q = context.machine.robot.q_destination().copy()
+        q[number - 1] += np.radians(angle_deg(task))
+        value = Speed(percent(speed(task), "the speed of DRIVE"))
+        return _motion(context, "joint", Target(q=q), speed=value)
+
+    return _handed_over(make, at, context)
+
+
+def compile_draw(statement: Instruction, at: int, context: Context) -> Op:
+    """Compile DRAW (base axes) and TDRAW (tool axes): dx,dy,dz,rx,ry,rz,speed, linear, relative.
+
+    The turn is Rx Ry Rz; with DRAW it turns about the base axes through the TCP.
+    """
+    numbers = [context.evaluate.argument(statement, k, 0.0) for k in range(6)]
+    has_speed = len(statement.arguments) > 6 and statement.arguments[6] is not None
+    speed = context.evaluate.argument(statement, 6, 100.0)
+    in_tool = statement.name == "TDRAW"
+
+    def make(task: Task) -> Motion:
+        x, y, z, rx, ry, rz = (number(task) for number in numbers)
+        turn = _rotation("x", rx) @ _rotation("y", ry) @ _rotation("z", rz)
+        way = np.array([x, y, z]) * 1e-3
+        T = context.machine.robot.destination()
+        goal = T * pin.SE3(turn, way)
+        if not in_tool:
+            goal = pin.SE3(turn @ T.rotation, T.translation + way)
+        value = speed_of(speed(task), statement.modifiers) if has_speed else None
+        return _motion(context, "linear", Target(T=goal), speed=value)
+
+    return _handed_over(make, at, context)
+
+
+def compile_pause(statement: Instruction, at: int, context: Context) -> Op:
+    """Compile DELAY s and STABLE s: the arm stands for a while, then the next motion starts."""
+    duration_s = context.evaluate.argument(statement, 0)
+
+    def make(task: Task) -> Motion:
+        pause_s = checked(duration_s(task), 0.0, 3600.0, statement.name)
+        return Motion("pause", context.machine.manner(), pause_s=pause_s)
+
+    return _handed_over(make, at, context)
+
+
+def _handed_over(make: Make, at: int, context: Context) -> Op:
+    """Hand the motion over and wait at the step until it starts: one motion ahead."""
+    machine = context.machine
+
+    def run(task: Task) -> int:
+        refuse_outside_robot_program(task)
+        ticket = machine.move(make(task))
+        if ticket.state == "waiting":
+            task.wait(lambda _: ticket.state != "waiting")
+        return at + 1
+
+    return run
+
+
+def refuse_outside_robot_program(task: Task) -> None:
+    """Raise AsError E1095 in a PC program, P0111 in an error handler."""
+    if not task.is_robot:
+        raise AsError("E1095")
+    if any(frame.handles is not None for frame in task.frames):
+        raise AsError("P0111", "no motion in a program that ONE calls")
+
+
+def _motion(context: Context, kind: Kind, target: Target, *, speed: Speed | None = None) -> Motion:
+    machine = context.machine
+    manner = machine.manner(speed)
+    if target.q is not None:
+        return Motion(kind, manner, q=target.q)
+    return Motion(kind, manner, T_base_tcp=machine.robot.in_robot_base(target.T))
+
+
+def _joints(target: Target) -> Array:
+    assert target.q is not None  # noqa: S101 - a target is one or the other
+    return target.q
+
+
+def _along_z(distance_mm: float) -> pin.SE3:
+    return pin.SE3(np.eye(3), np.array([0.0, 0.0, distance_mm * 1e-3]))
+
+
+def _rotation(axis: str, angle_deg: float) -> Array:
+    return np.asarray(pin.utils.rotate(axis, float(np.radians(angle_deg))))

@@ -1,0 +1,136 @@
+"""Assignments: `x = 1`, POINT, HERE and DECOMPOSE."""
+
+from dataclasses import replace
+
+from sim.controller import syntax as s
+from sim.controller.compiled import Op
+from sim.controller.context import Context
+from sim.controller.errors import AsError
+from sim.controller.task import Task
+from sim.controller.values import Joints, Pose, Transformation, compose, inverse
+
+# POINT/X and so on: which numbers of the transformation are copied.
+_PARTS = {
+    "X": ("x",), "Y": ("y",), "Z": ("z",), "O": ("o",), "A": ("a",), "T": ("t",),
+    "OAT": ("o", "a", "t"),
+}  # fmt: skip
+
+
+def compile_assign(statement: s.Assign, at: int, context: Context) -> Op:
+    """Compile `x = 1`, `$s = "a"`, `@n = 3`."""
+    store = context.evaluate.store(statement.target)
+    if statement.target.kind == "$":
+        text = context.evaluate.text(statement.value)
+
+        def run_text(task: Task) -> int:
+            store(task, text(task))
+            return at + 1
+
+        return run_text
+    real = context.evaluate.real(statement.value)
+
+    def run(task: Task) -> int:
+        store(task, real(task))
+        return at + 1
+
+    return run
+
+
+def compile_point(statement: s.Point, at: int, context: Context) -> Op:
+    """Compile POINT p = pose, POINT #j = pose[,#near], POINT/X p = pose."""
+    evaluate, target = context.evaluate, statement.target
+    store, value = evaluate.store(target), evaluate.pose(statement.value)
+    if target.kind == "#":
+        near = evaluate.pose(statement.configuration) if statement.configuration else None
+
+        def run_joints(task: Task) -> int:
+            store(task, joints_of(value(task), context, near(task) if near else None))
+            return at + 1
+
+        return run_joints
+    if statement.part:
+        return _part(statement, at, context)
+
+    def run(task: Task) -> int:
+        store(task, transformation_of(value(task), context))
+        return at + 1
+
+    return run
+
+
+def compile_here(statement: s.Here, at: int, context: Context) -> Op:
+    """Compile HERE p, HERE #j and HERE a+p: from the encoders, now."""
+    evaluate, machine = context.evaluate, context.machine
+    store = evaluate.store(statement.target)
+    if statement.target.kind == "#":
+
+        def run_joints(task: Task) -> int:
+            store(task, machine.here_joints())
+            return at + 1
+
+        return run_joints
+    relative = evaluate.pose(statement.relative_to) if statement.relative_to else None
+
+    def run(task: Task) -> int:
+        here = machine.here()
+        if relative is not None:
+            here = compose(inverse(transformation_of(relative(task), context)), here)
+        store(task, here)
+        return at + 1
+
+    return run
+
+
+def compile_decompose(statement: s.Decompose, at: int, context: Context) -> Op:
+    """Compile DECOMPOSE x[k] = pose: six reals from element k on."""
+    store, value = (
+        context.evaluate.store_at(statement.target),
+        context.evaluate.pose(statement.value),
+    )
+
+    def run(task: Task) -> int:
+        for k, number in enumerate(value(task).numbers()):
+            store(task, k, number)
+        return at + 1
+
+    return run
+
+
+def transformation_of(value: Pose, context: Context) -> Transformation:
+    """Return the transformation of a pose; of joint values with the BASE and TOOL of now."""
+    if isinstance(value, Transformation):
+        return value
+    return context.machine.transformation_of(value)
+
+
+def joints_of(value: Pose, context: Context, near: Pose | None) -> Joints:
+    """Return the joint values of a pose, near others or else near where the arm goes.
+
+    Raises AsError E6007, E6008, E6016 if there are none.
+    """
+    if isinstance(value, Joints):
+        return value
+    return context.machine.joints_of(value, near if isinstance(near, Joints) else None)
+
+
+def _part(statement: s.Point, at: int, context: Context) -> Op:
+    evaluate, target = context.evaluate, statement.target
+    store, value, old = (
+        evaluate.store(target),
+        evaluate.pose(statement.value),
+        evaluate.pose(target),
+    )
+    names = _PARTS.get(statement.part)
+
+    def run(task: Task) -> int:
+        if names is None:
+            raise AsError("E0111", f"POINT/{statement.part}")
+        source = transformation_of(value(task), context)
+        try:
+            before = transformation_of(old(task), context)
+        except AsError:
+            before = Transformation()  # an undefined target begins at zero
+        store(task, replace(before, **{name: getattr(source, name) for name in names}))
+        return at + 1
+
+    return run

@@ -1,0 +1,240 @@
+"""CALL, ONE, HALT, PAUSE, STOP, PCEXECUTE and its like, and the monitor commands behind MC."""
+
+from collections.abc import Callable
+
+from sim.controller import syntax as s
+from sim.controller.compiled import Op
+from sim.controller.context import Context
+from sim.controller.errors import AsError
+from sim.controller.speeds import checked, percent
+from sim.controller.syntax import Instruction, Word
+from sim.controller.task import FOR_EVER, PC_PROGRAMS, Frame, Task
+
+
+def compile_call(statement: s.Call, at: int, context: Context) -> Op:
+    """Compile CALL prog(arguments)."""
+    bind = context.evaluate.arguments(statement.arguments)
+    machine, name = context.machine, statement.program
+
+    def run(task: Task) -> int:
+        program = machine.program(name)
+        machine.refuse_if_in_use(program, task)
+        task.enter(Frame(program, bind(task, program.program)))
+        return at + 1
+
+    return run
+
+
+def compile_scall(statement: s.Scall, at: int, context: Context) -> Op:
+    """Compile SCALL $name[,result]: with a result, what is wrong is stored there instead."""
+    name, machine = context.evaluate.text(statement.program), context.machine
+    store = context.evaluate.store(statement.result) if statement.result else None
+    bind = context.evaluate.arguments(())
+
+    def run(task: Task) -> int:
+        code = 0.0
+        try:
+            program = machine.program(name(task).lower())
+            machine.refuse_if_in_use(program, task)
+            task.enter(Frame(program, bind(task, program.program)))
+        except AsError as error:
+            if store is None:
+                raise
+            code = float(error.number)
+        if store is not None:
+            caller = task.frames[-2:][0] if code == 0.0 else task.frame
+            store_in(store, task, caller, code)
+        return at + 1
+
+    return run
+
+
+def store_in(store: Callable[[Task, float], None], task: Task, frame: Frame, value: float) -> None:
+    """Store a value in the scope of a frame that is not the newest one."""
+    frames = task.frames
+    task.frames = [frame]
+    try:
+        store(task, value)
+    finally:
+        task.frames = frames
+
+
+def compile_one(statement: Instruction, at: int, context: Context) -> Op:
+    """Compile ONE prog: the program to call when a step fails."""
+    name, machine = _program(statement, 0), context.machine
+
+    def run(task: Task) -> int:
+        task.handler = machine.program(name).name
+        return at + 1
+
+    return run
+
+
+def compile_returne(_: Instruction, at: int, __: Context) -> Op:
+    """Compile RETURNE: from the error handler to the step behind the one that failed."""
+
+    def run(task: Task) -> int:
+        if len(task.frames) < 2 or task.frame.handles is None:
+            raise AsError("P0111", "RETURNE outside of a program that ONE called")
+        task.leave()
+        task.frame.pc += 1
+        return at
+
+    return run
+
+
+def compile_halt(_: Instruction, at: int, context: Context) -> Op:
+    """Compile HALT: the program ends, whatever cycles remain; the motion before it is finished."""
+    machine = context.machine
+    return _at_rest(at, context, machine.end)
+
+
+def compile_stop(_: Instruction, at: int, context: Context) -> Op:
+    """Compile STOP: this cycle ends; the main program begins again if cycles remain."""
+    machine = context.machine
+    return _at_rest(at, context, machine.end_cycle)
+
+
+def compile_pause(_: Instruction, at: int, context: Context) -> Op:
+    """Compile PAUSE: the program is held; CONTINUE goes on behind it."""
+
+    def run(task: Task) -> int:
+        if not (task.is_robot and context.machine.robot.moving):
+            task.set_state("held")
+            return at + 1
+
+        def look(_: int) -> bool:
+            if context.machine.robot.moving:
+                return False
+            task.end_wait()
+            task.set_state("held")
+            return False
+
+        task.wait(look)
+        return at + 1
+
+    return run
+
+
+def compile_lock(statement: Instruction, at: int, context: Context) -> Op:
+    """Compile LOCK p: checked; there is nobody else to have priority over."""
+    value = context.evaluate.argument(statement, 0)
+
+    def run(task: Task) -> int:
+        checked(value(task), 0, 127, "LOCK")
+        return at + 1
+
+    return run
+
+
+def compile_pcexecute(statement: Instruction, at: int, context: Context) -> Op:
+    """Compile PCEXECUTE n: prog[,cycles[,step]]."""
+    number, cycles, step = (context.evaluate.argument(statement, k, 1.0) for k in (0, 2, 3))
+    name, machine = _program(statement, 1), context.machine
+
+    def run(task: Task) -> int:
+        machine.start_pc(
+            _pc_number(number(task)),
+            name,
+            cycles=_cycles(cycles(task)),
+            step=int(checked(step(task), 1, 1e6, "step")),
+        )
+        return at + 1
+
+    return run
+
+
+def compile_pcabort(statement: Instruction, at: int, context: Context) -> Op:
+    """Compile PCABORT n: and PCKILL n: (at once), PCEND n: (at the end of the cycle)."""
+    number = context.evaluate.argument(statement, 0, 1.0)
+    machine, at_once = context.machine, statement.name != "PCEND"
+
+    def run(task: Task) -> int:
+        machine.stop_pc(_pc_number(number(task)), at_once=at_once)
+        return at + 1
+
+    return run
+
+
+def compile_pcscan(statement: Instruction, at: int, context: Context) -> Op:
+    """Compile PCSCAN s: every cycle of this program takes at least so long."""
+    period_s = context.evaluate.argument(statement, 0)
+
+    def run(task: Task) -> int:
+        task.scan_s = checked(period_s(task), 0.0, 3600.0, "PCSCAN")
+        return at + 1
+
+    return run
+
+
+def compile_mc(statement: Instruction, at: int, context: Context) -> Op:
+    """Compile MC EXECUTE, ABORT, HOLD, CONTINUE, ERESET, SPEED: from PC programs only."""
+    machine, evaluate = context.machine, context.evaluate
+    command = statement.name.removeprefix("MC ")
+    simple: dict[str, Callable[[], None]] = {
+        "ABORT": machine.abort,
+        "HOLD": machine.hold,
+        "CONTINUE": machine.resume,
+        "ERESET": machine.reset_error,
+    }
+    act: Callable[[Task], None]
+    if command == "EXECUTE":
+        name, cycles = _program(statement, 0), evaluate.argument(statement, 1, 1.0)
+
+        def act(task: Task) -> None:
+            machine.execute(name, cycles=_cycles(cycles(task)))
+
+    elif command == "SPEED":
+        speed = evaluate.argument(statement, 0)
+
+        def act(task: Task) -> None:
+            machine.set_monitor_speed(percent(speed(task), "MC SPEED"))
+
+    else:
+
+        def act(_: Task) -> None:
+            simple[command]()
+
+    def run(task: Task) -> int:
+        if task.is_robot:
+            raise AsError("P0111", "MC is for PC programs")
+        act(task)
+        return at + 1
+
+    return run
+
+
+def _at_rest(at: int, context: Context, end: Callable[[Task], None]) -> Op:
+    """End a program; the robot program waits for its motion first."""
+    robot = context.machine.robot
+
+    def run(task: Task) -> int:
+        if not (task.is_robot and robot.moving):
+            end(task)
+            return at
+
+        def look(_: int) -> bool:
+            if robot.moving:
+                return False
+            end(task)
+            return False
+
+        task.wait(look)
+        return at
+
+    return run
+
+
+def _program(statement: Instruction, index: int) -> str:
+    argument = statement.arguments[index] if index < len(statement.arguments) else None
+    if not isinstance(argument, Word):
+        raise AsError("P0100", f"{statement.name} needs the name of a program")
+    return argument.name
+
+
+def _cycles(value: float) -> int:
+    return FOR_EVER if value < 0 else int(checked(value, 1, 32767, "cycles"))
+
+
+def _pc_number(value: float) -> int:
+    return PC_PROGRAMS.start - 1 + int(checked(value, 1, len(PC_PROGRAMS), "PC program number"))

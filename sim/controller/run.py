@@ -1,0 +1,181 @@
+"""Run an AS file in real time: on its own, or as the controller of a cell.
+
+`python -m sim.controller FILE.as [--port N] [--cell FILE] [--step-ms X] [--pessimistic]`
+"""
+
+import argparse
+import sys
+import threading
+from contextlib import ExitStack
+from pathlib import Path
+
+from common.bus import open_bus
+from common.cell import Cell
+from common.clock import Clock, MonotonicClock
+from common.config import load_cell
+from common.errors import ConfigError
+from common.service import (
+    Runner,
+    exit_on_error,
+    refuse_unless_played_by,
+    reporter_of,
+    stop_on_signals,
+)
+from sim.controller.behaviour import Behaviour, pessimistic
+from sim.controller.errors import AsError
+from sim.controller.machine import Machine
+from sim.controller.network import SocketNetwork
+from sim.controller.parser import load
+from sim.controller.service import ControllerSensor
+from sim.controller.syntax import SourceFile
+from sim.robot.arm import SimArm
+from sim.robot.settings import TICK_S, SimSettings
+
+LOOPBACK_ADDRESS = "127.0.0.1"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add what running needs to a command line that already takes the file."""
+    parser.add_argument("--program", metavar="NAME", help="program to EXECUTE (default: main,"
+                        " else the one named like the file, else the first)")  # fmt: skip
+    parser.add_argument("--port", type=int, metavar="N",
+                        help="listen there, whatever port the program asks for")  # fmt: skip
+    parser.add_argument("--address", default=LOOPBACK_ADDRESS, help="listen on this address only")
+    parser.add_argument("--cell", metavar="FILE",
+                        help="move this cell's simulated arm and publish its sensor")  # fmt: skip
+    parser.add_argument("--step-ms", type=float, default=Behaviour().step_s * 1e3, metavar="X",
+                        help="processor time of one AS step (default %(default)s)")  # fmt: skip
+    parser.add_argument(
+        "--speed",
+        type=float,
+        default=100.0,
+        metavar="PERCENT",
+        help="monitor speed (default %(default)s; a real one starts at 10)",
+    )
+    parser.add_argument("--pessimistic", action="store_true",
+                        help="take the worse reading of every open question")  # fmt: skip
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Run the file of a parsed command line until it ends; return the exit code."""
+    code = 2
+    with exit_on_error("controller"):
+        source = load(Path(arguments.file))
+        behaviour = behaviour_of(arguments)
+        run_it = run_in_cell if arguments.cell else run_alone
+        code = run_it(source, arguments, behaviour, stop_on_signals())
+    return code
+
+
+def behaviour_of(arguments: argparse.Namespace) -> Behaviour:
+    """Return the behaviour asked for. Raises ConfigError for an impossible step time."""
+    step_s = arguments.step_ms * 1e-3
+    try:
+        return pessimistic(step_s) if arguments.pessimistic else Behaviour(step_s=step_s)
+    except ValueError as error:
+        raise ConfigError("command line", [str(error)]) from error
+
+
+def run_alone(
+    source: SourceFile, arguments: argparse.Namespace, behaviour: Behaviour, stop: threading.Event
+) -> int:
+    """Move an arm of one's own; end when no program runs any more."""
+    clock: Clock = MonotonicClock()
+    network = SocketNetwork(arguments.address, arguments.port)
+    machine = Machine(
+        SimArm(SimSettings(), seed=0),
+        network,
+        behaviour=behaviour,
+        now_ns=clock.now_ns(),
+        say=say,
+    )
+    with ExitStack() as exits:
+        exits.callback(machine.tcp.close_all)
+        start(machine, source, arguments)
+        watch = Watch(machine, network)
+        while not stop.is_set() and watch.alive:
+            machine.scheduler.catch_up(clock.now_ns())
+            watch.look()
+            clock.sleep_s(TICK_S)
+    return 1 if machine.stops else 0
+
+
+def run_in_cell(
+    source: SourceFile, arguments: argparse.Namespace, behaviour: Behaviour, stop: threading.Event
+) -> int:
+    """Play the role sensor of a cell whose gateway talks to the program; end on a signal."""
+    cell = load_cell(arguments.cell)
+    refuse_unless_played_by(cell, "sensor", "sim")
+    network = SocketNetwork(arguments.address, arguments.port or gateway_port(cell))
+    with ExitStack() as exits:
+        bus = exits.enter_context(open_bus(cell, "sensor"))
+        service = ControllerSensor(bus, cell, network, behaviour=behaviour)
+        exits.callback(service.close)
+        service.machine.say = say
+        start(service.machine, source, arguments)
+        watch = Watch(service.machine, network)
+        service.machine.after_tick.append(watch.look)
+        Runner(service, [reporter_of(bus, cell)], bus.clock).run(stop)
+    return 1 if service.machine.stops else 0
+
+
+def gateway_port(cell: Cell) -> int | None:
+    """Return the port where the cell's gateway expects the controller."""
+    return None if cell.gateway is None else cell.gateway.port
+
+
+def start(machine: Machine, source: SourceFile, arguments: argparse.Namespace) -> None:
+    """Load the file, set the monitor speed, EXECUTE the program."""
+    try:
+        machine.load(source)
+        machine.pendant.monitor_speed(arguments.speed)
+        name = arguments.program or default_program(source)
+        machine.pendant.execute(name.lower())
+    except AsError as error:
+        raise ConfigError(source.name, [str(error)]) from error
+    say(f"robot program {name} of {source.name} runs")
+
+
+def default_program(source: SourceFile) -> str:
+    """Return the program to start: main, the one named like the file, or the first one.
+
+    Raises ConfigError if the file has none.
+    """
+    if not source.programs:
+        raise ConfigError(source.name, ["there is no program in this file"])
+    for name in ("main", Path(source.name).stem.lower()):
+        if name in source.programs:
+            return name
+    return next(iter(source.programs))
+
+
+class Watch:
+    """Says when something changes: ports, sockets, programs that start or end."""
+
+    def __init__(self, machine: Machine, network: SocketNetwork) -> None:
+        """Begin with what is so now."""
+        self._machine, self._network = machine, network
+        self._seen: dict[str, str] = {}
+        self.alive = True
+
+    def look(self) -> None:
+        """Say what has changed since the last look."""
+        machine = self._machine
+        for task in machine.tasks:
+            name = "robot program" if task.is_robot else f"PC program {task.number - 1000}"
+            self._note(name, f"{task.state} ({task.main})" if task.main else "")
+        for port in machine.tcp.listening:
+            self._note(f"port {port}", f"listening on {self._network.bound.get(port, port)}")
+        self._note("sockets", ", ".join(str(n) for n in machine.tcp.sockets))
+        self.alive = any(task.state != "idle" for task in machine.tasks) and not machine.stops
+
+    def _note(self, what: str, state: str) -> None:
+        if self._seen.get(what, "") != state:
+            self._seen[what] = state
+            say(f"{what}: {state or 'none'}")
+
+
+def say(line: str) -> None:
+    """Print a line at once."""
+    sys.stdout.write(line + "\n")
+    sys.stdout.flush()

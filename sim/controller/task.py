@@ -1,0 +1,175 @@
+"""One program in execution: its stack of calls, what it waits for, how it ended.
+
+`task.ready` means that a step can be made; it is kept up to date by every change of state, so that
+the scheduler's inner loop only looks at one attribute.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Literal
+
+from sim.controller.compiled import Compiled
+from sim.controller.errors import AsError
+from sim.controller.memory import Locals
+
+ROBOT = 1
+PC_PROGRAMS = range(1001, 1006)
+DEEPEST_CALL = 20
+FOR_EVER = -1
+
+TaskState = Literal["idle", "running", "held", "stopped", "ending"]
+Wait = Callable[[int], bool]
+"""What a step waits for: looked at every millisecond with the time [ns]; True ends the wait."""
+
+
+@dataclass(slots=True)
+class Frame:
+    """A program on the stack: where it is, its locals, what the END of each FOR does."""
+
+    program: Compiled
+    locals: Locals
+    pc: int = 0
+    loops: "dict[int, Callable[[Task], int]]" = field(default_factory=dict)
+    handles: AsError | None = None  # called by ONE for this error
+
+
+@dataclass(frozen=True, slots=True)
+class Stop:
+    """Why and where a program stopped."""
+
+    error: AsError
+    program: str
+    step: int
+    text: str
+    where: str
+
+    def __str__(self) -> str:
+        return (
+            f"{self.error} | program {self.program}, step {self.step}: {self.text} | {self.where}"
+        )
+
+
+class Task:
+    """A robot program (number 1) or a PC program (1001 to 1005)."""
+
+    def __init__(
+        self,
+        number: int,
+        ended: "Callable[[Task], None]",
+        failed: "Callable[[Task, AsError], None]",
+    ) -> None:
+        """Have no program. `ended`: one cycle is over; `failed`: a step could not be executed."""
+        self.number = number
+        self.state: TaskState = "idle"
+        self.frames: list[Frame] = []
+        self.main = ""
+        self.cycles = 0
+        self.handler = ""  # ONE
+        self.stop: Stop | None = None
+        self.scan_s = 0.0  # PCSCAN: shortest time of a cycle
+        self.began_ns = 0  # this cycle
+        self.ready = False
+        self.waiting = False
+        self._wait: Wait | None = None
+        self._waits_at = 0
+        self._ended, self._failed = ended, failed
+
+    @property
+    def is_robot(self) -> bool:
+        """Whether this is the robot program."""
+        return self.number == ROBOT
+
+    @property
+    def frame(self) -> Frame:
+        """The program that runs now."""
+        return self.frames[-1]
+
+    @property
+    def locals(self) -> Locals:
+        """The local variables of the program that runs now."""
+        return self.frames[-1].locals
+
+    @property
+    def active(self) -> bool:
+        """Whether a program is under way: running, held or stopped by an error."""
+        return self.state in ("running", "held", "stopped")  # "stopped" can be continued
+
+    # --- states -----------------------------------------------------------------------------------
+
+    def start(self, frame: Frame, *, cycles: int) -> None:
+        """Begin a program."""
+        self.frames = [frame]
+        self.main, self.cycles = frame.program.name, cycles
+        self.handler, self.stop, self._wait, self.scan_s = "", None, None, 0.0
+        self.set_state("running")
+
+    def set_state(self, state: TaskState) -> None:
+        """Change the state; what the program waits for is kept unless it is over."""
+        self.state = state
+        if state in ("idle", "ending"):
+            self.frames, self._wait = [], None
+        self.ready = state == "running" and self._wait is None
+        self.waiting = state == "running" and self._wait is not None
+
+    def wait(self, wait: Wait) -> None:
+        """Make no step until something is true."""
+        self._wait, self._waits_at = wait, self.frames[-1].pc
+        self.ready, self.waiting = False, True
+
+    @property
+    def step_index(self) -> int:
+        """Index of the step that is being executed or waited in."""
+        return self._waits_at if self._wait is not None else self.frame.pc
+
+    def where(self, error: AsError) -> Stop:
+        """Return where the program is, for an error."""
+        frame = self.frame
+        steps = frame.program.steps
+        step = steps[min(self.step_index, len(steps) - 1)]
+        return Stop(error, frame.program.name, step.number, step.text.strip(), str(step.where))
+
+    # --- steps ------------------------------------------------------------------------------------
+
+    def step(self) -> None:
+        """Execute one step."""
+        frame = self.frames[-1]
+        try:
+            ops = frame.program.ops
+            if frame.pc >= len(ops):
+                self.leave()
+                return
+            frame.pc = ops[frame.pc](self)
+        except AsError as error:
+            self._failed(self, error)
+
+    def look(self, now_ns: int) -> None:
+        """See whether what the program waits for has come."""
+        wait = self._wait
+        if wait is None:
+            return
+        try:
+            over = wait(now_ns)
+        except AsError as error:
+            self._failed(self, error)
+            return
+        # The wait may have been taken away meanwhile: the program was ended from inside.
+        if over and self._wait is wait:
+            self.end_wait()
+
+    def end_wait(self) -> None:
+        """Go on with the step behind."""
+        self._wait = None
+        self.waiting, self.ready = False, self.state == "running"
+
+    def enter(self, frame: Frame) -> None:
+        """Call a subroutine. Raises AsError when calls are nested too deeply."""
+        if len(self.frames) > DEEPEST_CALL:
+            raise AsError("E0112", f"more than {DEEPEST_CALL} levels")
+        self.frames.append(frame)
+
+    def leave(self) -> None:
+        """Return from a subroutine; from the main program: one cycle is over."""
+        if len(self.frames) > 1:
+            self.frames.pop()
+        else:
+            self._ended(self)

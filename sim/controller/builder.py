@@ -9,7 +9,7 @@ from lark import Token, Transformer, v_args
 from sim.controller import keywords, syntax
 from sim.controller.errors import AsError
 from sim.controller.syntax import SIGNIFICANT_CHARACTERS, Expression, Statement
-from sim.controller.values import single
+from sim.controller.values import MAX_CHARACTERS, single
 
 SPELLINGS = {"=<": "<=", "=>": ">=", "!=": "<>"}
 
@@ -161,6 +161,8 @@ def _of_token(token: Token) -> Expression:
     if token.type == "PROGRAM":
         return syntax.Word(short_name(token.value))
     width, _, decimals = token.value[2:].partition(".")
+    if width and int(width) > MAX_CHARACTERS:
+        raise AsError("P0108", f"{token.value}: a field has {MAX_CHARACTERS} columns at most")
     return syntax.Format(
         token.value[1].upper(), int(width) if width else None, int(decimals) if decimals else None
     )

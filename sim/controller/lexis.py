@@ -14,6 +14,8 @@ from sim.controller import keywords
 OPERAND_ENDS = frozenset(
     {"NUMBER", "BASED", "STRING", "NAME", "SIGIL_NAME", "_RPAR", "_RSQB", "PROGRAM", "TARGET"}
 )
+# Words behind which an operand begins.
+BEFORE_OPERAND = keywords.OPERATORS | {"IF", "TO", "STEP", "BY", "TILL"}
 WORDLIKE = frozenset({"NAME", "SIGIL_NAME"})
 
 
@@ -38,7 +40,12 @@ def _split_joined(tokens: list[Token]) -> list[Token]:
     """Undo what the lexer joined: `a/b2` has no format, `a^b1` no binary number."""
     result: list[Token] = []
     for token in tokens:
-        after_operand = len(result) > 1 and result[-1].type in OPERAND_ENDS
+        last = result[-1] if len(result) > 1 else None
+        after_operand = (
+            last is not None
+            and last.type in OPERAND_ENDS
+            and last.value.upper() not in BEFORE_OPERAND
+        )
         if token.type == "FORMAT" and after_operand:
             result += [_retyped(token, "SLASH", "/"), _tail(token)]
         elif token.type == "BASED" and after_operand:

@@ -1,0 +1,189 @@
+"""Compile expressions to closures: each is called with its `Context` and returns a value.
+
+    expressions = Expressions(memory, machine)
+    read = expressions.real(expression)       # once, when the program is loaded
+    value = read(context)                     # each time the step is executed; raises AsError
+
+`value`, `real`, `text`, `pose`, `place`, `truth` say what is wanted; `store`, `refer` and `locate`
+are for variables that are written, passed by reference and filled; `layout` is for PRINT.
+Compiling never raises: what is wrong with an expression is raised when it is executed.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from sim.controller import formats, syntax, variables
+from sim.controller.errors import AsError
+from sim.controller.function_calls import compile_function
+from sim.controller.machine_api import Context, Machine
+from sim.controller.memory import Array, Cell, Memory, plain
+from sim.controller.operations import compile_binary, compile_unary
+from sim.controller.syntax import Expression, Variable
+from sim.controller.values import Joints, Pose, Transformation, joints
+from sim.controller.variables import Indices, Locate, Read, Refer, Store
+
+
+@dataclass(frozen=True, slots=True)
+class Options:
+    """What a controller may have or not. `optional_formats`: /J /K /L."""
+
+    optional_formats: bool = False
+
+
+class Expressions:
+    """Compiles the expressions of programs that share a memory and a machine."""
+
+    def __init__(self, memory: Memory, machine: Machine, options: Options | None = None) -> None:
+        """Bind to the global variables, the machine and what it has installed."""
+        self.memory = memory
+        self.machine = machine
+        self.options = options or Options()
+
+    # --- values -----------------------------------------------------------------------------------
+
+    def value(self, expression: Expression, *, location: bool = False) -> Read:
+        """Compile to whatever it is; `location`: an undefined name is E0103, not E0102."""
+        match expression:
+            case syntax.Number(value) | syntax.Text(value):
+                return lambda _: value
+            case syntax.Variable():
+                return self._variable(expression, location=location)
+            case syntax.Reference(variable):
+                return self._variable(variable, location=location)
+            case syntax.Binary(sign, left, right):
+                same = location and sign in "+-"
+                first, second = self.value(left, location=same), self.value(right, location=same)
+                return compile_binary(sign, first, second)
+            case syntax.Unary(sign, operand):
+                return compile_unary(sign, self.value(operand, location=location and sign == "-"))
+            case syntax.Function():
+                return compile_function(self, expression)
+            case syntax.JointLiteral(values):
+                readers = [self.real(item) for item in values]
+                return lambda context: joints(*(read(context) for read in readers))
+            case syntax.Word(name):
+                return lambda _: name
+            case syntax.Format(code):
+                return refuse("P0114", f"/{code} is a format, not a value")
+
+    def real(self, expression: Expression) -> Callable[[Context], float]:
+        """Compile to a number (P0118)."""
+        if isinstance(expression, syntax.Number):
+            constant = expression.value
+            return lambda _: constant
+        read = self.value(expression)
+
+        def run(context: Context) -> float:
+            value = read(context)
+            if value.__class__ is float or isinstance(value, float | int):
+                return value
+            raise AsError("P0118", f"a number is needed here, not {plain(value)}")
+
+        return run
+
+    def truth(self, expression: Expression) -> Callable[[Context], bool]:
+        """Compile to a condition: every number but 0 is true."""
+        read = self.real(expression)
+        return lambda context: read(context) != 0.0
+
+    def text(self, expression: Expression) -> Callable[[Context], str]:
+        """Compile to a string (P0118)."""
+        read = self.value(expression)
+
+        def run(context: Context) -> str:
+            value = read(context)
+            if isinstance(value, str):
+                return value
+            raise AsError("P0118", f"a string is needed here, not {plain(value)}")
+
+        return run
+
+    def pose(self, expression: Expression) -> Callable[[Context], Pose]:
+        """Compile to a transformation or joint values (E0103, P0118)."""
+        read = self.value(expression, location=True)
+
+        def run(context: Context) -> Pose:
+            value = read(context)
+            if isinstance(value, Transformation | Joints):
+                return value
+            raise AsError("P0118", f"a location is needed here, not {plain(value)}")
+
+        return run
+
+    def place(self, expression: Expression) -> Callable[[Context], Transformation]:
+        """Compile to a transformation; joint values become one through the machine."""
+        read, machine = self.pose(expression), self.machine
+
+        def run(context: Context) -> Transformation:
+            value = read(context)
+            return machine.transformation_of(value) if isinstance(value, Joints) else value
+
+        return run
+
+    # --- variables --------------------------------------------------------------------------------
+
+    def store(self, variable: Variable) -> Store:
+        """Compile to a writer of a variable or element (P0150, P0132, P0133)."""
+        return variables.store(variable, self.memory.globals, self.indices(variable))
+
+    def refer(self, expression: Expression | None) -> Callable[[Context], Cell | Array | None]:
+        """Compile an argument of CALL: the variable itself, or a new cell with a value."""
+        if expression is None:
+            return lambda _: None
+        if isinstance(expression, syntax.Reference):
+            expression = expression.variable
+        if isinstance(expression, Variable):
+            return self.refer_variable(expression)
+        read = self.value(expression)
+        return lambda context: Cell(read(context))
+
+    def refer_variable(self, variable: Variable) -> Refer:
+        """Compile to the cell or array of a variable."""
+        return variables.refer(variable, self.memory.globals, self.indices(variable))
+
+    def locate(self, variable: Variable) -> Locate:
+        """Compile to array and index from which elements are stored one after the other."""
+        return variables.locate(variable, self.memory.globals, self.indices(variable))
+
+    def indices(self, variable: Variable) -> Indices | None:
+        """Compile what stands in brackets; None if nothing does."""
+        if not variable.indices:
+            return None
+        return variables.indices_of([self.value(index) for index in variable.indices])
+
+    # --- text of PRINT and $ENCODE ----------------------------------------------------------------
+
+    def layout(self, items: Sequence[Expression | None]) -> Callable[[Context], tuple[str, bool]]:
+        """Compile items to their text, and whether a line feed follows."""
+        parts = [
+            item if isinstance(item, syntax.Format) else self.value(item)
+            for item in items
+            if item is not None
+        ]
+        optional = self.options.optional_formats
+
+        def run(context: Context) -> tuple[str, bool]:
+            return formats.layout(
+                (part if isinstance(part, syntax.Format) else part(context) for part in parts),
+                optional=optional,
+            )
+
+        return run
+
+    def _variable(self, variable: Variable, *, location: bool) -> Read:
+        if variable.whole:
+            return refuse("P0133", f"{variable.spelling}[] is a whole array")
+        indices = self.indices(variable)
+        names = self.memory.globals
+        if indices is None:
+            return variables.read_scalar(variable, names, location=location)
+        return variables.read_element(variable, names, indices, location=location)
+
+
+def refuse(code: str, detail: str) -> Read:
+    """Return a reader that raises when it is executed."""
+
+    def run(_: Context) -> float:
+        raise AsError(code, detail)
+
+    return run

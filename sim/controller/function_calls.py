@@ -1,0 +1,139 @@
+"""Compile calls of functions, also of those that change or look up a variable."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from sim.controller.errors import AsError
+from sim.controller.functions import Argument
+from sim.controller.functions_text import decode
+from sim.controller.memory import Names
+from sim.controller.special_functions import EXISTS, EXTREMES, FUNCTIONS, exists, extreme_index
+from sim.controller.syntax import Expression, Function, Variable
+from sim.controller.values import Value, text
+
+if TYPE_CHECKING:
+    from sim.controller.expressions import Expressions
+    from sim.controller.machine_api import Context
+    from sim.controller.variables import Read
+
+
+def compile_function(expressions: Expressions, call: Function) -> Read:
+    """Compile a call; an unknown function or a wrong number of arguments raises when executed."""
+    if call.name == "$ENCODE":
+        layout = expressions.layout(call.arguments)
+        return lambda context: text(layout(context)[0])
+    if call.name == "$DECODE":
+        return _decode(expressions, call)
+    if call.name in EXISTS or call.name in EXTREMES:
+        return _looked_up(expressions, call)
+    return _computed(expressions, call)
+
+
+def _computed(expressions: Expressions, call: Function) -> Read:
+    function = FUNCTIONS.get(call.name)
+    if function is None:
+        return _refuse("P0115", f"{call.name} is not known to this emulator")
+    try:
+        function.check_count(len(call.arguments))
+    except AsError as error:
+        return _refuse(error.code, error.detail)
+    location = "p" in function.types or "t" in function.types
+    readers = [_reader(expressions, item, location=location) for item in call.arguments]
+    machine, compute, check = expressions.machine, function.compute, function.check
+
+    def run(context: Context) -> Value:
+        arguments = [read(context) for read in readers]
+        check(arguments)
+        return compute(machine, arguments)
+
+    return run
+
+
+def _reader(
+    expressions: Expressions, item: Expression | None, *, location: bool
+) -> Callable[[Context], Argument]:
+    if item is None:
+        return lambda _: None
+    return expressions.value(item, location=location)
+
+
+def _decode(expressions: Expressions, call: Function) -> Read:
+    """Compile $DECODE: it takes what it returns out of its variable."""
+    if not 2 <= len(call.arguments) <= 3:
+        return _refuse("P0116", "$DECODE takes a string variable, a separator and a mode")
+    target, separator, *rest = call.arguments
+    if not isinstance(target, Variable) or target.kind != "$" or separator is None:
+        return _refuse("P0116", "$DECODE takes a string variable, a separator and a mode")
+    read, store = expressions.text(target), expressions.store(target)
+    mark = expressions.text(separator)
+    mode = expressions.real(rest[0]) if rest and rest[0] is not None else _zero
+
+    def run(context: Context) -> Value:
+        characters = read(context)
+        taken, left = decode(characters, mark(context), mode(context))
+        store(context, left)
+        return taken
+
+    return run
+
+
+def _looked_up(expressions: Expressions, call: Function) -> Read:
+    """Compile EXISTxxx and MAXINDEX: their argument is a variable, or a string with its name."""
+    if not call.arguments or call.arguments[0] is None:
+        return _refuse("P0116", f"{call.name} takes a variable or a string with its name")
+    spelling = _spelling(expressions, call.name, call.arguments[0])
+    always_local = call.name.startswith("EXISTLOCAL")
+    dimension = _dimension(expressions, call)
+    name, globals_, is_exists = call.name, expressions.memory.globals, call.name in EXISTS
+
+    def run(context: Context) -> Value:
+        spelled = spelling(context)
+        local = always_local or spelled.startswith(".")
+        names: Names = context.locals if local else globals_
+        if is_exists:
+            return exists(name, spelled, names)
+        return extreme_index(name, spelled, int(dimension(context)), names)
+
+    return run
+
+
+def _spelling(expressions: Expressions, name: str, item: Expression) -> Callable[[Context], str]:
+    """Compile the name that is looked up: the variable's own, or what a string holds."""
+    own = isinstance(item, Variable) and (
+        item.kind != "$" or name.endswith("CHAR") or name in EXTREMES
+    )
+    if not isinstance(item, Variable) or not own:
+        return expressions.text(item)
+    indices = expressions.indices(item)
+    base = item.spelling
+    if indices is None:
+        return lambda _: base
+
+    def spell(context: Context) -> str:
+        index = indices(context)
+        numbers = index if isinstance(index, tuple) else (index,)
+        return f"{base}[{','.join(map(str, numbers))}]"
+
+    return spell
+
+
+def _dimension(expressions: Expressions, call: Function) -> Callable[[Context], float]:
+    given = call.arguments[1] if len(call.arguments) > 1 else None
+    return _one if given is None else expressions.real(given)
+
+
+def _zero(_: Context) -> float:
+    return 0.0
+
+
+def _one(_: Context) -> float:
+    return 1.0
+
+
+def _refuse(code: str, detail: str) -> Read:
+    def run(_: Context) -> float:
+        raise AsError(code, detail)
+
+    return run

@@ -1,0 +1,156 @@
+"""Compile access to variables: read, store, and reference for CALL and array instructions."""
+
+from collections.abc import Callable
+
+from sim.controller.errors import AsError
+from sim.controller.machine_api import Context
+from sim.controller.memory import (
+    Array,
+    Cell,
+    Index,
+    Names,
+    check_type,
+    index_of,
+    key_of,
+    undefined,
+)
+from sim.controller.syntax import Variable
+from sim.controller.values import Value, single
+
+Read = Callable[[Context], Value]
+Store = Callable[[Context, Value], None]
+Refer = Callable[[Context], Cell | Array]
+Locate = Callable[[Context], tuple[Array, Index]]
+Indices = Callable[[Context], Index]
+
+
+def read_scalar(variable: Variable, names: Names, *, location: bool) -> Read:
+    """Return a reader of a variable without index."""
+    key = key_of(variable)
+
+    def read_global(_: Context) -> Value:
+        cell = names.get(key)
+        if cell is not None and (value := cell.value) is not None:
+            return value
+        raise missing(variable, cell, location=location)
+
+    def read_local(context: Context) -> Value:
+        cell = context.locals.get(key)
+        if cell is not None and (value := cell.value) is not None:
+            return value
+        raise missing(variable, cell, location=location)
+
+    return read_local if variable.local else read_global
+
+
+def read_element(variable: Variable, names: Names, indices: Indices, *, location: bool) -> Read:
+    """Return a reader of an array element."""
+    key, local = key_of(variable), variable.local
+
+    def read(context: Context) -> Value:
+        array = (context.locals if local else names).get(key)
+        index = indices(context)
+        if isinstance(array, Array):
+            cell = array.cells.get(index)
+            if cell is not None and (value := cell.value) is not None:
+                return value
+            raise undefined_element(variable, index, location=location)
+        if array is not None and array.value is not None:
+            raise AsError("P0132", f"{variable.spelling} has no elements")
+        raise undefined_element(variable, index, location=location)
+
+    return read
+
+
+def refer(variable: Variable, names: Names, indices: Indices | None) -> Refer:
+    """Return what a parameter is bound to: the cell or array itself, new if there is none."""
+    key, local = key_of(variable), variable.local
+    if variable.whole:
+        return lambda context: (context.locals if local else names).array(key)
+    if indices is None:
+        return lambda context: (context.locals if local else names).scalar(key)
+    return lambda context: (context.locals if local else names).array(key).cell(indices(context))
+
+
+def locate(variable: Variable, names: Names, indices: Indices | None) -> Locate:
+    """Return where elements are stored one after the other; without index: from element 0 on."""
+    key, local = key_of(variable), variable.local
+    at = indices if indices is not None else _first
+    return lambda context: ((context.locals if local else names).array(key), at(context))
+
+
+def store(variable: Variable, names: Names, indices: Indices | None) -> Store:
+    """Return a writer; refuses other types (P0150, P0132, P0133)."""
+    key, local = key_of(variable), variable.local
+    plain_real = not variable.kind
+
+    def keep(cell: Cell, value: Value) -> None:
+        if not (plain_real and value.__class__ is float and cell.value.__class__ is float):
+            check_type(variable, cell.value, value)
+            value = converted(variable, value)
+        cell.value = value
+
+    def store_scalar(context: Context, value: Value) -> None:
+        names_here = context.locals if local else names
+        cell = names_here.get(key)
+        keep(cell if cell.__class__ is Cell else names_here.scalar(key), value)
+
+    def store_element(context: Context, value: Value) -> None:
+        names_here = context.locals if local else names
+        array = names_here.get(key)
+        found = array if isinstance(array, Array) else names_here.array(key)
+        keep(found.cell(indices(context)), value)  # type: ignore[misc]
+
+    return store_scalar if indices is None else store_element
+
+
+def converted(variable: Variable, value: Value) -> Value:
+    """Return a value as its variable keeps it: whole in `@n`, single precision in `x`."""
+    if variable.kind == "@" and isinstance(value, float | int):
+        whole = int(value)
+        if not -(2**31) <= whole < 2**31:
+            raise AsError("E0106", f"{variable.spelling} holds 32-bit integers, not {whole}")
+        return whole
+    if not variable.kind and isinstance(value, int):
+        return single(float(value))
+    return value
+
+
+def indices_of(readers: list[Read]) -> Indices:
+    """Return a reader of the index in brackets."""
+
+    def number(reader: Read, context: Context) -> float:
+        value = reader(context)
+        if isinstance(value, float | int):
+            return value
+        raise AsError("P0119", "an index is a number")
+
+    if len(readers) > 1:
+        return lambda context: index_of([number(reader, context) for reader in readers])
+    only = readers[0]
+
+    def single_index(context: Context) -> Index:
+        value = only(context)
+        if value.__class__ is float and 0.0 <= value < 10000.0:
+            return int(value)
+        return index_of([number(only, context)])
+
+    return single_index
+
+
+def missing(variable: Variable, entry: Cell | Array | None, *, location: bool) -> AsError:
+    """Return why a variable cannot be read."""
+    if isinstance(entry, Array) and entry.defined:
+        return AsError("P0133", f"{variable.spelling} is an array")
+    return undefined(variable, location=location)
+
+
+def undefined_element(variable: Variable, index: Index, *, location: bool) -> AsError:
+    """Return the error for an undefined array element, with its index."""
+    error = undefined(variable, location=location)
+    numbers = index if isinstance(index, tuple) else (index,)
+    return AsError(error.code, f"{variable.spelling}[{','.join(map(str, numbers))}]")
+
+
+def _first(_: Context) -> Index:
+    return 0

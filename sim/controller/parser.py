@@ -15,7 +15,15 @@ from sim.controller.errors import AsSyntaxError, Mistake
 from sim.controller.lines import LineError, parse_line, parse_parameters
 from sim.controller.sections import DATA_SECTIONS, data_line
 from sim.controller.structure import Linker
-from sim.controller.syntax import Position, Program, Remark, Section, SourceFile, Step
+from sim.controller.syntax import (
+    SIGNIFICANT_CHARACTERS,
+    Position,
+    Program,
+    Remark,
+    Section,
+    SourceFile,
+    Step,
+)
 
 HEADER = re.compile(r"\.(?P<word>[A-Za-z][A-Za-z0-9_]*)(?P<rest>.*)", re.DOTALL)
 PROGRAM = re.compile(
@@ -138,7 +146,11 @@ class _ProgramReader:
         self.name = ""
         self.parameters: tuple[syntax.Variable, ...] = ()
         try:
-            self.name, self.parameters = _header(header)
+            name, self.parameters = _header(header)
+            self.name = short_name(name)
+            if len(name) > SIGNIFICANT_CHARACTERS:
+                text = f"only the first {SIGNIFICANT_CHARACTERS} characters of {name} count"
+                self.remarks.append(Remark(where, text))
         except LineError as error:
             self.mistakes.append(Mistake(where, error.code, error.text))
 
@@ -186,4 +198,4 @@ def _header(rest: str) -> tuple[str, tuple[syntax.Variable, ...]]:
             f"behind the parameters stand @date, #number or ;comment; found {match['tail']!a:.60}"
         )
         raise LineError("P0108", text)
-    return short_name(match["name"]), parse_parameters(match["parameters"] or "")
+    return match["name"], parse_parameters(match["parameters"] or "")

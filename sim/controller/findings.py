@@ -1,0 +1,29 @@
+"""What `--check` finds: a place, a rule, and a sentence."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+from sim.controller.syntax import Position, Program, Step
+
+Kind = Literal["not executed", "warning"]
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class Finding:
+    """One thing that is not executed, or that deserves a warning."""
+
+    where: Position
+    rule: str
+    text: str
+    kind: Kind = "warning"
+    program: str = ""
+    step: int = 0
+
+    def __str__(self) -> str:
+        place = f" ({self.program} step {self.step})" if self.step else ""
+        return f"{self.where}: {self.kind}: {self.text} [{self.rule}]{place}"
+
+
+def at(program: Program, step: Step, rule: str, text: str, *, kind: Kind = "warning") -> Finding:
+    """Return a finding at a step."""
+    return Finding(step.where, rule, text, kind, program.name, step.number)

@@ -1,0 +1,61 @@
+"""Traps that show in the characters of a line."""
+
+import re
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
+
+from sim.controller import keywords
+from sim.controller.findings import Finding
+from sim.controller.special_functions import ALL_NAMES
+from sim.controller.syntax import SIGNIFICANT_CHARACTERS, Position, SourceFile
+
+LONGEST_LINE = 100
+NAME = re.compile(r"\.?[$#@]?[A-Za-z][A-Za-z0-9_.]*", re.ASCII)
+NO_CODE = re.compile(r'"[^"]*"|\'.|;.*')
+
+
+def line_traps(source: SourceFile, lines: Sequence[str]) -> Iterator[Finding]:
+    """Yield warnings about the lines of the programs of a file."""
+    spellings: dict[str, dict[str, Position]] = defaultdict(dict)
+    for program in source.programs.values():
+        for step in program.steps:
+            line = lines[step.where.line - 1]
+            code = NO_CODE.sub(" ", line)
+            yield from _characters(step.where, line, code)
+            for name in _long_names(code):
+                spellings[name[: _significant(name)]].setdefault(name, step.where)
+    for names in spellings.values():
+        yield from _names(names)
+
+
+def _characters(where: Position, line: str, code: str) -> Iterator[Finding]:
+    if len(line) > LONGEST_LINE:
+        text = f"{len(line)} columns; {LONGEST_LINE} are safe on every controller"
+        yield Finding(where, "long-line", text)
+    if not line.isascii():
+        text = "a character that is not ASCII: on LOAD it may swallow the end of the line"
+        yield Finding(where, "non-ascii", text)
+    if "!=" in code:
+        yield Finding(where, "not-equal", "!= is not in the manual; write <>")
+
+
+def _long_names(code: str) -> Iterator[str]:
+    for match in NAME.finditer(code):
+        name = match[0].lower()
+        if len(name) > _significant(name) and name.upper() not in keywords.KNOWN | ALL_NAMES:
+            yield name
+
+
+def _significant(name: str) -> int:
+    """Return how many characters count, with the dot and the sigil in front."""
+    return SIGNIFICANT_CHARACTERS + len(name) - len(name.lstrip(".$#@"))
+
+
+def _names(names: dict[str, Position]) -> Iterator[Finding]:
+    for name, where in names.items():
+        short = name[: _significant(name)]
+        yield Finding(where, "long-name", f"{name} is {short}: only 15 characters count")
+    first, *others = names
+    for other in others:
+        text = f"{other} and {first} are the same variable: their first 15 characters are equal"
+        yield Finding(names[other], "same-name", text)

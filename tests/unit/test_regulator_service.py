@@ -33,6 +33,12 @@ def bench() -> RegulatorBench:
 # --- start and stop -------------------------------------------------------------------------------
 
 
+def test_every_wrench_wakes_it(bench: RegulatorBench) -> None:
+    """Its trigger is its main input: no period of waiting in the loop."""
+    assert bench.service.trigger is not None
+    assert bench.service.trigger.topic is topics.WRENCH
+
+
 def test_it_speaks_every_period_while_it_is_stopped(bench: RegulatorBench) -> None:
     """Not valid and stopped, with the sample behind it: silence would look like death."""
     for _ in range(10):
@@ -96,10 +102,11 @@ def test_another_mode_or_set_point_goes_on_without_a_bump(bench: RegulatorBench)
     bench.start()
     bench.pass_s(0.5)
     before = bench.T_base_tcp().translation
+    errors = [bench.said().error_force_N[2]]
     assert bench.start(ForceStartRequest(mode="both", setpoint_N=20.0)).accepted
     assert np.linalg.norm(bench.T_base_tcp().translation - before) < 1e-4
     ramp_s = 20.0 / CELL.force.setpoint_ramp_N_s
-    errors = []
+    errors.append(bench.said().error_force_N[2])
     for _ in range(round(ramp_s / PERIOD_S) + 5):
         bench.step()
         errors.append(bench.said().error_force_N[2])
@@ -140,7 +147,8 @@ def test_a_set_point_above_the_cells_is_refused_with_both_numbers(bench: Regulat
     """The limit itself is allowed."""
     most = CELL.force.setpoint_max_N
     reply = bench.start(ForceStartRequest(mode="position", setpoint_N=most + 0.1))
-    assert (reply.code, reply.value, reply.limit) == ("setpoint", most + 0.1, most)
+    assert (reply.accepted, reply.code) == (False, "setpoint")
+    assert (reply.value, reply.limit) == (most + 0.1, most)
     assert bench.start(ForceStartRequest(mode="position", setpoint_N=most)).accepted
 
 

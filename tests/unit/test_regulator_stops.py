@@ -165,6 +165,19 @@ def test_it_goes_on_from_what_was_really_let_through(bench: RegulatorBench) -> N
         assert pin.log3(T.rotation @ let_through.rotation.T) == pytest.approx(np.zeros(3), abs=1e-9)
 
 
+def test_a_command_that_is_stale_pulls_nothing_back(bench: RegulatorBench) -> None:
+    """What was limited long ago says nothing about now."""
+    pose = record_of(T_START)
+    bench.command = RobotCommand(kind="setpoint", pose=pose, limited=True)
+    bench.step(2)
+    bench.silent = {topics.ROBOT_COMMAND.key}
+    bench.pass_s(CELL.stale_after_s(topics.ROBOT_COMMAND) + 2 * PERIOD_S)
+    before = bench.T_base_tcp().translation[2]
+    bench.step(10)
+    moved = bench.T_base_tcp().translation[2] - before
+    assert moved == pytest.approx(10 * (10.0 - CELL.force.deadband_N) * KI * PERIOD_S, rel=1e-6)
+
+
 def test_what_was_let_through_whole_does_not_pull_it_back(bench: RegulatorBench) -> None:
     """An echo that is a period old must not eat a period's motion each time."""
     start = bench.T_base_tcp().translation[2]
@@ -197,6 +210,13 @@ def test_for_the_host_controller_it_says_mode_set_point_and_gains_instead_of_pos
     assert said.feedback.mode == "both"
     assert said.feedback.setpoint_force_N == pytest.approx(vec3(-10.0 * R[:, 2]), abs=1e-6)
     assert said.feedback.gains.force_i_m_per_Ns == (KI, KI, KI)
+    turned = rotation_from_vector(np.array([0.0, 0.4, 0.0])) @ R
+    record = record_of(pin.SE3(turned, T_START.translation))
+    bench.robot = RobotState.model_validate(bench.robot.model_dump() | record.model_dump())
+    bench.step()
+    feedback = bench.said().feedback
+    assert feedback is not None
+    assert feedback.setpoint_force_N == pytest.approx(vec3(-10.0 * turned[:, 2]), abs=1e-6)
     assert bench.start(POSITION).accepted
     start = (T_START * T_FLANGE_TCP).translation
     assert np.linalg.norm(bench.T_base_tcp().translation - start) < 0.1

@@ -1,0 +1,56 @@
+"""Words that fit: the arbiter's texts are cut between characters, and the first cause is kept."""
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from common.messages import Trip
+from services.arbiter.reports import (
+    LINE_BYTES,
+    MOST_LINES,
+    MOST_TRIPS,
+    TRIP_BYTES,
+    clipped,
+    lines,
+    recent,
+)
+
+texts = st.text(max_size=500)
+
+
+@given(texts, st.integers(0, 600))
+def test_a_text_is_cut_to_bytes_and_between_characters(text: str, most: int) -> None:
+    """It is the longest beginning that fits; what fits is not touched."""
+    short = clipped(text, most)
+
+    assert text.startswith(short)
+    assert len(short.encode()) <= most
+    if short != text:
+        assert len(text[: len(short) + 1].encode()) > most
+
+
+@given(st.lists(texts, max_size=20))
+def test_of_many_causes_the_first_and_the_newest_are_kept(causes: list[str]) -> None:
+    """The first says what happened, the last what somebody did about it."""
+    kept = recent(tuple(Trip(code=str(i), text=text) for i, text in enumerate(causes)))
+
+    assert len(kept) == min(len(causes), MOST_TRIPS)
+    expected = [0, *range(len(causes))[1 - MOST_TRIPS :]] if len(causes) > MOST_TRIPS else (
+        range(len(causes))
+    )  # fmt: skip
+    assert [trip.code for trip in kept] == [str(i) for i in expected]
+    for trip in kept:
+        assert trip.text == clipped(causes[int(trip.code)], TRIP_BYTES)
+
+
+@given(st.lists(texts, max_size=30))
+def test_of_many_lines_the_first_are_said(many: list[str]) -> None:
+    """Enough for every role and bit; the rest shows when these are mended."""
+    assert lines(many) == tuple(clipped(text, LINE_BYTES) for text in many[:MOST_LINES])
+
+
+def test_there_is_room_for_what_a_person_needs() -> None:
+    """All four causes and a line for each input: no limit is so tight that it hides them."""
+    assert MOST_TRIPS >= 3
+    assert MOST_LINES >= 9
+    assert len("wrench invalid: sensor/wrench stale: 12345 ms old, limit 1000 ms") <= LINE_BYTES
+    assert TRIP_BYTES >= 4 * LINE_BYTES * 0.8

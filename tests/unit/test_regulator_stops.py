@@ -218,5 +218,5 @@ def test_for_the_host_controller_it_says_mode_set_point_and_gains_instead_of_pos
     assert feedback is not None
     assert feedback.setpoint_force_N == pytest.approx(vec3(-10.0 * turned[:, 2]), abs=1e-6)
     assert bench.start(POSITION).accepted
-    start = (T_START * T_FLANGE_TCP).translation
-    assert np.linalg.norm(bench.T_base_tcp().translation - start) < 0.1
+    start = pin.SE3(turned, T_START.translation) * T_FLANGE_TCP
+    assert bench.T_base_tcp().homogeneous == pytest.approx(start.homogeneous, abs=1e-9)

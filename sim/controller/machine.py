@@ -137,7 +137,10 @@ class Machine(Control):
         return _TASK_STATES[self.tasks[number - PC_PROGRAMS.start + 1].state]
 
     def error_number(self) -> int:
-        """ERROR."""
+        """ERROR: of the step that a ONE program handles, else the one that waits for ERESET."""
+        for frame in reversed(self.scheduler.current.frames):
+            if frame.handles is not None:
+                return frame.handles.number
         return 0 if self.error is None else self.error.error.number
 
     def timer_s(self, number: int) -> float:

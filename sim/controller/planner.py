@@ -18,6 +18,7 @@ from sim.robot.kinematics import JOINTS, MAX_SPEED_RAD_S, ArmKinematics, IkResul
 from sim.robot.paths import JointPath
 
 _LEAST_EXTENT = 1e-9
+_NO_WAY = Ramp(1.0, 1.0, 1.0, 1.0)  # of a motion to where the arm is
 _WHOLE_TURN_RAD = 2.0 * np.pi
 # Where the search for a joint motion's goal starts when it fails from where the arm is: JT1 and
 # JT5 decide the branch, so these few cover what six turning joints can do (degrees).
@@ -95,7 +96,7 @@ def _linear(kinematics: ArmKinematics, motion: Motion, q_from: Array) -> Segment
         T_to = kinematics.flange_pose(joint_target(kinematics, motion, q_from)) * tool
     line = TcpLine(kinematics, T_flange_tcp=tool, T_from=T_from, T_to=T_to)
     if line.extent_m < _LEAST_EXTENT:
-        return Segment(line, Ramp(1.0, 1.0, 1.0, 1.0), q_from=q_from, q_to=q_from)
+        return Segment(line, _NO_WAY, q_from=q_from, q_to=q_from)
     end = line.walk(q_from)
     if end.q is None:
         raise reach_error(end.reason)
@@ -111,11 +112,12 @@ def _linear(kinematics: ArmKinematics, motion: Motion, q_from: Array) -> Segment
 
 
 def _joint(kinematics: ArmKinematics, motion: Motion, *, q_from: Array, q_to: Array) -> Segment:
-    full_speed_s = max(float((np.abs(q_to - q_from) / MAX_SPEED_RAD_S).max()), _LEAST_EXTENT)
-    manner = motion.manner
+    full_speed_s = float((np.abs(q_to - q_from) / MAX_SPEED_RAD_S).max())
+    path, manner = JointPath(kinematics, q_from, q_to), motion.manner
+    if full_speed_s < _LEAST_EXTENT:
+        return Segment(path, _NO_WAY, q_from=q_from, q_to=q_from)
     # The manual's 100 % ramps take every joint to its full speed in the same time; the flange
     # stays within the linear ramp too, so that a joint motion is no harder on the tool.
-    path = JointPath(kinematics, q_from, q_to)
     full_accel = min(
         1.0 / JOINT_ACCEL_TIME_S / full_speed_s, 5.0 * LINEAR_ACCEL_M_S2 / path.extent_m
     )

@@ -58,13 +58,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the file of a parsed command line until it ends; return the exit code."""
-    code = 2
     with exit_on_error("controller"):
         source = load(Path(arguments.file))
         behaviour = behaviour_of(arguments)
         run_it = run_in_cell if arguments.cell else run_alone
-        code = run_it(source, arguments, behaviour, stop_on_signals())
-    return code
+        return run_it(source, arguments, behaviour, stop_on_signals())
 
 
 def behaviour_of(arguments: argparse.Namespace) -> Behaviour:

@@ -1,4 +1,4 @@
-"""TCP below the instructions: codes, time-outs and cuts, on sockets and on wires in memory alike."""
+"""TCP below the instructions: codes, time-outs, cuts; on sockets and on wires in memory alike."""
 
 import socket
 from collections.abc import Callable, Iterator
@@ -29,10 +29,17 @@ PATIENCE = 2_000_000  # looks, each of which costs far more than a microsecond
 class Peer(Protocol):
     """The client's end of a connection, in either world."""
 
-    def send(self, data: bytes) -> object: ...
-    def receive(self) -> bytes | None: ...
-    def close(self) -> None: ...
-    def reset(self) -> None: ...
+    def send(self, data: bytes) -> object:
+        """Send bytes."""
+
+    def receive(self) -> bytes | None:
+        """Return what has come."""
+
+    def close(self) -> None:
+        """End the connection."""
+
+    def reset(self) -> None:
+        """Cut the connection."""
 
 
 class SocketPeer:
@@ -43,17 +50,21 @@ class SocketPeer:
         self._socket.setblocking(False)
 
     def send(self, data: bytes) -> object:
+        """Send bytes."""
         return self._socket.send(data)
 
     def receive(self) -> bytes | None:
+        """Return what has come."""
         with suppress(BlockingIOError):
             return self._socket.recv(65536)
         return None
 
     def close(self) -> None:
+        """End the connection."""
         self._socket.close()
 
     def reset(self) -> None:
+        """Cut the connection."""
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, b"\1\0\0\0\0\0\0\0")
         self._socket.close()
 
@@ -65,15 +76,19 @@ class MemoryPeer:
         self._stream = network.dial(PORT)
 
     def send(self, data: bytes) -> object:
+        """Send bytes."""
         return self._stream.send(data)
 
     def receive(self) -> bytes | None:
+        """Return what has come."""
         return self._stream.receive(65536)
 
     def close(self) -> None:
+        """End the connection."""
         self._stream.close()
 
     def reset(self) -> None:
+        """Cut the connection."""
         self._stream.reset()
 
 
@@ -82,11 +97,12 @@ class World:
 
     def __init__(self, kind: str) -> None:
         self.kind = kind
-        self.network = SocketNetwork(ports={PORT: 0}) if kind == "sockets" else MemoryNetwork()
+        self.network = SocketNetwork(port=0) if kind == "sockets" else MemoryNetwork()
         self.tcp = TcpUnit(self.network)
         self.peers: list[Peer] = []
 
     def call(self) -> Peer:
+        """Connect to the controller."""
         if isinstance(self.network, SocketNetwork):
             self.peers.append(SocketPeer(self.network.bound[PORT]))
         else:
@@ -94,6 +110,7 @@ class World:
         return self.peers[-1]
 
     def end(self) -> None:
+        """Close everything."""
         self.tcp.close_all()
         for peer in self.peers:
             peer.close()
@@ -108,6 +125,7 @@ class World:
         return outcome.code, peer
 
     def received(self, number: int, longest: int = 255, now_ns: int = 0) -> Outcome:
+        """TCP_RECV, looked at until it is over."""
         operation = self.tcp.receive(number, timeout_s=1.0, longest=longest, now_ns=0)
         return until(operation, now_ns)
 
@@ -168,7 +186,7 @@ def test_one_call_takes_4096_bytes_at_most_and_the_next_one_the_rest(world: Worl
     number, peer = world.accepted()
     data = bytes(range(256)) * 20
     peer.send(data)
-    got = []
+    got: list[str] = []
     while sum(map(len, got)) < len(data):
         outcome = world.received(number)
         assert sum(map(len, outcome.elements)) <= 4096

@@ -1,0 +1,96 @@
+"""An emulated controller on a virtual clock, for tests of AS snippets."""
+
+from collections.abc import Callable
+from typing import Any
+
+from common.clock import NS_PER_S
+from sim.controller.behaviour import Behaviour
+from sim.controller.errors import AsError
+from sim.controller.machine import Machine
+from sim.controller.network import MemoryNetwork
+from sim.controller.parser import parse
+from sim.controller.robot import Robot
+from sim.controller.task import Task
+from sim.robot.arm import SimArm
+from sim.robot.settings import SimSettings
+
+FREE = SimSettings(gap_m=0.1)  # room below the tool
+FAST = Behaviour(step_s=2e-5)
+
+
+class AsBench:
+    """A controller with motors on, in REPEAT, at full monitor speed, and a program in it."""
+
+    def __init__(self, source: str, behaviour: Behaviour = FAST) -> None:
+        self.printed: list[str] = []
+        self.network = MemoryNetwork()
+        self.machine = Machine(
+            SimArm(FREE, seed=0), self.network, behaviour=behaviour, say=self.printed.append
+        )
+        self.machine.load(parse(source))
+        self.pendant = self.machine.pendant
+        self.pendant.monitor_speed(100.0)
+
+    @property
+    def robot(self) -> Robot:
+        """The arm as AS sees it."""
+        return self.machine.robot
+
+    @property
+    def task(self) -> Task:
+        """The robot program."""
+        return self.machine.robot_task
+
+    @property
+    def stopped_at(self) -> tuple[str, int]:
+        """Program and step where the robot program stopped by an error."""
+        assert self.task.stop is not None, "no error stopped the program"
+        return self.task.stop.program, self.task.stop.step
+
+    @property
+    def codes(self) -> list[str]:
+        """Codes of the errors so far."""
+        return [stop.error.code for stop in self.machine.stops]
+
+    @property
+    def now_s(self) -> float:
+        """Virtual time since power-on."""
+        return self.machine.now_ns / NS_PER_S
+
+    def value(self, name: str) -> Any:
+        """A global."""
+        return self.machine.memory.read(name)
+
+    def start(self, program: str = "main", cycles: int = 1) -> "AsBench":
+        """EXECUTE."""
+        self.pendant.execute(program, cycles=cycles)
+        return self
+
+    def advance(self, duration_s: float, until: Callable[[], object] = lambda: False) -> bool:
+        """Let time pass; tell whether a condition came true in it."""
+        end_ns = self.machine.now_ns + round(duration_s * NS_PER_S)
+        while self.machine.now_ns < end_ns:
+            self.machine.advance(min(self.machine.now_ns + 1_000_000, end_ns))
+            if until():
+                return True
+        return False
+
+    def run(self, program: str = "main", limit_s: float = 20.0) -> "AsBench":
+        """EXECUTE, and wait until the robot program is over without an error."""
+        self.start(program)
+        over = self.advance(limit_s, lambda: self.task.state in ("idle", "stopped"))
+        assert not self.machine.stops, str(self.machine.stops[-1])
+        assert over, f"still {self.task.state} after {limit_s} s"
+        return self
+
+    def fail(self, program: str = "main", limit_s: float = 20.0) -> AsError:
+        """EXECUTE, and wait for the error that stops the robot program."""
+        self.start(program)
+        assert self.advance(limit_s, lambda: self.task.state in ("idle", "stopped"))
+        assert self.task.stop is not None, "no error stopped the program"
+        return self.task.stop.error
+
+
+def program(*lines: str, name: str = "main") -> str:
+    """A program of these steps."""
+    return "\n".join([f".PROGRAM {name}()", *lines, ".END", ""])

@@ -1,0 +1,323 @@
+"""Parallel programs, waiting, signals, timers, switches and the monitor behind MC."""
+
+import pytest
+
+from sim.controller.behaviour import Behaviour, pessimistic
+from sim.controller.errors import AsError
+from tests.fakes.as_bench import FAST, AsBench, program
+
+FOREVER = ("WHILE TRUE DO", "TWAIT 0.01", "END")
+
+
+def test_twait_lasts_as_long_as_asked_to_the_millisecond() -> None:
+    """TIMER reads the same as TWAIT waited."""
+    bench = AsBench(program("TIMER 1 = 0", "TWAIT 0.25", "t = TIMER(1)")).run()
+    assert bench.value("t") == pytest.approx(0.25, abs=0.0015)
+
+
+def test_timers_run_from_what_they_are_set_to() -> None:
+    """TIMER 2 = 5 reads 5 and a bit; TIMER(0) is the time since power-on; TIMER(3) = 0 too."""
+    bench = AsBench(program("TIMER 2 = 5", "TIMER(3) = 0", "TWAIT 1", "a = TIMER(2)",
+                            "b = TIMER(0)", "c = TIMER(3)")).run()  # fmt: skip
+    assert bench.value("a") == pytest.approx(6.0, abs=0.005)
+    assert bench.value("b") == pytest.approx(1.0, abs=0.005)
+    assert bench.value("c") == pytest.approx(1.0, abs=0.005)
+
+
+def test_a_coarse_timer_moves_in_steps_of_16_ms() -> None:
+    """The pessimistic controller's TIMER is a multiple of 16 ms, never ahead of the time."""
+    lines = ("FOR i = 1 TO 50", "TWAIT 0.001", "t[i] = TIMER(0)", "u[i] = t[i]/0.016", "END")
+    bench = AsBench(program(*lines), pessimistic(2e-5)).run()
+    units = [bench.value(f"u[{k}]") for k in range(1, 51)]
+    assert all(abs(unit - round(unit)) < 1e-4 for unit in units)
+    assert len({round(unit) for unit in units}) > 2
+    assert bench.value("t[50]") <= bench.now_s
+
+
+def test_wait_goes_on_when_another_program_makes_the_condition_true() -> None:
+    """Globals are shared; the wait ends within a tick."""
+    other = program("TWAIT 0.3", "n = 101", name="other")
+    bench = AsBench(program("n = 0", "TIMER 1 = 0", "PCEXECUTE 2: other", "WAIT n > 100",
+                            "t = TIMER(1)") + other).run()  # fmt: skip
+    assert bench.value("t") == pytest.approx(0.3, abs=0.003)
+
+
+def test_signals_are_shared_by_programs_and_swait_sees_them() -> None:
+    """SWAIT waits for all of its signals; a negative number waits for OFF."""
+    other = program("TWAIT 0.1", "SIGNAL 2001", "TWAIT 0.1", "SIGNAL -2002", name="other")
+    bench = AsBench(program("SIGNAL 2002, 17", "TIMER 1 = 0", "PCEXECUTE other",
+                            "SWAIT 2001, -2002, 17", "t = TIMER(1)", "a = SIG(2001)",
+                            "b = SIG(2002)") + other).run()  # fmt: skip
+    assert bench.value("t") == pytest.approx(0.2, abs=0.003)
+    assert (bench.value("a"), bench.value("b")) == (-1, 0)
+
+
+@pytest.mark.parametrize("signal", ["0", "961", "1001", "3000", "-1500"])
+def test_signals_that_do_not_exist_or_are_inputs_cannot_be_set(signal: str) -> None:
+    """E0106: outputs are 1 to 960, internal ones 2001 to 2960."""
+    assert AsBench(program(f"SIGNAL {signal}")).fail().code == "E0106"
+
+
+def test_pulse_ends_by_itself_and_the_program_does_not_wait() -> None:
+    """On for its time, then off."""
+    bench = AsBench(program("PULSE 5, 0.1", "a = SIG(5)", "TWAIT 0.15", "b = SIG(5)")).run()
+    assert (bench.value("a"), bench.value("b")) == (-1, 0)
+
+
+def test_bits_writes_a_number_to_signals_and_reads_it_back() -> None:
+    """BITS 10,4 = 11 is 1011 on signals 10 to 13."""
+    bench = AsBench(program("BITS 10,4 = 11", "a = BITS(10,4)", "b = SIG(12)")).run()
+    assert (bench.value("a"), bench.value("b")) == (11, 0)
+
+
+def test_switches_are_set_by_programs_and_status_switches_are_not() -> None:
+    """CP can be switched; POWER only reports."""
+    bench = AsBench(program("CP OFF", "a = SWITCH(CP)", "CP ON", "b = SWITCH(CP)",
+                            "c = SWITCH(POWER)", "d = SWITCH(REPEAT)")).run()  # fmt: skip
+    assert [bench.value(name) for name in "abcd"] == [0, -1, -1, -1]
+    assert AsBench(program("POWER OFF")).fail().code == "P0111"
+
+
+def test_pc_programs_run_their_cycles_and_task_tells_their_state() -> None:
+    """Three cycles are three; TASK is 1 while it runs and 0 afterwards."""
+    other = program("n = n+1", "TWAIT 0.1", name="other")
+    bench = AsBench(program("n = 0", "PCEXECUTE 3: other,3", "a = TASK(1003)", "b = TASK(1)",
+                            "TWAIT 1", "c = TASK(1003)") + other).run()  # fmt: skip
+    assert [bench.value(name) for name in "nabc"] == [3, 1, 1, 0]
+
+
+def test_pcabort_stops_at_once_and_pcend_at_the_end_of_the_cycle() -> None:
+    """A program that loops for ever inside one cycle only obeys PCABORT."""
+    other = program("n = n+1", "TWAIT 0.1", "m = m+1", name="other")
+    for word, cycles, halves in (("PCABORT", 1, 0), ("PCEND", 1, 1)):
+        bench = AsBench(program("n = 0", "m = 0", "PCEXECUTE 1: other,-1", "TWAIT 0.05",
+                                f"{word} 1:", "TWAIT 1") + other).run()  # fmt: skip
+        assert (bench.value("n"), bench.value("m")) == (cycles, halves)
+
+
+def test_pcscan_makes_a_cycle_last_its_time() -> None:
+    """A short program with PCSCAN 0.1 runs ten times a second."""
+    other = program("PCSCAN 0.1", "n = n+1", name="other")
+    bench = AsBench(program("n = 0", "PCEXECUTE 1: other,-1", "TWAIT 1.05") + other).run()
+    assert bench.value("n") == 11
+
+
+def test_a_pc_program_number_in_use_is_p1019_and_a_sixth_is_e0106() -> None:
+    """Numbers are 1 to 5, one program each."""
+    other, third = program(*FOREVER, name="other"), program(*FOREVER, name="third")
+    start = ("PCEXECUTE 1: other", "PCEXECUTE 1: third")
+    assert AsBench(program(*start) + other + third).fail().code == "P1019"
+    assert AsBench(program("PCEXECUTE 6: other") + other).fail().code == "E0106"
+
+
+def test_one_subroutine_in_two_tasks_is_p1014() -> None:
+    """The second task to enter it stops; the first goes on."""
+    helper = program(*FOREVER, name="helper")
+    other = program("CALL helper", name="other")
+    bench = AsBench(program("PCEXECUTE 1: other", "TWAIT 0.1", "CALL helper") + other + helper)
+    assert bench.fail().code == "P1014"
+    assert bench.machine.tasks[1].state == "running"
+
+
+def test_a_program_cannot_call_itself() -> None:
+    """P1014: it is in use, by itself."""
+    assert AsBench(program("CALL main")).fail().code == "P1014"
+
+
+def test_motion_instructions_stop_a_pc_program_with_e1095() -> None:
+    """Every one of them but BRAKE."""
+    moves = ("LMOVE #[0,0,-90,0,-90,0]", "JMOVE HERE", "DRIVE 1,5", "HOME", "SPEED 10 ALWAYS",
+             "TOOL NULL", "DELAY 1", "LDEPART 10", "DRAW 1,0,0", "MVWAIT 5")  # fmt: skip
+    for move in moves:
+        bench = AsBench(program("PCEXECUTE 1: other", "TWAIT 0.1")
+                        + program(move, name="other")).start()  # fmt: skip
+        bench.advance(0.2)
+        assert bench.codes == ["E1095"], move
+    bench = AsBench(program("PCEXECUTE 1: other", "TWAIT 0.1") + program("BRAKE", name="other"))
+    assert bench.run().codes == []
+
+
+def test_an_error_of_a_pc_program_stops_that_program_only() -> None:
+    """The robot program goes on; the error says program and step, and ERROR its number."""
+    other = program("TWAIT 0.1", "x = 1/0", name="other")
+    bench = AsBench(program("PCEXECUTE 4: other", "TWAIT 0.3", "e = ERROR", "t = TASK(1004)")
+                    + other).start()  # fmt: skip
+    bench.advance(1.0)
+    assert bench.task.state == "idle"
+    assert (bench.value("e"), bench.value("t")) == (-30108, 0)
+    stop = bench.machine.stops[0]
+    assert (stop.error.code, stop.program, stop.step) == ("E0108", "other", 2)
+    assert "other" in str(stop)
+    assert "step 2" in str(stop)
+
+
+def test_mc_starts_holds_continues_and_aborts_the_robot_program() -> None:
+    """The monitor's commands, from a PC program."""
+    count = program("WHILE TRUE DO", "TWAIT 0.01", "n = n+1", "END", name="count")
+    boss = program("MC EXECUTE count", "TWAIT 0.5", "MC HOLD", "a = n", "TWAIT 0.5", "b = n",
+                   "s = TASK(1)", "MC CONTINUE", "TWAIT 0.5", "c = n", "MC ABORT", "TWAIT 0.1",
+                   "d = TASK(1)", "MC SPEED 35", "e = MSPEED", name="boss")  # fmt: skip
+    bench = AsBench(count + boss)
+    bench.machine.memory.write("n", 0.0)
+    bench.machine.start_pc(1001, "boss")
+    bench.advance(2.0)
+    assert bench.codes == []
+    a, b, c = (bench.value(name) for name in "abc")
+    assert a == b
+    assert c > b > 30
+    assert [bench.value(name) for name in "sde"] == [2, 0, 35]
+
+
+def test_mc_is_refused_in_the_robot_program() -> None:
+    """P0111."""
+    assert AsBench(program("MC HOLD")).fail().code == "P0111"
+
+
+def test_the_autonomous_start_of_the_manual_works() -> None:
+    """WAIT SWITCH(POWER), then MC EXECUTE: the robot program starts when the motors go on."""
+    main = program("x = 1")
+    boss = program("WAIT SWITCH(POWER)", "MC EXECUTE main", name="boss")
+    bench = AsBench(main + boss)
+    bench.pendant.motor_power(on=False)
+    bench.machine.start_pc(1001, "boss")
+    bench.advance(0.5)
+    assert bench.value("x") is None
+    bench.pendant.motor_power(on=True)
+    bench.machine.held = bench.robot.queue.held = False
+    bench.advance(0.5)
+    assert bench.value("x") == 1
+
+
+@pytest.mark.parametrize(
+    ("prepare", "code"),
+    [
+        (lambda p: p.motor_power(on=False), "P1000"),
+        (lambda p: p.emergency_stop(), "P1000"),
+        (lambda p: p.teach(), "P1001"),
+        (lambda p: p.teach_lock(on=True), "P1002"),
+    ],
+)
+def test_execute_and_run_need_power_repeat_and_no_teach_lock(prepare, code: str) -> None:
+    """Each missing precondition has its own code; nothing starts."""
+    bench = AsBench(program("x = 1"))
+    prepare(bench.pendant)
+    for act in (lambda: bench.pendant.execute("main"), bench.pendant.run):
+        with pytest.raises(AsError) as error:
+            act()
+        assert error.value.code == code
+    bench.advance(0.1)
+    assert bench.value("x") is None
+
+
+def test_execute_is_refused_while_a_program_runs_and_in_error() -> None:
+    """P1009, and P1013 until ERESET."""
+    bench = AsBench(program("TWAIT 0.1", "x = 1/0")).start()
+    with pytest.raises(AsError, match="P1009"):
+        bench.pendant.execute("main")
+    bench.advance(0.2)
+    with pytest.raises(AsError, match="P1013"):
+        bench.pendant.execute("main")
+    bench.pendant.error_reset()
+    bench.pendant.execute("main")
+
+
+def test_after_ereset_continue_repeats_the_step_that_failed() -> None:
+    """What was wrong has been put right meanwhile: the program goes on."""
+    bench = AsBench(program("a = 1", "b = 1/c", "d = 1"))
+    bench.machine.memory.write("c", 0.0)
+    assert bench.fail().code == "E0108"
+    bench.machine.memory.write("c", 4.0)
+    with pytest.raises(AsError, match="P1013"):
+        bench.pendant.run()
+    bench.pendant.error_reset()
+    bench.pendant.run()
+    bench.advance(0.1)
+    assert (bench.value("b"), bench.value("d"), bench.task.state) == (0.25, 1, "idle")
+
+
+def test_one_calls_its_handler_and_returne_goes_on_behind_the_error() -> None:
+    """The handler sees the error's number; RETURNE skips the step that failed."""
+    handler = program("e = ERROR", "n = n+1", "RETURNE", name="handler")
+    bench = AsBench(program("n = 0", "ONE handler", "x = 1/0", "y = 2") + handler).start()
+    bench.advance(0.2)
+    assert bench.task.state == "idle"
+    assert (bench.value("n"), bench.value("y"), bench.value("x")) == (1, 2, None)
+    assert bench.value("e") == -30108
+    assert bench.machine.error is None
+
+
+def test_one_with_return_repeats_the_step() -> None:
+    """RETURN goes back to the step that failed, which the handler has made possible."""
+    handler = program("c = 2", "RETURN", name="handler")
+    bench = AsBench(program("c = 0", "ONE handler", "x = 1/c") + handler).start()
+    bench.advance(0.2)
+    assert (bench.value("x"), bench.task.state) == (0.5, "idle")
+
+
+def test_an_error_in_the_handler_stops_the_program() -> None:
+    """Handlers are not handled, and they must not move the arm."""
+    for line, code in (("x = 1/0", "E0108"), ("LMOVE HERE", "P0111")):
+        handler = program(line, "RETURNE", name="handler")
+        bench = AsBench(program("ONE handler", "x = 1/0") + handler)
+        assert bench.fail().code == code
+    assert AsBench(program("RETURNE")).fail().code == "P0111"
+
+
+def test_what_is_not_emulated_says_its_name_program_and_step() -> None:
+    """E0111 when the step is reached, not before."""
+    bench = AsBench(program("x = 1", "XMOVE HERE TILL 1001"))
+    error = bench.fail()
+    assert error.code == "E0111"
+    assert "XMOVE" in str(error)
+    assert (bench.value("x"), bench.stopped_at) == (1, ("main", 2))
+
+
+@pytest.mark.parametrize(
+    ("line", "code"),
+    [
+        ("TIMER 11 = 0", "E0106"), ("t = TIMER(11)", "E0106"), ("TWAIT -1", "E0106"),
+        ("x = y", "E0102"), ("LMOVE q", "E0103"), ("$a = $b", "E0104"), ("JMOVE #j", "E0103"),
+        ("SPEED 0", "E0106"), ("SPEED 101", "E0106"), ("SPEED 0.05 S", "E0106"),
+        ("ACCEL 0", "E0106"), ("DECEL 100.5", "E0106"), ("ACCURACY -1", "E0106"),
+        ("SPEED 10, 20 DEG/S", "E0111"), ("TCP_LISTEN r, 80", "E0106"),
+        ("TCP_LISTEN 5, 49152", "P0118"), ("DRIVE 7, 1", "E0106"), ("LOCK 200", "E0106"),
+        ("PCEXECUTE 1: nobody", "E0105"), ("ONE nobody", "E0105"),
+        ("$s = $SPACE(200) + $SPACE(56)", "E0110"),
+    ],
+)  # fmt: skip
+def test_impossible_values_stop_the_program_with_their_code(line: str, code: str) -> None:
+    """The code names what is wrong."""
+    assert AsBench(program(line)).fail().code == code
+
+
+def test_print_goes_to_whoever_listens_and_s_keeps_the_line_open() -> None:
+    """Lines come whole."""
+    bench = AsBench(program('TYPE /S, "a"', 'PRINT 2: "b"', 'TYPE "c"')).run()
+    assert bench.printed == ["ab", "c"]
+
+
+def test_a_stall_stops_all_programs_and_not_the_arm() -> None:
+    """A planning stall of 1 s: no step is made, the motion goes on."""
+    source = program(
+        "PCEXECUTE 1: other", "SPEED 20 MM/S ALWAYS", "HERE p", "LMOVE SHIFT(p BY 0,0,50)"
+    ) + program("WHILE TRUE DO", "n = TIMER(0)", "TWAIT 0.01", "END", name="other")
+    behaviour = Behaviour(step_s=2e-5, planning_stall_s=1.0, stall_at_motions=(1,))
+    bench = AsBench(source, behaviour).start()
+    bench.advance(0.1)
+    seen, z = bench.value("n"), bench.machine.here().z
+    bench.advance(0.8)
+    assert bench.value("n") == seen
+    assert bench.machine.here().z - z == pytest.approx(16.0, abs=0.5)
+    bench.advance(0.2)
+    assert bench.value("n") > seen
+
+
+def test_the_same_program_gives_the_same_run() -> None:
+    """Everything on the virtual clock is repeatable, to the step."""
+    source = program("HERE p", "FOR i = 1 TO 3", "LMOVE SHIFT(p BY 0,5*i,0)", "END", "BREAK",
+                     "t = TIMER(0)", "DECOMPOSE x[0] = HERE")  # fmt: skip
+    first, second = AsBench(source, FAST).run(), AsBench(source, FAST).run()
+    assert first.machine.scheduler.steps == second.machine.scheduler.steps
+    assert [first.value(n) for n in ("t", "x[0]", "x[1]", "x[2]")] == [
+        second.value(n) for n in ("t", "x[0]", "x[1]", "x[2]")
+    ]

@@ -74,7 +74,7 @@ class ExpressionBuilder(Transformer[Token, Line]):
         """Build a variable, or the constant or function that looks like one."""
         local = token.value.startswith(".")
         bare = token.value[1:] if local else token.value
-        kind = bare[0] if bare[0] in "$#@" else ""
+        kind = bare[0] if bare[0] in "$#@&" else ""
         if not rest and not local:
             upper = bare.upper()
             if upper in keywords.CONSTANTS:
@@ -85,7 +85,10 @@ class ExpressionBuilder(Transformer[Token, Line]):
         if len(indices) > 3:
             raise AsError("P0119", f"{token.value} has {len(indices)} indices; 3 are the most")
         name = short_name(bare[len(kind) :])
-        return syntax.Variable(kind, name, local, indices, bool(rest) and not indices)
+        whole = bool(rest) and not indices
+        if kind == "&":
+            return syntax.Reference(syntax.Variable("", name, local, indices, whole))
+        return syntax.Variable(kind, name, local, indices, whole)
 
     def brackets(self, *indices: Expression) -> Brackets:
         """`[1,2]`."""
@@ -122,10 +125,6 @@ class ExpressionBuilder(Transformer[Token, Line]):
         """`+a`."""
         return operand
 
-    def reference(self, variable: syntax.Variable) -> Expression:
-        """`&p`."""
-        return syntax.Reference(variable)
-
     def slot(self, *items: Expression | Token) -> Slot:
         """Gather one argument and its words."""
         argument: Expression | None = None
@@ -145,9 +144,9 @@ class ExpressionBuilder(Transformer[Token, Line]):
         """`2:`."""
         return Prefix(number)
 
-    def parameters(self, *variables: syntax.Variable) -> tuple[syntax.Variable, ...]:
+    def parameters(self, *given: syntax.Variable | syntax.Reference) -> tuple[syntax.Variable, ...]:
         """Gather the parameters of a program."""
-        return variables
+        return tuple(p.variable if isinstance(p, syntax.Reference) else p for p in given)
 
 
 @dataclass(frozen=True, slots=True)

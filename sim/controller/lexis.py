@@ -127,6 +127,7 @@ def _keyword(tokens: list[Token]) -> tuple[Token, list[Token]]:
         command = keywords.monitor_command(rest[0].value)
         if command is not None:
             return _retyped(first, "INSTRUCTION", f"MC {command}"), rest[1:]
+        return _retyped(first, "INSTRUCTION", f"?MC {rest[0].value.upper()}"), rest[1:]
     if name is None:
         return _retyped(first, "INSTRUCTION", f"?{first.value.upper()}"), rest
     return _retyped(first, keywords.STATEMENTS.get(name, "INSTRUCTION"), name), rest

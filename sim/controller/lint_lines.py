@@ -10,7 +10,7 @@ from sim.controller.special_functions import ALL_NAMES
 from sim.controller.syntax import SIGNIFICANT_CHARACTERS, Position, SourceFile
 
 LONGEST_LINE = 100
-NAME = re.compile(r"\.?[$#@]?[A-Za-z][A-Za-z0-9_.]*", re.ASCII)
+NAME = re.compile(r"\.?[$#@&]?[A-Za-z][A-Za-z0-9_.]*", re.ASCII)
 NO_CODE = re.compile(r'"[^"]*"|\'.|;.*')
 
 
@@ -48,7 +48,7 @@ def _long_names(code: str) -> Iterator[str]:
 
 def _significant(name: str) -> int:
     """Return how many characters count, with the dot and the sigil in front."""
-    return SIGNIFICANT_CHARACTERS + len(name) - len(name.lstrip(".$#@"))
+    return SIGNIFICANT_CHARACTERS + len(name) - len(name.lstrip(".$#@&"))
 
 
 def _names(names: dict[str, Position]) -> Iterator[Finding]:

@@ -95,7 +95,7 @@ class Word:
 
 @dataclass(frozen=True, slots=True)
 class Reference:
-    """An argument of CALL marked with `&`: a transformation passed by reference."""
+    """`&p` or `.&p[,]`: an argument of CALL marked as a transformation."""
 
     variable: Variable
 

@@ -32,6 +32,10 @@ MODULES: dict[str, dict[str, str | None]] = {
     "sensor":    {"sim": "sim.robot", "driver": "services.sensor", "external": None},
 }
 # fmt: on
+# The sensor `sim` beside a gateway is the one on the arm of the emulated controller, which executes
+# the program that users load into theirs.
+EMULATOR = "sim.controller"
+WORDS = {EMULATOR: ("controller/forcemesh.as",)}
 WATCH_S = 0.02
 HUB_WITHIN_S = 10.0
 ASK_WITHIN_S = 0.5
@@ -48,9 +52,13 @@ def processes_of(cell: Cell) -> tuple[Process, ...]:
     roles_of: dict[str, tuple[str, ...]] = {}
     for role, choices in MODULES.items():
         module = choices[players.get(role, "")]
+        if role == "sensor" and cell.roles.sensor == "sim" and cell.roles.robot == "gateway":
+            module = EMULATOR
         if module is not None:
             roles_of[module] = (*roles_of.get(module, ()), role)
-    return tuple(Process(module, roles) for module, roles in roles_of.items())
+    return tuple(
+        Process(module, roles, words=WORDS.get(module, ())) for module, roles in roles_of.items()
+    )
 
 
 class Supervisor:

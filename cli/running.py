@@ -35,6 +35,7 @@ class Process:
     module: str
     roles: tuple[str, ...]
     argv: tuple[str, ...] = ()  # instead of `python -m module --cell FILE`
+    words: tuple[str, ...] = ()  # between the module and --cell
 
     @property
     def name(self) -> str:
@@ -70,7 +71,14 @@ class Running:
         self.process = process
         self._say = say
         self._lines: deque[str] = deque(maxlen=1)
-        command = process.argv or (sys.executable, "-m", process.module, "--cell", str(cell_file))
+        command = process.argv or (
+            sys.executable,
+            "-m",
+            process.module,
+            *process.words,
+            "--cell",
+            str(cell_file),
+        )
         self._popen = subprocess.Popen(
             [sys.executable, "-I", "-S", str(LAUNCHER), str(os.getpid()), *command],
             cwd=ROOT,

@@ -230,8 +230,6 @@ class Cell(Section):
             raise ValueError("roles.robot is gateway, so a section `gateway` is needed")
         if "sim" in (self.roles.robot, self.roles.sensor) and self.sim is None:
             raise ValueError("a role is played by sim, so a section `sim` is needed")
-        if self.roles.sensor == "sim" and self.roles.robot != "sim":
-            raise ValueError("roles.sensor can be sim only when roles.robot is sim")
         return self
 
     def rate_hz(self, topic: Topic[Any]) -> float:

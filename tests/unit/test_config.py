@@ -138,10 +138,6 @@ def test_an_unknown_name_is_told_in_every_section(section: str) -> None:
     [
         ({"roles": {"robot": "gateway", "sensor": "driver"}}, "a section `gateway` is needed"),
         ({"sim": None}, "a section `sim` is needed"),
-        (
-            {"roles": {"robot": "gateway", "sensor": "sim"}, "gateway": {}},
-            "roles.sensor can be sim only when roles.robot is sim",
-        ),
         ({"cell": "Demo Cell"}, "cell: string should match pattern"),
         ({"bus": {"endpoint": "localhost"}}, "bus.endpoint: string should match pattern"),
     ],

@@ -1,0 +1,142 @@
+"""`python -m sim.controller FILE.as`: a process that people and the gateway talk to."""
+
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from common.cell import Cell
+from common.clock import ManualClock
+from common.config import load_cell
+from common.endpoints import Bus
+from common.memory import MemoryTransport
+from common.service import Runner
+from common.topics import SENSOR_WRENCH
+from sim.controller.network import MemoryNetwork
+from sim.controller.parser import parse
+from sim.controller.service import ControllerSensor
+from tests.fakes.as_bench import program
+
+ROOT = Path(__file__).resolve().parents[2]
+DEADLINE_S = 30.0
+
+ECHO = program(
+    'TYPE "ready"',
+    "TCP_LISTEN r, 49152",
+    "s = 0",
+    "WHILE s < 1 DO",
+    "TCP_ACCEPT s, 49152, 1",
+    "END",
+    "n = 0",
+    "TCP_RECV r, s, $in[1], n, 5",
+    "TCP_SEND r, s, $in[1], n",
+    "TCP_CLOSE r, s",
+    "TCP_END_LISTEN r, 49152",
+)
+
+
+def command(*words: str) -> list[str]:
+    """The command line of the emulator."""
+    return [sys.executable, "-m", "sim.controller", *words]
+
+
+@pytest.mark.processes
+def test_a_file_runs_in_real_time_and_answers_on_its_port(tmp_path: Path) -> None:
+    """It says what it does, echoes, ends by itself with exit code 0."""
+    file = tmp_path / "echo.as"
+    file.write_text(ECHO, encoding="ascii")
+    with subprocess.Popen(
+        command(str(file), "--port", "0"), cwd=ROOT, stdout=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout is not None
+        port, lines = 0, []
+        while not port:
+            lines.append(process.stdout.readline())
+            assert lines[-1], lines
+            port = int(lines[-1].split()[-1]) if "listening on" in lines[-1] else 0
+        with socket.create_connection(("127.0.0.1", port), timeout=DEADLINE_S) as client:
+            client.sendall(b"ping")
+            assert client.recv(100) == b"ping"
+        assert process.wait(DEADLINE_S) == 0
+    assert "ready\n" in lines
+
+
+@pytest.mark.processes
+@pytest.mark.parametrize(
+    ("source", "says", "code"),
+    [
+        (program("x = 1", "y = 1/0"), "(E0108)", 1),
+        (program("x = = 1"), "broken.as:2", 2),
+        ("", "there is no program", 2),
+    ],
+)
+def test_what_is_wrong_is_said_with_its_place(
+    tmp_path: Path, source: str, says: str, code: int
+) -> None:
+    """Code, program and step of a running program; file and line of one that does not load."""
+    file = tmp_path / "broken.as"
+    file.write_text(source, encoding="ascii")
+    done = subprocess.run(
+        command(str(file)),
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        timeout=DEADLINE_S,
+        check=False,
+    )
+    assert says in done.stdout + done.stderr
+    assert done.returncode == code
+    assert "Traceback" not in done.stderr
+    if code == 1:
+        assert "program main, step 2: y = 1/0" in done.stdout
+
+
+def demo_cell() -> Cell:
+    """The demo's cell."""
+    return load_cell(ROOT / "cells" / "demo.yaml")
+
+
+def test_in_a_cell_it_publishes_the_readings_of_the_arm_that_its_program_moves() -> None:
+    """The rate is the cell's; pressing down on the plate shows in the force."""
+    cell, clock = demo_cell(), ManualClock()
+    transport = MemoryTransport()
+    bus = Bus("sensor", cell.cell, transport, cell, clock)
+    service = ControllerSensor(bus, cell, MemoryNetwork())
+    service.machine.load(parse(program("HERE p", "SPEED 20 MM/S", "LMOVE SHIFT(p BY 0,0,-5.5)")))
+    service.machine.pendant.monitor_speed(100)
+    reader = Bus("wrench", cell.cell, transport, cell, clock).reader(SENSOR_WRENCH)
+    runner, forces, counters = Runner(service, [], clock), [], []
+    service.machine.pendant.execute("main")
+    for _ in range(600):
+        clock.sleep_s(0.001)
+        if runner.due(clock.now_ns()):
+            runner.step(clock.now_ns())
+        if reader.poll():
+            message = reader.read(clock.now_ns()).message
+            assert message is not None
+            forces.append(message.force_N[2])
+            counters.append(message.counter)
+    assert len(forces) == pytest.approx(0.6 * cell.rates.sensor_hz, abs=2)
+    assert counters == list(range(counters[0], counters[0] + len(counters)))
+    assert abs(forces[-1] - forces[0]) > 5.0
+    assert service.fault == ""
+    assert service.counters()["ms_lost"] == 0
+
+
+def test_a_process_that_was_held_up_loses_time_instead_of_racing() -> None:
+    """After 3 s of silence it makes up for 50 ms and counts the rest."""
+    cell, clock = demo_cell(), ManualClock()
+    service = ControllerSensor(Bus("sensor", cell.cell, MemoryTransport(), cell, clock), cell,
+                               MemoryNetwork())  # fmt: skip
+    clock.sleep_s(3.0)
+    began = time.monotonic()
+    service.step(clock.now_ns())
+    assert service.arm.ticks == 50
+    assert service.counters()["ms_lost"] == 2950
+    assert time.monotonic() - began < DEADLINE_S
+    clock.sleep_s(0.010)
+    service.step(clock.now_ns())
+    assert service.arm.ticks == 60

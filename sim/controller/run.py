@@ -14,6 +14,7 @@ from common.cell import Cell
 from common.clock import Clock, MonotonicClock
 from common.config import load_cell
 from common.errors import ConfigError
+from common.priority import take_realtime_priority
 from common.service import (
     Runner,
     exit_on_error,
@@ -43,8 +44,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--address", default=LOOPBACK_ADDRESS, help="listen on this address only")
     parser.add_argument("--cell", metavar="FILE",
                         help="move this cell's simulated arm and publish its sensor")  # fmt: skip
-    parser.add_argument("--step-ms", type=float, default=Behaviour().step_s * 1e3, metavar="X",
-                        help="processor time of one AS step (default %(default)s)")  # fmt: skip
+    parser.add_argument("--step-ms", type=float, metavar="X",
+                        help="processor time of one AS step (else the cell's, or 0.5)")  # fmt: skip
     parser.add_argument(
         "--speed",
         type=float,
@@ -60,14 +61,21 @@ def run(arguments: argparse.Namespace) -> int:
     """Run the file of a parsed command line until it ends; return the exit code."""
     with exit_on_error("controller"):
         source = load(Path(arguments.file))
-        behaviour = behaviour_of(arguments)
+        behaviour = behaviour_of(arguments, step_of(arguments))
         run_it = run_in_cell if arguments.cell else run_alone
         return run_it(source, arguments, behaviour, stop_on_signals())
 
 
-def behaviour_of(arguments: argparse.Namespace) -> Behaviour:
+def step_of(arguments: argparse.Namespace) -> float:
+    """Return the processor time of one step [s]: as asked for, else the cell's, else usual."""
+    if arguments.step_ms is not None:
+        return float(arguments.step_ms) * 1e-3
+    sim = load_cell(arguments.cell).sim if arguments.cell else None
+    return Behaviour().step_s if sim is None else sim.as_step_s
+
+
+def behaviour_of(arguments: argparse.Namespace, step_s: float) -> Behaviour:
     """Return the behaviour asked for. Raises ConfigError for an impossible step time."""
-    step_s = arguments.step_ms * 1e-3
     try:
         return pessimistic(step_s) if arguments.pessimistic else Behaviour(step_s=step_s)
     except ValueError as error:
@@ -102,8 +110,10 @@ def run_in_cell(
     source: SourceFile, arguments: argparse.Namespace, behaviour: Behaviour, stop: threading.Event
 ) -> int:
     """Play the role sensor of a cell whose gateway talks to the program; end on a signal."""
+    take_realtime_priority()
     cell = load_cell(arguments.cell)
     refuse_unless_played_by(cell, "sensor", "sim")
+    take_realtime_priority()
     network = SocketNetwork(arguments.address, arguments.port or gateway_port(cell))
     with ExitStack() as exits:
         bus = exits.enter_context(open_bus(cell, "sensor"))

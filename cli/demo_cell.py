@@ -38,8 +38,10 @@ def demo_cell(
         overrides["sim.stiffness_N_m"] = stiffness_N_m
         overrides["contact.stiffness_N_m"] = stiffness_N_m
     if delay_s is not None:
+        plain = load_cell(path)
+        own_s = 0.0 if plain.sim is None else plain.robot.delay_s - plain.sim.delay_s
         overrides["sim.delay_s"] = delay_s
-        overrides["robot.delay_s"] = delay_s
+        overrides["robot.delay_s"] = delay_s + own_s  # what a controller's program adds stays
     if seed is not None:
         overrides["sim.seed"] = seed
     cell = load_cell(path, overrides)

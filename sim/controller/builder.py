@@ -55,6 +55,8 @@ def as_word(argument: Expression | None) -> Expression | None:
     """Take a name that looks like a variable for the bare word it is."""
     if isinstance(argument, syntax.Variable) and not argument.indices:
         return syntax.Word(argument.name)
+    if isinstance(argument, syntax.Function) and not argument.arguments:
+        return syntax.Word(argument.name.lower())  # SWITCH(ERROR): also a function's name
     return argument
 
 

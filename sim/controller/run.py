@@ -110,7 +110,6 @@ def run_in_cell(
     source: SourceFile, arguments: argparse.Namespace, behaviour: Behaviour, stop: threading.Event
 ) -> int:
     """Play the role sensor of a cell whose gateway talks to the program; end on a signal."""
-    take_realtime_priority()
     cell = load_cell(arguments.cell)
     refuse_unless_played_by(cell, "sensor", "sim")
     take_realtime_priority()

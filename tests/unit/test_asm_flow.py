@@ -1,7 +1,7 @@
 """Control flow, subroutines and cycles of AS programs, executed on a virtual clock."""
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sim.controller.behaviour import Behaviour
@@ -15,6 +15,7 @@ def ran(*lines: str) -> AsBench:
     return AsBench(program(*lines)).run()
 
 
+@settings(max_examples=40)
 @given(SMALL, SMALL, SMALL.filter(bool))
 def test_for_runs_as_often_as_a_counting_loop_and_keeps_the_first_value_beyond(
     start: int, stop: int, step: int

@@ -1,81 +1,12 @@
-"""Parallel programs, waiting, signals, timers, switches and the monitor behind MC."""
+"""Parallel programs, errors and their handlers, and the monitor behind MC."""
 
 import pytest
 
-from sim.controller.behaviour import Behaviour, pessimistic
+from sim.controller.behaviour import Behaviour
 from sim.controller.errors import AsError
 from tests.fakes.as_bench import FAST, AsBench, program
 
 FOREVER = ("WHILE TRUE DO", "TWAIT 0.01", "END")
-
-
-def test_twait_lasts_as_long_as_asked_to_the_millisecond() -> None:
-    """TIMER reads the same as TWAIT waited."""
-    bench = AsBench(program("TIMER 1 = 0", "TWAIT 0.25", "t = TIMER(1)")).run()
-    assert bench.value("t") == pytest.approx(0.25, abs=0.0015)
-
-
-def test_timers_run_from_what_they_are_set_to() -> None:
-    """TIMER 2 = 5 reads 5 and a bit; TIMER(0) is the time since power-on; TIMER(3) = 0 too."""
-    bench = AsBench(program("TIMER 2 = 5", "TIMER(3) = 0", "TWAIT 1", "a = TIMER(2)",
-                            "b = TIMER(0)", "c = TIMER(3)")).run()  # fmt: skip
-    assert bench.value("a") == pytest.approx(6.0, abs=0.005)
-    assert bench.value("b") == pytest.approx(1.0, abs=0.005)
-    assert bench.value("c") == pytest.approx(1.0, abs=0.005)
-
-
-def test_a_coarse_timer_moves_in_steps_of_16_ms() -> None:
-    """The pessimistic controller's TIMER is a multiple of 16 ms, never ahead of the time."""
-    lines = ("FOR i = 1 TO 50", "TWAIT 0.001", "t[i] = TIMER(0)", "u[i] = t[i]/0.016", "END")
-    bench = AsBench(program(*lines), pessimistic(2e-5)).run()
-    units = [bench.value(f"u[{k}]") for k in range(1, 51)]
-    assert all(abs(unit - round(unit)) < 1e-4 for unit in units)
-    assert len({round(unit) for unit in units}) > 2
-    assert bench.value("t[50]") <= bench.now_s
-
-
-def test_wait_goes_on_when_another_program_makes_the_condition_true() -> None:
-    """Globals are shared; the wait ends within a tick."""
-    other = program("TWAIT 0.3", "n = 101", name="other")
-    bench = AsBench(program("n = 0", "TIMER 1 = 0", "PCEXECUTE 2: other", "WAIT n > 100",
-                            "t = TIMER(1)") + other).run()  # fmt: skip
-    assert bench.value("t") == pytest.approx(0.3, abs=0.003)
-
-
-def test_signals_are_shared_by_programs_and_swait_sees_them() -> None:
-    """SWAIT waits for all of its signals; a negative number waits for OFF."""
-    other = program("TWAIT 0.1", "SIGNAL 2001", "TWAIT 0.1", "SIGNAL -2002", name="other")
-    bench = AsBench(program("SIGNAL 2002, 17", "TIMER 1 = 0", "PCEXECUTE other",
-                            "SWAIT 2001, -2002, 17", "t = TIMER(1)", "a = SIG(2001)",
-                            "b = SIG(2002)") + other).run()  # fmt: skip
-    assert bench.value("t") == pytest.approx(0.2, abs=0.003)
-    assert (bench.value("a"), bench.value("b")) == (-1, 0)
-
-
-@pytest.mark.parametrize("signal", ["0", "961", "1001", "3000", "-1500"])
-def test_signals_that_do_not_exist_or_are_inputs_cannot_be_set(signal: str) -> None:
-    """E0106: outputs are 1 to 960, internal ones 2001 to 2960."""
-    assert AsBench(program(f"SIGNAL {signal}")).fail().code == "E0106"
-
-
-def test_pulse_ends_by_itself_and_the_program_does_not_wait() -> None:
-    """On for its time, then off."""
-    bench = AsBench(program("PULSE 5, 0.1", "a = SIG(5)", "TWAIT 0.15", "b = SIG(5)")).run()
-    assert (bench.value("a"), bench.value("b")) == (-1, 0)
-
-
-def test_bits_writes_a_number_to_signals_and_reads_it_back() -> None:
-    """BITS 10,4 = 11 is 1011 on signals 10 to 13."""
-    bench = AsBench(program("BITS 10,4 = 11", "a = BITS(10,4)", "b = SIG(12)")).run()
-    assert (bench.value("a"), bench.value("b")) == (11, 0)
-
-
-def test_switches_are_set_by_programs_and_status_switches_are_not() -> None:
-    """CP can be switched; POWER only reports."""
-    bench = AsBench(program("CP OFF", "a = SWITCH(CP)", "CP ON", "b = SWITCH(CP)",
-                            "c = SWITCH(POWER)", "d = SWITCH(REPEAT)")).run()  # fmt: skip
-    assert [bench.value(name) for name in "abcd"] == [0, -1, -1, -1]
-    assert AsBench(program("POWER OFF")).fail().code == "P0111"
 
 
 def test_pc_programs_run_their_cycles_and_task_tells_their_state() -> None:
@@ -270,30 +201,6 @@ def test_what_is_not_emulated_says_its_name_program_and_step() -> None:
     assert error.code == "E0111"
     assert "XMOVE" in str(error)
     assert (bench.value("x"), bench.stopped_at) == (1, ("main", 2))
-
-
-@pytest.mark.parametrize(
-    ("line", "code"),
-    [
-        ("TIMER 11 = 0", "E0106"), ("t = TIMER(11)", "E0106"), ("TWAIT -1", "E0106"),
-        ("x = y", "E0102"), ("LMOVE q", "E0103"), ("$a = $b", "E0104"), ("JMOVE #j", "E0103"),
-        ("SPEED 0", "E0106"), ("SPEED 101", "E0106"), ("SPEED 0.05 S", "E0106"),
-        ("ACCEL 0", "E0106"), ("DECEL 100.5", "E0106"), ("ACCURACY -1", "E0106"),
-        ("SPEED 10, 20 DEG/S", "E0111"), ("TCP_LISTEN r, 80", "E0106"),
-        ("TCP_LISTEN 5, 49152", "P0118"), ("DRIVE 7, 1", "E0106"), ("LOCK 200", "E0106"),
-        ("PCEXECUTE 1: nobody", "E0105"), ("ONE nobody", "E0105"),
-        ("$s = $SPACE(200) + $SPACE(56)", "E0110"),
-    ],
-)  # fmt: skip
-def test_impossible_values_stop_the_program_with_their_code(line: str, code: str) -> None:
-    """The code names what is wrong."""
-    assert AsBench(program(line)).fail().code == code
-
-
-def test_print_goes_to_whoever_listens_and_s_keeps_the_line_open() -> None:
-    """Lines come whole."""
-    bench = AsBench(program('TYPE /S, "a"', 'PRINT 2: "b"', 'TYPE "c"')).run()
-    assert bench.printed == ["ab", "c"]
 
 
 def test_a_stall_stops_all_programs_and_not_the_arm() -> None:

@@ -1,0 +1,138 @@
+"""How the emulated arm stops: BRAKE, HOLD, ABORT, emergency stop, the end of a program."""
+
+import numpy as np
+import pytest
+
+from sim.controller.behaviour import pessimistic
+from tests.fakes.as_bench import AsBench, program
+from tests.fakes.as_trace import SQUARE, Trace
+
+
+def braked(source: str, at_s: float, **kwargs) -> tuple[AsBench, Trace]:
+    """Run a program that a PC program brakes at a time."""
+    brake = program(f"TWAIT {at_s}", "BRAKE", name="brake")
+    bench = AsBench(source + brake, **kwargs)
+    trace = Trace(bench)
+    bench.machine.start_pc(1001, "brake")
+    bench.run()
+    return bench, trace
+
+
+def test_brake_from_a_pc_program_stops_within_v2_over_2a() -> None:
+    """100 mm/s at 2.5 m/s^2 are 2 mm and 40 ms; the path is kept."""
+    source = program(*SQUARE, "LMOVE SHIFT(p BY 100,0,0)", "BREAK", "t = TIMER(0)")
+    _, trace = braked(source, 0.5)
+    at = 501
+    rest = trace.mm[-1] - trace.mm[at]
+    assert rest[0] == pytest.approx(2.0, abs=0.15)
+    assert np.abs(rest[1:]).max() < 1e-3
+    assert trace.speed_mm_s[at + 42 :].max() < 1e-6
+
+
+def test_brake_drops_the_motion_ahead_and_the_pessimistic_controller_starts_it() -> None:
+    """The open question of the facts, both readings."""
+    source = program(*SQUARE, "LMOVE SHIFT(p BY 100,0,0)", "LMOVE SHIFT(p BY 0,50,0)", "n = 1",
+                     "BREAK")  # fmt: skip
+    kind, _ = braked(source, 0.5)
+    hard, _ = braked(source, 0.5, behaviour=pessimistic(2e-5))
+    start = AsBench(source).machine.here()
+    assert kind.machine.here().y == pytest.approx(start.y, abs=0.1)
+    assert hard.machine.here().y == pytest.approx(start.y + 50.0, abs=0.1)
+    assert kind.value("n") == 1
+
+
+def test_brake_in_the_robot_program_waits_for_the_stop() -> None:
+    """The next step sees an arm that stands, short of the target."""
+    bench = AsBench(
+        program(
+            *SQUARE,
+            "LMOVE SHIFT(p BY 100,0,0)",
+            "TWAIT 0.3",
+            "BRAKE",
+            "a = DX(HERE)-DX(p)",
+            "TWAIT 0.2",
+            "b = DX(HERE)-DX(p)",
+        )
+    ).run()
+    assert 25.0 < bench.value("a") < 35.0
+    assert bench.value("b") == pytest.approx(bench.value("a"), abs=0.02)
+
+
+def test_hold_decelerates_and_run_finishes_the_motion() -> None:
+    """HOLD keeps the rest of the way; nothing moves until RUN."""
+    bench = AsBench(program(*SQUARE, "LMOVE SHIFT(p BY 50,0,0)", "BREAK", "x = 1"))
+    trace = Trace(bench)
+    bench.start().advance(0.25)
+    bench.pendant.hold()
+    bench.advance(1.0)
+    held = trace.mm[-1] - trace.mm[0]
+    assert 20.0 < held[0] < 30.0
+    assert trace.speed_mm_s[-900:].max() < 1e-9
+    bench.pendant.run()
+    assert bench.advance(2.0, lambda: bench.value("x") == 1)
+    assert (trace.mm[-1] - trace.mm[0])[0] == pytest.approx(50.0, abs=1e-3)
+
+
+def test_a_motion_that_is_braked_while_held_is_not_resumed_by_run() -> None:
+    """What a watchdog relies on: BRAKE during HOLD drops the rest of the way."""
+    bench = AsBench(program(*SQUARE, "LMOVE SHIFT(p BY 50,0,0)", "BREAK", "TWAIT 100")
+                    + program("BRAKE", name="brake"))  # fmt: skip
+    trace = Trace(bench)
+    bench.start().advance(0.25)
+    bench.pendant.hold()
+    bench.advance(0.5)
+    bench.machine.start_pc(1001, "brake")
+    bench.advance(0.1)
+    bench.pendant.run()
+    bench.advance(1.0)
+    assert trace.speed_mm_s[-1100:].max() < 1e-9
+
+
+def test_abort_finishes_the_motion_and_ends_the_program() -> None:
+    """TASK is 3 while the motion of an ended program goes on."""
+    bench = AsBench(program(*SQUARE, "LMOVE SHIFT(p BY 50,0,0)", "LMOVE p", "x = 1"))
+    trace = Trace(bench)
+    bench.start().advance(0.2)
+    bench.pendant.abort()
+    assert bench.machine.task_state(1) == 3
+    bench.advance(1.0)
+    assert bench.machine.task_state(1) == 0
+    assert (trace.mm[-1] - trace.mm[0])[0] == pytest.approx(50.0, abs=1e-3)
+    assert bench.value("x") is None
+
+
+def test_an_emergency_stop_brakes_and_nothing_moves_until_power_and_run() -> None:
+    """Power on alone moves nothing either; after RUN the program goes on with its next motion."""
+    bench = AsBench(program(*SQUARE, "LMOVE SHIFT(p BY 100,0,0)", "BREAK", "LMOVE p", "BREAK"))
+    trace = Trace(bench)
+    bench.start().advance(0.5)
+    bench.pendant.emergency_stop()
+    bench.advance(0.1)
+    assert trace.speed_mm_s[-40:].max() < 1e-6
+    bench.pendant.motor_power(on=True)
+    assert not bench.robot.motor_power
+    bench.pendant.release_emergency_stop()
+    bench.pendant.motor_power(on=True)
+    bench.advance(0.5)
+    assert trace.speed_mm_s[-400:].max() < 1e-6
+    bench.pendant.run()
+    assert bench.advance(3.0, lambda: bench.task.state == "idle")
+    assert np.linalg.norm(trace.mm[-1] - trace.mm[0]) < 0.1
+
+
+def test_the_end_of_the_program_is_not_the_end_of_its_motion() -> None:
+    """The arm arrives after the last step."""
+    bench = AsBench(program(*SQUARE, "LMOVE SHIFT(p BY 30,0,0)")).start()
+    bench.advance(0.05)
+    assert bench.machine.task_state(1) == 3
+    bench.advance(1.0)
+    assert bench.machine.task_state(1) == 0
+
+
+def test_motors_off_refuse_a_motion() -> None:
+    """P1000 when a running program meets a dead robot is impossible: power off holds it."""
+    bench = AsBench(program(*SQUARE, "LMOVE SHIFT(p BY 50,0,0)", "BREAK")).start()
+    bench.advance(0.1)
+    bench.pendant.motor_power(on=False)
+    bench.advance(0.5)
+    assert bench.task.state == "held"

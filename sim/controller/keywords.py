@@ -92,5 +92,9 @@ def monitor_command(word: str) -> str | None:
 def _only(names: tuple[str, ...], beginning: str) -> str | None:
     if len(beginning) < 2:
         return None
-    longer = [name for name in names if name.startswith(beginning) and " " not in name]
-    return longer[0] if len(longer) == 1 or longer[:1] == [beginning] else None
+    longer = sorted(
+        (name for name in names if name.startswith(beginning) and " " not in name), key=len
+    )
+    if longer and all(name.startswith(longer[0]) for name in longer):
+        return longer[0]
+    return None

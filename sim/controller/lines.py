@@ -121,10 +121,9 @@ def _bad_token(text: str, error: UnexpectedToken) -> LineError:
     found = "the end of the line" if at_end else f"'{token.value}'"
     column = len(text) + 1 if at_end else (token.column or 0)
     choices = list(dict.fromkeys(plain for name, plain in PLAIN.items() if name in expected))[:3]
-    if token.type == "_ASSIGN" and {"RELATION", "TEXT_RELATION"} & expected:
-        choices = ["== to compare"]
     would_be = f"; right would be {' or '.join(choices)}" if choices else ""
-    return LineError(_code(token, expected), f"found {found}{would_be}", column)
+    hint = ". To compare, write ==" if token.type == "_ASSIGN" else ""
+    return LineError(_code(token, expected), f"found {found}{would_be}{hint}", column)
 
 
 def _code(token: Token, expected: set[str]) -> str:

@@ -17,15 +17,36 @@ PATIENCE_S = 60.0  # of the test, not of the cell: a loaded machine is slow to s
 Start = Callable[..., subprocess.Popen[str]]
 
 
+def free_port() -> int:
+    """Return a TCP port that nobody listens on right now."""
+    with socket.create_server(("127.0.0.1", 0)) as probe:
+        port: int = probe.getsockname()[1]
+        return port
+
+
 @pytest.fixture
 def cell_file(tmp_path, monkeypatch) -> Path:
     """The demo's cell under a name, an endpoint and a run folder of this test alone."""
     monkeypatch.setenv("FORCEMESH_RUN_FOLDER", str(tmp_path))
-    with socket.create_server(("127.0.0.1", 0)) as probe:
-        port = probe.getsockname()[1]
+    port = free_port()
     overrides = {"cell": f"demo-{port}", "bus.endpoint": f"tcp/127.0.0.1:{port}"}
     path = tmp_path / "cell.yaml"
     path.write_text(dump_cell(load_cell(ROOT / "cells" / "demo.yaml", overrides)))
+    return path
+
+
+@pytest.fixture
+def tcp_cell_file(tmp_path, monkeypatch) -> Path:
+    """The cell of gateway and emulated controller, on ports of this test alone."""
+    monkeypatch.setenv("FORCEMESH_RUN_FOLDER", str(tmp_path))
+    port = free_port()
+    overrides = {
+        "cell": f"tcp-{port}",
+        "bus.endpoint": f"tcp/127.0.0.1:{port}",
+        "gateway.port": free_port(),
+    }
+    path = tmp_path / "cell.yaml"
+    path.write_text(dump_cell(load_cell(ROOT / "cells" / "demo-tcp.yaml", overrides)))
     return path
 
 

@@ -51,6 +51,18 @@ def test_the_main_job_settles_in_real_processes(cell_file, start, mode, stiffnes
     assert (cell_file.parent / "out" / "demo.png").stat().st_size > 10_000
 
 
+@pytest.mark.parametrize("host", ["pc", "controller"])
+def test_the_main_job_settles_through_the_program_that_users_load(tcp_cell_file, start, host):
+    """Gateway, TCP, emulated controller with the shipped forcemesh.as: force goes to zero."""
+    demo = start(*demo_words(tcp_cell_file, "--host", host))
+    out, err = demo.communicate(timeout=2 * PATIENCE_S)
+
+    result = json.loads(out)
+    assert demo.returncode == 0, err
+    assert result["settled"]
+    assert result["final_force_N"] <= 1.0
+
+
 class Watcher:
     """What a client sees of a cell while its processes die."""
 

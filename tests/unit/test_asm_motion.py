@@ -171,3 +171,17 @@ def test_mvwait_waits_until_so_much_is_left() -> None:
     bench = AsBench(program(*SQUARE, "LMOVE SHIFT(p BY 50,0,0)", "MVWAIT 20",
                             "a = DX(HERE)-DX(p)", "BREAK")).run()  # fmt: skip
     assert 26.0 < bench.value("a") < 31.0
+
+
+def test_drive_and_draw_have_a_speed_of_their_own() -> None:
+    """It replaces the program's SPEED for that motion."""
+    for move, expected in (("DRAW 20,0,0,0,0,0,40 MM/S", 40.0), ("DRAW 20,0,0", 100.0)):
+        bench = AsBench(program(*SQUARE, move, "BREAK"))
+        trace = Trace(bench)
+        bench.run()
+        assert trace.speed_mm_s.max() == pytest.approx(expected, rel=0.02)
+    times = []
+    for percent in (5, 10):
+        source = program(*SQUARE, f"DRIVE 6,40,{percent}", "BREAK", "t = TIMER(0)")
+        times.append(AsBench(source).run().value("t"))
+    assert times[0] > 1.5 * times[1]

@@ -73,6 +73,7 @@ def test_at_a_pole_of_a_only_the_sum_or_the_difference_counts(q, xyz, angle) -> 
         (("LMOVE SHIFT(p BY 0,5,0)", "HOME"), (0, 0, 0)),
         (("BASE TRANS(100,0,0)", "LMOVE p"), (100, 0, 0)),
         (("TOOL TRANS(0,0,20)", "LMOVE p"), (0, 0, 20)),
+        (("TOOL TRANS(0,0,20)", "JMOVE p"), (0, 0, 20)),
         (("BASE TRANS(0,0,0,90)", "DRAW 10,0,0", "BREAK", "BASE NULL"), (0, 10, 0)),
         (("TOOL TRANS(0,0,100)", "LMOVE HERE+RX(10)"), (0, None, None)),
     ],

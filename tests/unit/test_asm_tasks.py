@@ -166,6 +166,27 @@ def test_after_ereset_continue_repeats_the_step_that_failed() -> None:
     assert (bench.value("b"), bench.value("d"), bench.task.state) == (0.25, 1, "idle")
 
 
+def test_an_error_while_a_step_waits_belongs_to_that_step() -> None:
+    """WAIT 1/c fails once c is 0: the message, CONTINUE and RETURNE take it for the WAIT's step."""
+    other = program("TWAIT 0.1", "c = 0", name="other")
+    handler = program("n = n+1", "RETURNE", name="handler")
+    lines = ("c = -1", "n = 0", "a = 0", "PCEXECUTE 1: other", "WAIT 1/c > 0", "a = a+1")
+    bench = AsBench(program(*lines) + other)
+    assert bench.fail().code == "E0108"
+    assert bench.stopped_at == ("main", 5)
+    bench.machine.memory.write("c", -1.0)
+    bench.pendant.error_reset()
+    bench.pendant.run()
+    bench.advance(0.2)
+    assert (bench.value("a"), bench.task.state) == (0, "running")
+    bench.machine.memory.write("c", 1.0)
+    bench.advance(0.1)
+    assert (bench.value("a"), bench.task.state) == (1, "idle")
+    handled = AsBench(program("ONE handler", *lines) + other + handler).start()
+    handled.advance(0.3)
+    assert (handled.value("n"), handled.value("a"), handled.task.state) == (1, 1, "idle")
+
+
 def test_one_calls_its_handler_and_returne_goes_on_behind_the_error() -> None:
     """The handler sees the error's number; RETURNE skips the step that failed."""
     handler = program("e = ERROR", "n = n+1", "RETURNE", name="handler")

@@ -14,7 +14,7 @@
   TOOL NULL
   BASE NULL
   CP ON
-  SPEED 10 ALWAYS
+  SPEED 10 MM/S ALWAYS ;of force feedback, until command 10
   ACCURACY fm.accur ALWAYS
   ACCEL 100 ALWAYS
   DECEL 100 ALWAYS
@@ -24,29 +24,28 @@
   PCEXECUTE 1: fm.send
   PCEXECUTE 2: fm.recv
   TIMER 6=0
-  WHILE fm.quit==0 DO
-    WAIT (fm.rh<>fm.rt) OR (fm.wn<>fm.wu) OR (fm.hseq+fm.wseq<>fm.ack) OR (TIMER(6)>0.5)
-    fm.loops=(fm.loops+1) MOD 1000000
-    IF fm.hseq+fm.wseq<>fm.ack THEN ;a hold came
-      CALL fm.halt
-    END
-    IF fm.rh<>fm.rt THEN
-      CALL fm.take
-    END
-    IF fm.wn<>fm.wu THEN
-      CALL fm.step
-    END
-    IF TIMER(6)>0.5 THEN
-      CALL fm.tick
-    END
+turn:
+  WAIT (fm.rh<>fm.rt) OR (fm.wn<>fm.wu) OR (fm.hseq+fm.wseq<>fm.ack) OR (TIMER(6)>0.5)
+  fm.loops=(fm.loops+1) MOD 1000000
+  IF fm.hseq+fm.wseq<>fm.ack THEN ;a hold came
+    CALL fm.halt
   END
+  IF fm.rh<>fm.rt THEN
+    CALL fm.take
+  END
+  IF fm.wn<>fm.wu THEN
+    CALL fm.step
+  END
+  IF TIMER(6)<=0.5 GOTO turn
+  CALL fm.tick
+  IF fm.quit==0 GOTO turn
   CALL fm.leave
 .END
 .PROGRAM fm.config() ;what may be changed for a cell
   fm.port=49152 ;TCP port that is listened on, 8192 to 65535
   fm.accur=10 ;ACCURACY of every motion [mm]: larger than the spacing of a stream
   fm.tsend=0.008 ;pause of the sender between two samples [s]
-  fm.twatch=0.02 ;pause of the watchdog between two looks [s]
+  fm.twatch=0.03 ;pause of the watchdog between two looks [s]
   fm.still=0.03 ;all joints together turn slower than this at rest [deg/s]
   fm.lever=1.75 ;one degree of a turn counts as this many mm of way (100 mm/rad)
 .END
@@ -85,16 +84,12 @@
   fm.stopn=0 ;commands 7 with Param 2
   fm.lack=0 ;the fm.lat that a hello has cleared
   fm.arm=0 ;1: something may move, so silence is a fault
-  fm.heard=0 ;valid packets
-  fm.framed=0 ;ID of the last one
+  fm.framed=0 ;ID of the last valid packet
   fm.hid=0 ;ID of the last command 8
   fm.rh=0 ;ring: next free slot
-  fm.wn=0 ;wrenches received
+  fm.wn=0 ;wrenches received, modulo 1000000
   fm.wb=0 ;bank of the newest one
-  fm.bad=0 ;the packet was not one
-  fm.id=0 ;ID of the packet that comes next
-  $fm.next="" ;the same, as it is written
-  $fm.q="" ;the packet in hand
+  $fm.next="" ;ID and space of the packet that comes next; empty: hello does
   fm.sp=50 ;scales, set by hello: packet units per mm,
   fm.so=500 ;degree of O, A, T,
   fm.sj=250 ;degree of a joint,
@@ -110,7 +105,7 @@
   fm.hw=0 ;status bits of the machine
   ; written by fm.send
   fm.drops=-1 ;connection that shall be closed
-  fm.sbeat=0 ;samples
+  fm.sbeat=0 ;samples, modulo 488: the counter of 101 and 102
   fm.busy=0 ;1: inside TCP_SEND
   ; written by fm.main and its subroutines
   fm.quit=0 ;a person may set it to 1: fm.main ends and puts everything back
@@ -150,7 +145,7 @@
     fm.kp[.i]=0 ;gains of command 6
     fm.ki[.i]=0
     fm.f[.i]=0 ;wrench of the iteration before
-    fm.w[0,.i]=0 ;two banks for command 4
+    fm.w[0,.i]=0 ;two banks for command 4, in packet units
     fm.w[1,.i]=0
     fm.d[.i]=0 ;1-3: displacement since the start [mm]
     fm.c[.i]=0 ;1-3: TCP at the start [mm]
@@ -167,9 +162,7 @@
     $fm.rx[.i]="" ;what TCP_RECV brought
   END
   $fm.hi[1]="" ;our hello
-  ; what fm.recv compares with
-  $fm.digits="-0123456789"
-  $fm.zero="000000 000000 000000 000000 000000 000000 "
+  ; Com and Param of every command but hello, 14 characters each: fm.recv finds them by place
   $fm.keys="000004 000000 000001 000000 000002 000000 000003 000000 000005 000000 "
   $fm.keys=$fm.keys+"000006 000000 000006 000001 000010 000000 000011 000000 "
   $fm.keys=$fm.keys+"000012 000000 000008 000000 000007 000000 000007 000001 000007 000002 "
@@ -336,6 +329,7 @@ fresh:
     fm.ltravel=.v[4]/fm.sp
     fm.lforce=.v[5]/fm.sf
     fm.wd=.v[6]/1000
+    SPEED fm.lspeed MM/S ALWAYS ;commands 1 to 3 bring their own
     fm.taken=.id
   VALUE 11: ;TCP in the flange frame
     POINT fm.tcp=TRANS(.v[1]/fm.sp,.v[2]/fm.sp,.v[3]/fm.sp,.v[4]/fm.so,.v[5]/fm.so,.v[6]/fm.so)
@@ -412,41 +406,44 @@ odd: ;older than a hold, or the hold before it is not obeyed yet
   fm.wu=fm.wn
   TIMER 10=0
   fm.t0=0
+  SPEED fm.lspeed MM/S ALWAYS
 .END
-.PROGRAM fm.step() ;one iteration of force feedback: a new wrench, a new target
-  IF (fm.mode==0) OR (fm.hseq+fm.wseq+fm.stopn<>fm.ffe) GOTO over
+.PROGRAM fm.step() ;force feedback: a new wrench, a new target, again and again
 again: ;copy one whole bank
   .n=fm.wn
   .b=fm.wb
-  .f[1]=fm.w[.b,1]
-  .f[2]=fm.w[.b,2]
-  .f[3]=fm.w[.b,3]
-  .f[4]=fm.w[.b,4]
-  .f[5]=fm.w[.b,5]
-  .f[6]=fm.w[.b,6]
+  .f[1]=fm.w[.b,1]/fm.sf
+  .f[2]=fm.w[.b,2]/fm.sf
+  .f[3]=fm.w[.b,3]/fm.sf
+  IF fm.mode<2 GOTO copied
+  .f[4]=fm.w[.b,4]/fm.sm
+  .f[5]=fm.w[.b,5]/fm.sm
+  .f[6]=fm.w[.b,6]/fm.sm
+copied:
   IF fm.wn<>.n GOTO again
   fm.wu=.n
+  IF (fm.mode==0) OR (fm.hseq+fm.wseq+fm.stopn<>fm.ffe) GOTO over
   IF (fm.first<>0) OR (fm.gap<>fm.gapu) OR (fm.t0>300) GOTO anew
   .t=TIMER(10)
   .dt=MINVAL(.t-fm.t0,fm.wd)
   IF .dt<=0 GOTO done ;a coarse TIMER: wait for the next wrench
   fm.t0=.t
   IF SQRT(.f[1]*.f[1]+.f[2]*.f[2]+.f[3]*.f[3])>fm.lforce GOTO pushed
-  IF (fm.mode BAND 1)==0 GOTO rotate
+  IF fm.mode==2 GOTO rotate
   .x=fm.kp[1]*(.f[1]-fm.f[1])+fm.ki[1]*.f[1]*.dt
   .y=fm.kp[2]*(.f[2]-fm.f[2])+fm.ki[2]*.f[2]*.dt
   .z=fm.kp[3]*(.f[3]-fm.f[3])+fm.ki[3]*.f[3]*.dt
   fm.f[1]=.f[1]
   fm.f[2]=.f[2]
   fm.f[3]=.f[3]
-  .k=MINVAL(fm.lstep,fm.lspeed*.dt)/MAXVAL(SQRT(.x*.x+.y*.y+.z*.z),0.000001)
-  .k=MINVAL(1,.k) ;shortened to the limits of command 10
+  .s=MAXVAL(SQRT(.x*.x+.y*.y+.z*.z),0.000001)
+  .k=MINVAL(1,fm.lstep/.s,fm.lspeed*.dt/.s) ;shortened to the limits of command 10
   fm.d[1]=fm.d[1]+.k*.x
   fm.d[2]=fm.d[2]+.k*.y
   fm.d[3]=fm.d[3]+.k*.z
   IF SQRT(fm.d[1]*fm.d[1]+fm.d[2]*fm.d[2]+fm.d[3]*fm.d[3])>fm.ltravel GOTO too.far
+  IF fm.mode==1 GOTO aim
 rotate:
-  IF (fm.mode BAND 2)==0 GOTO aim
   .x=fm.kp[4]*(.f[4]-fm.f[4])+fm.ki[4]*.f[4]*.dt
   .y=fm.kp[5]*(.f[5]-fm.f[5])+fm.ki[5]*.f[5]*.dt
   .z=fm.kp[6]*(.f[6]-fm.f[6])+fm.ki[6]*.f[6]*.dt
@@ -464,16 +461,23 @@ rotate:
 aim:
   POINT fm.p=TRANS(fm.c[1]+fm.d[1],fm.c[2]+fm.d[2],fm.c[3]+fm.d[3])+fm.rot+fm.q0
   IF INRANGE(fm.p)<>0 GOTO no.reach
-  SPEED fm.lspeed MM/S
   IF fm.hseq+fm.wseq+fm.stopn<>fm.ffe GOTO over
   LMOVE fm.p
 done:
+  WAIT (fm.wn<>fm.wu) OR (fm.rh<>fm.rt) OR (fm.hseq+fm.wseq<>fm.ack) OR (TIMER(6)>0.5)
+  IF (fm.wn==fm.wu) OR (fm.rh<>fm.rt) OR (TIMER(6)>0.5) GOTO back
+  fm.loops=(fm.loops+1) MOD 1000000
+  GOTO again
+back: ;fm.main does the rest
   RETURN
 anew: ;nothing to compare with: no proportional kick, no time to integrate over
   fm.gapu=fm.gap
   fm.first=0
   FOR .i=1 TO 6
-    fm.f[.i]=.f[.i]
+    fm.f[.i]=fm.w[.b,.i]/fm.sf
+    IF .i>3 THEN
+      fm.f[.i]=fm.w[.b,.i]/fm.sm
+    END
   END
   TIMER 10=0
   fm.t0=0
@@ -500,86 +504,84 @@ give.up: ;hold by ourselves; the watchdog brakes on until the arm is still
   ; rotation likewise, as a turn about one axis through the TCP, composed and never added.
 .END
 .PROGRAM fm.send() ;PC program 1, the sender
-  .c=0
-  .h=0
+  .conn=-1
   fm.busy=0
-  WHILE TRUE DO
-    TWAIT fm.tsend
-    fm.sbeat=(fm.sbeat+1) MOD 1000000
-    IF fm.link==0 THEN
-      TWAIT 0.05
-      GOTO again
-    END
-    .a=1 ;first element to send, last one
-    .b=16
-    .h=(.h+1) MOD 8
-    .c=(.c+1) MOD 488
-    HERE .#j
-    HERE .p
-    DECOMPOSE .j[1]=.#j
-    DECOMPOSE .x[1]=.p
-    IF MINVAL(.x[1],.x[2],.x[3])*fm.sp<-99999 GOTO misfit
-    IF MINVAL(.j[1],.j[2],.j[3],.j[4],.j[5],.j[6])*fm.sj<-99999 GOTO misfit
-    $fm.t[1]=$RIGHT($ENCODE(/I7,1E6+fm.taken),6)+" 000101 "
-    $fm.t[9]=$RIGHT($ENCODE(/I7,1E6+fm.framed),6)+" 000102 "
-    .e=fm.hseq+fm.wseq
-    .s=fm.hw+32*fm.mode*ABS(.e+fm.stopn==fm.ffe)+128*ABS(.e<>fm.rel)
-    .s=.s+256*ABS(fm.lat<>fm.lack)+512*fm.refd
-    $fm.t[2]=$RIGHT($ENCODE(/I7,1E6+2048*.c+.s),6)+" "
-    $fm.t[10]=$fm.t[2]
-    .k=fm.sp
+again:
+  TWAIT fm.tsend
+  fm.sbeat=(fm.sbeat+1) MOD 488
+  IF fm.link==0 GOTO idle
+  IF fm.conn<>.conn GOTO scales
+  HERE .#j
+  HERE .p
+  DECOMPOSE .j[1]=.#j
+  DECOMPOSE .x[1]=.p
+  IF MINVAL(.x[1],.x[2],.x[3])*.k<-99999 GOTO misfit
+  IF MINVAL(.j[1],.j[2],.j[3],.j[4],.j[5],.j[6])*.i<-99999 GOTO misfit
+  $fm.t[1]=$RIGHT($ENCODE(/I7,1E6+fm.taken),6)+" 000101 "
+  $fm.t[9]=$RIGHT($ENCODE(/I7,1E6+fm.framed),6)+" 000102 "
+  .s=fm.hw+256*ABS(fm.lat<>fm.lack)+512*fm.refd+128*ABS(fm.hseq+fm.wseq<>fm.rel)
+  .s=.s+32*fm.mode*ABS(fm.hseq+fm.wseq+fm.stopn==fm.ffe)+2048*fm.sbeat
+  $fm.t[2]=$RIGHT($ENCODE(/I7,1E6+.s),6)+" "
+  $fm.t[10]=$fm.t[2]
   $fm.t[3]=$LEFT("-",ABS(.x[1]<0))+$RIGHT($ENCODE(/I7,1E6+ROUND(ABS(.x[1])*.k)),6-ABS(.x[1]<0))+" "
   $fm.t[4]=$LEFT("-",ABS(.x[2]<0))+$RIGHT($ENCODE(/I7,1E6+ROUND(ABS(.x[2])*.k)),6-ABS(.x[2]<0))+" "
   $fm.t[5]=$LEFT("-",ABS(.x[3]<0))+$RIGHT($ENCODE(/I7,1E6+ROUND(ABS(.x[3])*.k)),6-ABS(.x[3]<0))+" "
-    .k=fm.so
-  $fm.t[6]=$LEFT("-",ABS(.x[4]<0))+$RIGHT($ENCODE(/I7,1E6+ROUND(ABS(.x[4])*.k)),6-ABS(.x[4]<0))+" "
-  $fm.t[7]=$LEFT("-",ABS(.x[5]<0))+$RIGHT($ENCODE(/I7,1E6+ROUND(ABS(.x[5])*.k)),6-ABS(.x[5]<0))+" "
-  $fm.t[8]=$LEFT("-",ABS(.x[6]<0))+$RIGHT($ENCODE(/I7,1E6+ROUND(ABS(.x[6])*.k)),6-ABS(.x[6]<0))+" "
-    .k=fm.sj
-  $fm.t[11]=$LEFT("-",ABS(.j[1]<0))+$RIGHT($ENCODE(/I7,1E6+ROUND(ABS(.j[1])*.k)),6-ABS(.j[1]<0))+" "
-  $fm.t[12]=$LEFT("-",ABS(.j[2]<0))+$RIGHT($ENCODE(/I7,1E6+ROUND(ABS(.j[2])*.k)),6-ABS(.j[2]<0))+" "
-  $fm.t[13]=$LEFT("-",ABS(.j[3]<0))+$RIGHT($ENCODE(/I7,1E6+ROUND(ABS(.j[3])*.k)),6-ABS(.j[3]<0))+" "
-  $fm.t[14]=$LEFT("-",ABS(.j[4]<0))+$RIGHT($ENCODE(/I7,1E6+ROUND(ABS(.j[4])*.k)),6-ABS(.j[4]<0))+" "
-  $fm.t[15]=$LEFT("-",ABS(.j[5]<0))+$RIGHT($ENCODE(/I7,1E6+ROUND(ABS(.j[5])*.k)),6-ABS(.j[5]<0))+" "
-  $fm.t[16]=$LEFT("-",ABS(.j[6]<0))+$RIGHT($ENCODE(/I7,1E6+ROUND(ABS(.j[6])*.k)),6-ABS(.j[6]<0))+" "
-    IF .h<>0 GOTO write
+  $fm.t[6]=$LEFT("-",ABS(.x[4]<0))+$RIGHT($ENCODE(/I7,1E6+ROUND(ABS(.x[4])*.o)),6-ABS(.x[4]<0))+" "
+  $fm.t[7]=$LEFT("-",ABS(.x[5]<0))+$RIGHT($ENCODE(/I7,1E6+ROUND(ABS(.x[5])*.o)),6-ABS(.x[5]<0))+" "
+  $fm.t[8]=$LEFT("-",ABS(.x[6]<0))+$RIGHT($ENCODE(/I7,1E6+ROUND(ABS(.x[6])*.o)),6-ABS(.x[6]<0))+" "
+  $fm.t[11]=$LEFT("-",ABS(.j[1]<0))+$RIGHT($ENCODE(/I7,1E6+ROUND(ABS(.j[1])*.i)),6-ABS(.j[1]<0))+" "
+  $fm.t[12]=$LEFT("-",ABS(.j[2]<0))+$RIGHT($ENCODE(/I7,1E6+ROUND(ABS(.j[2])*.i)),6-ABS(.j[2]<0))+" "
+  $fm.t[13]=$LEFT("-",ABS(.j[3]<0))+$RIGHT($ENCODE(/I7,1E6+ROUND(ABS(.j[3])*.i)),6-ABS(.j[3]<0))+" "
+  $fm.t[14]=$LEFT("-",ABS(.j[4]<0))+$RIGHT($ENCODE(/I7,1E6+ROUND(ABS(.j[4])*.i)),6-ABS(.j[4]<0))+" "
+  $fm.t[15]=$LEFT("-",ABS(.j[5]<0))+$RIGHT($ENCODE(/I7,1E6+ROUND(ABS(.j[5])*.i)),6-ABS(.j[5]<0))+" "
+  $fm.t[16]=$LEFT("-",ABS(.j[6]<0))+$RIGHT($ENCODE(/I7,1E6+ROUND(ABS(.j[6])*.i)),6-ABS(.j[6]<0))+" "
+  fm.busy=1
+  IF fm.link==0 GOTO idle
+  TCP_SEND .r,fm.sock,$fm.t[1],16,1
+  IF .r<0 GOTO spoiled
+  fm.busy=0
+  IF fm.sbeat MOD 8<>0 GOTO again
 health: ;now and then
-    .b=21
-    $fm.t[17]=$RIGHT($ENCODE(/I7,1E6+fm.taken),6)+" 000103 "
-    .e=ERROR
-    IF .e==0 THEN
-      .e=fm.fault
-    END
-    $fm.t[18]=$LEFT("-",ABS(.e<0))+$RIGHT($ENCODE(/I7,1E6+ABS(.e)),6-ABS(.e<0))+" "
-    .w=MINVAL(999999,ROUND(1000*TIMER(8)))
-    $fm.t[19]=$RIGHT($ENCODE(/I7,1E6+fm.loops),6)+" "+$RIGHT($ENCODE(/I7,1E6+.w),6)+" "
-    .w=(fm.rh-fm.rt+64) MOD 64
-    .m=ROUND(100*MSPEED)
-    $fm.t[20]=$RIGHT($ENCODE(/I7,1E6+.w),6)+" "+$RIGHT($ENCODE(/I7,1E6+.m),6)+" "
-    $fm.t[21]=$RIGHT($ENCODE(/I7,1E6+fm.hid),6)+" 000000 "
-write:
-    fm.busy=1
-    IF fm.link==0 GOTO sent
-    .r=999
-    TCP_SEND .r,fm.sock,$fm.t[.a],.b-.a+1,1
-    WAIT .r<>999
-    IF .r<0 THEN ;part of a packet may be out: this connection is spoiled
-      fm.drops=fm.conn
-      WAIT fm.link==0
-    END
-sent:
-    fm.busy=0
-    GOTO again
-misfit: ;never clipped: no pose at all, and 103 says why
-    fm.fault=10
-    .a=17
-    GOTO health
-again:
+  $fm.t[17]=$RIGHT($ENCODE(/I7,1E6+fm.taken),6)+" 000103 "
+  .e=ERROR
+  IF .e==0 THEN
+    .e=fm.fault
   END
+  $fm.t[18]=$LEFT("-",ABS(.e<0))+$RIGHT($ENCODE(/I7,1E6+ABS(.e)),6-ABS(.e<0))+" "
+  .w=MINVAL(999999,ROUND(1000*TIMER(8)))
+  $fm.t[19]=$RIGHT($ENCODE(/I7,1E6+fm.loops),6)+" "+$RIGHT($ENCODE(/I7,1E6+.w),6)+" "
+  .w=(fm.rh-fm.rt+64) MOD 64
+  .m=ROUND(100*MSPEED)
+  $fm.t[20]=$RIGHT($ENCODE(/I7,1E6+.w),6)+" "+$RIGHT($ENCODE(/I7,1E6+.m),6)+" "
+  $fm.t[21]=$RIGHT($ENCODE(/I7,1E6+fm.hid),6)+" 000000 "
+  fm.busy=1
+  IF fm.link==0 GOTO idle
+  TCP_SEND .r,fm.sock,$fm.t[17],5,1
+  IF .r<0 GOTO spoiled
+  fm.busy=0
+  GOTO again
+idle:
+  fm.busy=0
+  TWAIT 0.05
+  GOTO again
+scales: ;a new connection
+  .conn=fm.conn
+  .k=fm.sp
+  .o=fm.so
+  .i=fm.sj
+  GOTO again
+misfit: ;never clipped: no pose at all, and 103 says why
+  fm.fault=10
+  TWAIT 0.2
+  GOTO health
+spoiled: ;part of a packet may be out: this connection is over
+  fm.drops=fm.conn
+  WAIT fm.link==0
+  GOTO idle
   ; A field is a sign and five digits, or six digits, and a space; made without the options /K
   ; and /L: 1000000 is added and the leading one cut off. TRUE is -1, so ABS makes it 1.
 .END
-.PROGRAM fm.recv() ;PC program 2, the receiver: the socket, and bytes to packets
+.PROGRAM fm.recv() ;PC program 2, the receiver: bytes to packets, and what cannot wait
   fm.link=0
   fm.arm=0
   fm.hseq=fm.hseq+1
@@ -587,6 +589,8 @@ again:
     TCP_CLOSE .r,fm.sock
     fm.sock=0
   END
+  .$d="-0123456789"
+  .$z="000000 000000 000000 000000 000000 000000 "
   TCP_END_LISTEN .r,fm.port
 listen:
   TCP_LISTEN .r,fm.port
@@ -597,9 +601,7 @@ listen:
     GOTO listen
   END
 accept:
-  .s=-999
   TCP_ACCEPT .s,fm.port,1
-  WAIT .s<>-999
   IF .s==-34024 GOTO accept ;nobody came
   IF .s<=0 THEN
     TCP_END_LISTEN .r,fm.port
@@ -609,35 +611,103 @@ accept:
   fm.sock=.s
   fm.conn=(fm.conn+1) MOD 1000000
   $fm.next=""
-  fm.bad=0
   .idle=0
   .$b=""
-receive:
-  .r=999
   .n=0
+receive:
   TCP_RECV .r,fm.sock,$fm.rx[1],.n,1,189
-  WAIT .r<>999
+  IF (.r<>0) OR (.n<1) OR (fm.dropw==fm.conn) OR (fm.drops==fm.conn) GOTO nothing
+  .i=1
+join:
+  .$b=.$b+$fm.rx[.i] ;at most 62 characters of before and 189
+cut:
+  IF LEN(.$b)<63 GOTO more
+  .$q=$LEFT(.$b,63)
+  .$b=$MID(.$b,64)
+  IF $LEFT(.$q,7)<>$fm.next GOTO hello ;IDs are consecutive
+  CASE INSTR($fm.keys,$MID(.$q,8,14)) OF ;Com and Param as a whole
+  VALUE 1: ;4, the wrench
+    .k=1
+    GOTO vector
+  VALUE 127: ;12, nothing to say
+    IF $MID(.$q,22)<>.$z GOTO wrong
+    GOTO arm
+  VALUE 15,29,43: ;1, 2, 3
+    .k=2
+    GOTO vector
+  VALUE 57,71,85,99,113: ;5, 6, 10, 11: settings arm nothing
+    .k=3
+    GOTO vector
+  VALUE 155,169: ;7, start
+    IF $MID(.$q,22)<>.$z GOTO wrong
+    .k=2
+    GOTO queue
+  VALUE 183: ;7, stop; the arm stays
+    IF $MID(.$q,22)<>.$z GOTO wrong
+    fm.stopn=fm.stopn+1
+    GOTO arm
+  VALUE 141: ;8, hold
+    IF $MID(.$q,22)<>.$z GOTO wrong
+    fm.hseq=fm.hseq+1 ;voids the ring, force feedback, and the motion in hand
+    fm.arm=0
+    BRAKE
+    fm.hid=fm.framed MOD 999999+1
+    GOTO framed
+  END
+  GOTO wrong
+vector: ;six numbers: the spaces and no power of ten, the first characters, the other five
+  .a=INSTR(22,.$q," ")+INSTR(29,.$q," ")+INSTR(36,.$q," ")+INSTR(43,.$q," ")
+  IF .a+INSTR(50,.$q," ")+INSTR(57,.$q," ")+1000*INSTR(.$q,"E")<>273 GOTO wrong
+  .a=MINVAL(INSTR(.$d,$MID(.$q,22,1)),INSTR(.$d,$MID(.$q,29,1)),INSTR(.$d,$MID(.$q,36,1)))
+  .c=MINVAL(INSTR(.$d,$MID(.$q,43,1)),INSTR(.$d,$MID(.$q,50,1)),INSTR(.$d,$MID(.$q,57,1)))
+  .e=MINVAL(VAL("1"+$MID(.$q,23,5)),VAL("1"+$MID(.$q,30,5)),VAL("1"+$MID(.$q,37,5)))
+  .f=MINVAL(VAL("1"+$MID(.$q,44,5)),VAL("1"+$MID(.$q,51,5)),VAL("1"+$MID(.$q,58,5)))
+  IF (.a*.c<1) OR (MINVAL(.e,.f)<100000) GOTO wrong
+  IF .k>1 GOTO queue
+  .b=1-fm.wb ;the bank that nobody reads
+  fm.w[.b,1]=VAL($MID(.$q,22,6))
+  fm.w[.b,2]=VAL($MID(.$q,29,6))
+  fm.w[.b,3]=VAL($MID(.$q,36,6))
+  fm.w[.b,4]=VAL($MID(.$q,43,6))
+  fm.w[.b,5]=VAL($MID(.$q,50,6))
+  fm.w[.b,6]=VAL($MID(.$q,57,6))
+  fm.wb=.b
+  fm.wn=(fm.wn+1) MOD 1000000
+arm:
+  fm.arm=1
+framed:
+  fm.framed=fm.framed MOD 999999+1
+  $fm.next=$RIGHT($ENCODE(/I7,1000000+fm.framed MOD 999999+1),6)+" "
+  GOTO cut
+queue: ;for fm.main
+  .h=(fm.rh+1) MOD 64
+  IF .h==fm.rt GOTO full
+  $fm.ring[fm.rh]=.$q
+  fm.ringe[fm.rh]=fm.hseq+fm.wseq
+  fm.rings[fm.rh]=fm.stopn
+  fm.rh=.h
+  IF .k==2 GOTO arm
+  GOTO framed
+more:
+  IF .i>=.n GOTO receive
+  .i=.i+1
+  GOTO join
+nothing:
   IF (fm.dropw==fm.conn) OR (fm.drops==fm.conn) GOTO lost
-  IF .r==-34024 THEN ;silence; the watchdog judges it, but not before a hello
-    .idle=.idle+1
-    IF (.idle>5) AND ($fm.next=="") GOTO lost
-    GOTO receive
-  END
-  IF (.r<0) OR (.n<1) GOTO lost
-  FOR .i=1 TO .n
-    .$b=.$b+$fm.rx[.i] ;at most 62 characters of before and 189
-    WHILE LEN(.$b)>=63 DO
-      $fm.q=$LEFT(.$b,63)
-      .$b=$MID(.$b,64)
-      IF $fm.next=="" THEN
-        CALL fm.hello
-      ELSE
-        CALL fm.packet
-      END
-      IF fm.bad<>0 GOTO lost
-    END
-  END
-  GOTO receive
+  IF .r<>-34024 GOTO lost ;closed, or broken
+  .idle=.idle+1 ;silence: the watchdog judges it, but not before a hello
+  IF (.idle<6) OR ($fm.next<>"") GOTO receive
+  GOTO lost
+hello:
+  IF $fm.next<>"" GOTO wrong
+  CALL fm.hello(.$q)
+  IF $fm.next<>"" GOTO cut
+  GOTO lost
+full: ;nobody takes anything any more
+  fm.fault=5
+  GOTO lost
+wrong: ;never guess a new start: the connection ends
+  fm.fault=4
 lost: ;hold, close, and listen for the next
   fm.link=0
   fm.arm=0
@@ -651,93 +721,18 @@ lost: ;hold, close, and listen for the next
   WAIT (fm.busy==0) OR (TIMER(4)>3) ;the next socket may get the same number
   fm.sock=0
   GOTO accept
+  ; $fm.keys: 4, 1, 2, 3, 5, 6/0, 6/1, 10, 11, 12, 8, 7/0, 7/1, 7/2 stand at 1, 15 and so on; a
+  ; match in between is no VALUE. A number is right when it ends where its space belongs (the
+  ; places add up to 273), when a sign or digit leads, and when "1" with the other five is 100000
+  ; or more: anything but digits would end the number for VAL before.
 .END
-.PROGRAM fm.packet() ;one packet behind hello: check every character, then do it or queue it
-  IF $LEFT($fm.q,7)<>$fm.next GOTO wrong ;IDs are consecutive
-  .k=INSTR($fm.keys,$MID($fm.q,8,14)) ;Com and Param as a whole
-  IF .k MOD 14<>1 GOTO wrong
-  IF .k>126 THEN ;12, 8, 7: there is nothing in the vector
-    .$s=$MID($fm.q,22)
-    IF .$s<>$fm.zero GOTO wrong
-  ELSE
-    IF INSTR($fm.q,"E")>0 GOTO wrong ;VAL would read a power of ten
-    .$s=$MID($fm.q,28,1)+$MID($fm.q,35,1)+$MID($fm.q,42,1)+$MID($fm.q,49,1)
-    .$s=.$s+$MID($fm.q,56,1)+$MID($fm.q,63,1)
-    IF .$s<>"      " GOTO wrong
-    .$d=$fm.digits
-    .$s=$MID($fm.q,22,1)+$MID($fm.q,29,1)+$MID($fm.q,36,1)+$MID($fm.q,43,1)
-    .$s=.$s+$MID($fm.q,50,1)+$MID($fm.q,57,1)
-    .a=MINVAL(INSTR(.$d,$MID(.$s,1,1)),INSTR(.$d,$MID(.$s,2,1)),INSTR(.$d,$MID(.$s,3,1)))
-    .b=MINVAL(INSTR(.$d,$MID(.$s,4,1)),INSTR(.$d,$MID(.$s,5,1)),INSTR(.$d,$MID(.$s,6,1)))
-    .c=MINVAL(VAL("1"+$MID($fm.q,23,5)),VAL("1"+$MID($fm.q,30,5)),VAL("1"+$MID($fm.q,37,5)))
-    .d=MINVAL(VAL("1"+$MID($fm.q,44,5)),VAL("1"+$MID($fm.q,51,5)),VAL("1"+$MID($fm.q,58,5)))
-    IF (MINVAL(.a,.b)<1) OR (MINVAL(.c,.d)<100000) GOTO wrong
-  END
-  IF .k==1 THEN ;4, the wrench
-    .b=1-fm.wb ;the bank that nobody reads
-    fm.w[.b,1]=VAL($MID($fm.q,22,6))/fm.sf
-    fm.w[.b,2]=VAL($MID($fm.q,29,6))/fm.sf
-    fm.w[.b,3]=VAL($MID($fm.q,36,6))/fm.sf
-    fm.w[.b,4]=VAL($MID($fm.q,43,6))/fm.sm
-    fm.w[.b,5]=VAL($MID($fm.q,50,6))/fm.sm
-    fm.w[.b,6]=VAL($MID($fm.q,57,6))/fm.sm
-    fm.wb=.b
-    fm.wn=(fm.wn+1) MOD 1000000
-    fm.arm=1
-    GOTO framed
-  END
-  IF .k==127 THEN ;12, nothing to say
-    fm.arm=1
-    GOTO framed
-  END
-  IF .k==141 THEN ;8, hold
-    fm.hseq=fm.hseq+1 ;voids the ring, force feedback, and the motion in hand
-    fm.arm=0
-    fm.hid=fm.id
-    BRAKE
-    GOTO framed
-  END
-  IF .k==183 THEN ;7, stop force feedback; the arm stays
-    fm.stopn=fm.stopn+1
-    fm.arm=1
-    GOTO framed
-  END
-  .h=(fm.rh+1) MOD 64
-  IF .h==fm.rt THEN ;nobody takes anything any more
-    fm.fault=5
-    fm.bad=1
-    RETURN
-  END
-  $fm.ring[fm.rh]=$fm.q
-  fm.ringe[fm.rh]=fm.hseq+fm.wseq
-  fm.rings[fm.rh]=fm.stopn
-  fm.rh=.h
-  IF (.k<50) OR (.k>126) THEN ;1, 2, 3, 7; settings arm nothing
-    fm.arm=1
-  END
-framed:
-  fm.framed=fm.id
-  fm.heard=(fm.heard+1) MOD 1000000
-  fm.id=fm.id MOD 999999+1
-  $fm.next=$RIGHT($ENCODE(/I7,1000000+fm.id),6)+" "
-  RETURN
-wrong: ;never guess a new start: the connection ends
+.PROGRAM fm.hello(.$q) ;the first packet of a connection: only hello, and only it clears the latch
   fm.fault=4
-  fm.bad=1
-  RETURN
-  ; Keys stand in $fm.keys 14 characters apart: 4, 1, 2, 3, 5, 6/0, 6/1, 10, 11 from 1 to 113,
-  ; then 12, 8, 7/0, 7/1, 7/2 from 127 to 183; a match between two keys is no key.
-  ; A field is right when a sign or digit leads and "1" with the other five is 100000 or more:
-  ; anything but digits would end the number for VAL before.
-.END
-.PROGRAM fm.hello() ;the first packet of a connection: only hello, and only it clears the latch
-  fm.bad=1
-  fm.fault=4
-  IF INSTR($fm.q,"E")>0 GOTO done
+  IF INSTR(.$q,"E")>0 GOTO done
   FOR .i=0 TO 8
-    .v[.i]=VAL("1"+$MID($fm.q,7*.i+1,6))-1000000
+    .v[.i]=VAL("1"+$MID(.$q,7*.i+1,6))-1000000
     IF .v[.i]<0 GOTO done
-    IF $MID($fm.q,7*.i+7,1)<>" " GOTO done
+    IF $MID(.$q,7*.i+7,1)<>" " GOTO done
   END
   IF (.v[0]<1) OR (.v[1]<>9) GOTO done
   fm.fault=0
@@ -755,23 +750,17 @@ wrong: ;never guess a new start: the connection ends
     fm.sv=.v[8]
   END
   fm.taken=0
-  fm.id=.v[0]
-  fm.framed=fm.id
-  fm.heard=(fm.heard+1) MOD 1000000
-  $fm.hi[1]=$LEFT($fm.q,7)+"000009 000001 "+$RIGHT($ENCODE(/I7,1000000+fm.sp),6)+" "
+  fm.framed=.v[0]
+  $fm.hi[1]=$LEFT(.$q,7)+"000009 000001 "+$RIGHT($ENCODE(/I7,1000000+fm.sp),6)+" "
   $fm.hi[1]=$fm.hi[1]+$RIGHT($ENCODE(/I7,1000000+fm.so),6)+" "
   $fm.hi[1]=$fm.hi[1]+$RIGHT($ENCODE(/I7,1000000+fm.sj),6)+" "
   $fm.hi[1]=$fm.hi[1]+$RIGHT($ENCODE(/I7,1000000+fm.sf),6)+" "
   $fm.hi[1]=$fm.hi[1]+$RIGHT($ENCODE(/I7,1000000+fm.sm),6)+" "
   $fm.hi[1]=$fm.hi[1]+$RIGHT($ENCODE(/I7,1000000+fm.sv),6)+" "
-  .r=999
   TCP_SEND .r,fm.sock,$fm.hi[1],1,1
-  WAIT .r<>999
   IF (.r<0) OR (.v[2]<>1) GOTO done ;another version has been told ours
-  fm.id=fm.id MOD 999999+1
-  $fm.next=$RIGHT($ENCODE(/I7,1000000+fm.id),6)+" "
+  $fm.next=$RIGHT($ENCODE(/I7,1000000+fm.framed MOD 999999+1),6)+" "
   fm.lack=fm.lat
-  fm.bad=0
   fm.link=1
 done:
   RETURN
@@ -780,7 +769,7 @@ done:
   fm.wseq=fm.wseq+1 ;nothing of before goes on, and a hello is needed
   fm.lat=fm.lat+1
   fm.dropw=fm.conn
-  .heard=fm.heard
+  .framed=fm.framed
   .w=fm.wn
   .mode=0
   .ask=fm.ask
@@ -789,7 +778,6 @@ done:
   .mov=0
   .was=0
   .s=0
-  .v=0
   .g=0
   .iv=0.05
   .lim=1
@@ -800,88 +788,85 @@ done:
   TIMER 7=0
   TIMER 8=0
   TIMER 9=0
-  WHILE TRUE DO
-    TWAIT fm.twatch
-    IF fm.heard<>.heard THEN
-      .heard=fm.heard
-      TIMER 7=0
-    END
-    IF fm.wn<>.w THEN
-      .w=fm.wn
-      .iv=0.8*.iv+0.2*MINVAL(TIMER(8),0.5) ;between two wrenches
-      .lim=fm.wd
-      TIMER 8=0
-      .g=0
-    END
-    IF fm.mode<>.mode THEN
-      .mode=fm.mode
-      TIMER 8=0
-      .lim=1 ;the first wrench comes when the PC has read that force feedback runs
-    END
-    IF (.mode<>0) AND (.g==0) AND (TIMER(8)>3*MAXVAL(.iv,fm.twatch)) THEN
-      .g=1 ;the next wrench starts anew: none of the correction that was missed
-      fm.gap=(fm.gap+1) MOD 1000000
-    END
-    .s=(.s+1)*ABS(fm.arm AND (TIMER(7)>fm.wd-0.05)) ;looks in a row that found silence
-    .v=(.v+1)*ABS((.mode<>0) AND (TIMER(8)>.lim-0.05))
-    .ok=ABS(((TASK(1)==1) OR (TASK(1)==3)) AND SWITCH(RUN) AND SWITCH(POWER))
-    IF (.s>1) OR (.v>1) OR (.ok<.was) THEN
-      IF fm.lat==fm.lack THEN
-        fm.wseq=fm.wseq+1
-        fm.lat=fm.lat+1
-        BRAKE
-        fm.dropw=fm.conn
-        fm.fault=3
-        IF .v>1 THEN
-          fm.fault=2
-        END
-        IF .s>1 THEN
-          fm.fault=1
-        END
+look:
+  TWAIT fm.twatch
+  IF fm.framed<>.framed THEN
+    .framed=fm.framed
+    TIMER 7=0
+  END
+  IF fm.mode<>.mode THEN
+    .mode=fm.mode
+    TIMER 8=0
+    .lim=1 ;the first wrench comes when the PC has read that force feedback runs
+  END
+  IF fm.wn<>.w THEN
+    .w=fm.wn
+    .iv=0.8*.iv+0.2*MINVAL(TIMER(8),0.5) ;between two wrenches
+    TIMER 8=0
+    .g=0
+    .lim=fm.wd
+  END
+  IF (.mode<>0) AND (.g==0) AND (TIMER(8)>3*MAXVAL(.iv,fm.twatch)) THEN
+    .g=1 ;the next wrench starts anew: none of the correction that was missed
+    fm.gap=(fm.gap+1) MOD 1000000
+  END
+  .a=ABS(fm.arm AND (TIMER(7)>fm.wd-2*fm.twatch)) ;silence
+  .b=ABS((.mode<>0) AND (TIMER(8)>.lim-2*fm.twatch)) ;no new wrench
+  .ok=ABS(((TASK(1)==1) OR (TASK(1)==3)) AND SWITCH(RUN) AND SWITCH(POWER))
+  .s=(.s+1)*MAXVAL(.a,.b) ;looks in a row
+  IF (.s>1) OR (.ok<.was) THEN
+    .s=0
+    IF fm.lat==fm.lack THEN
+      fm.wseq=fm.wseq+1
+      fm.lat=fm.lat+1
+      BRAKE
+      fm.dropw=fm.conn
+      fm.fault=3
+      IF .b<>0 THEN
+        fm.fault=2
       END
-      .s=0
-      .v=0
+      IF .a<>0 THEN
+        fm.fault=1
+      END
     END
+  END
+  IF (.ok<>.was) OR (fm.ask<>.ask) OR (fm.hseq+fm.wseq<>.epoch) THEN
     IF (.ok>.was) OR (fm.ask<>.ask) THEN ;RUN on the pendant, or fm.main gave up
       .ask=fm.ask
       fm.wseq=fm.wseq+1
     END
     .was=.ok
-    IF fm.hseq+fm.wseq<>.epoch THEN ;a hold: brake until the arm is still and fm.main knows
-      .epoch=fm.hseq+fm.wseq
-      .need=2
-    END
-    IF .need>0 THEN
-      BRAKE
-    END
-    IF TIMER(9)>0.1 THEN
-      .d=TIMER(9)
-      TIMER 9=0
-      HERE .#j
-      DECOMPOSE .j[1]=.#j
-      .x=ABS(.j[1]-.j[11])+ABS(.j[2]-.j[12])+ABS(.j[3]-.j[13])+ABS(.j[4]-.j[14])
-      .x=.x+ABS(.j[5]-.j[15])+ABS(.j[6]-.j[16])
-      DECOMPOSE .j[11]=.#j
-      .mov=ABS(.x>fm.still*.d)
-      IF .need>0 THEN
-        IF (.mov==0) AND (fm.ack==.epoch) AND (.ok==1) THEN
-          .need=.need-1
-        ELSE
-          .need=2
-        END
-        IF .need==0 THEN
-          fm.bdone=.epoch
-        END
-      END
-      .quiet=(.quiet+1)*ABS(fm.sbeat==.beat)
-      .beat=fm.sbeat
-      IF (.quiet>30) AND fm.link THEN ;the sender hangs: nobody reads what it sends
-        fm.dropw=fm.conn
-      END
-    END
-    .h=ABS(SWITCH(POWER))+2*ABS(SWITCH(REPEAT))+4*(1-ABS(SWITCH(TEACH_LOCK)))
-    fm.hw=.h+8*ABS((TASK(1)==1) OR (TASK(1)==3))*ABS(SWITCH(RUN))+16*.mov+1024*ABS(SWITCH(ERROR))
+    .epoch=fm.hseq+fm.wseq ;a hold: brake until the arm is still and fm.main knows
+    .need=2
   END
+  IF .need>0 THEN
+    BRAKE
+  END
+  IF TIMER(9)<0.1 GOTO look
+  .d=TIMER(9)
+  TIMER 9=0
+  HERE .#j
+  DECOMPOSE .j[1]=.#j
+  .x=ABS(.j[1]-.j[11])+ABS(.j[2]-.j[12])+ABS(.j[3]-.j[13])
+  .x=.x+ABS(.j[4]-.j[14])+ABS(.j[5]-.j[15])+ABS(.j[6]-.j[16])
+  DECOMPOSE .j[11]=.#j
+  .mov=ABS(.x>fm.still*.d)
+  .h=ABS(SWITCH(POWER))+2*ABS(SWITCH(REPEAT))+4*(1-ABS(SWITCH(TEACH_LOCK)))+16*.mov
+  fm.hw=.h+8*ABS(((TASK(1)==1) OR (TASK(1)==3)) AND SWITCH(RUN))+1024*ABS(SWITCH(ERROR))
+  .quiet=(.quiet+1)*ABS(fm.sbeat==.beat)
+  .beat=fm.sbeat
+  IF (.quiet>30) AND fm.link THEN ;the sender hangs: nobody reads what it sends
+    fm.dropw=fm.conn
+  END
+  IF .need==0 GOTO look
+  .need=.need-1
+  IF .mov OR (fm.ack<>.epoch) OR (.ok==0) THEN
+    .need=2
+  END
+  IF .need==0 THEN
+    fm.bdone=.epoch
+  END
+  GOTO look
   ; A silence counts at the second look, so that after a freeze of the whole controller the
   ; receiver can read what came meanwhile before it is judged.
 .END

@@ -240,11 +240,18 @@ def test_receiver_knows_every_command_with_every_param() -> None:
     assert set(pairs) == expected
     assert len(pairs) == len(expected)
     places = {pair: 1 + 14 * index for index, pair in enumerate(pairs)}
-    packet = "\n".join(programs()["fm.packet"])
-    at_once = {(4, 0), (12, 0), (8, 0), (7, 2)}
-    assert all(f"IF .k=={places[pair]} THEN" in packet for pair in at_once)
-    assert {p for p, k in places.items() if k > 126} == {(12, 0), (8, 0), (7, 0), (7, 1), (7, 2)}
-    assert {p for p, k in places.items() if k < 50} == {(4, 0), (1, 0), (2, 0), (3, 0)}
+    values = [line for line in programs()["fm.recv"] if line.startswith("VALUE")]
+    branches = [tuple(map(int, re.findall(r"\d+", line))) for line in values]
+    groups = (
+        [(4, 0)],
+        [(12, 0)],
+        [(1, 0), (2, 0), (3, 0)],
+        [(5, 0), (6, 0), (6, 1), (10, 0), (11, 0)],
+        [(7, 0), (7, 1)],
+        [(7, 2)],
+        [(8, 0)],
+    )
+    assert branches == [tuple(places[pair] for pair in group) for group in groups]
 
 
 def test_readme_holds_the_packet_table() -> None:

@@ -8,7 +8,7 @@ from sim.controller.syntax import Position, Program, Step
 Kind = Literal["not executed", "warning"]
 
 
-@dataclass(frozen=True, slots=True, order=True)
+@dataclass(frozen=True, slots=True)
 class Finding:
     """One thing that is not executed, or that deserves a warning."""
 

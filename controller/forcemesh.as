@@ -312,13 +312,22 @@ fresh:
     fm.taken=.id
   VALUE 6: ;gains
     IF MINVAL(.v[1],.v[2],.v[3],.v[4],.v[5],.v[6])<0 GOTO refuse
-    FOR .i=1 TO 6
-      IF $MID(.$q,15,6)=="000000" THEN
-        fm.kp[.i]=.v[.i]/1000000
-      ELSE
-        fm.ki[.i]=.v[.i]/10000
-      END
-    END
+    IF $MID(.$q,15,6)<>"000000" GOTO integral
+    fm.kp[1]=.v[1]/1000000
+    fm.kp[2]=.v[2]/1000000
+    fm.kp[3]=.v[3]/1000000
+    fm.kp[4]=.v[4]/1000000
+    fm.kp[5]=.v[5]/1000000
+    fm.kp[6]=.v[6]/1000000
+    fm.taken=.id
+    RETURN
+integral:
+    fm.ki[1]=.v[1]/10000
+    fm.ki[2]=.v[2]/10000
+    fm.ki[3]=.v[3]/10000
+    fm.ki[4]=.v[4]/10000
+    fm.ki[5]=.v[5]/10000
+    fm.ki[6]=.v[6]/10000
     fm.taken=.id
   VALUE 10: ;limits of force feedback, and the watchdog's
     IF MINVAL(.v[1],.v[2],.v[3],.v[4],.v[5])<1 GOTO refuse

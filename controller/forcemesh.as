@@ -102,7 +102,7 @@ turn:
   fm.bdone=-1 ;all braking for holds up to this fm.hseq+fm.wseq is over
   fm.gap=0 ;times that wrenches stayed away for three of their intervals
   fm.dropw=-1 ;connection that shall be closed
-  fm.hw=0 ;status bits of the machine
+  fm.hw=-1 ;status bits of the machine, not known yet
   ; written by fm.send
   fm.drops=-1 ;connection that shall be closed
   fm.sbeat=0 ;samples, modulo 488: the counter of 101 and 102
@@ -518,7 +518,7 @@ give.up: ;hold by ourselves; the watchdog brakes on until the arm is still
 again:
   TWAIT fm.tsend
   fm.sbeat=(fm.sbeat+1) MOD 488
-  IF fm.link==0 GOTO idle
+  IF (fm.link==0) OR (fm.hw<0) GOTO idle ;say nothing before the watchdog has looked
   IF fm.conn<>.conn GOTO scales
   HERE .#j
   HERE .p

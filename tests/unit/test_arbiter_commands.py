@@ -202,7 +202,9 @@ def test_speeds_are_refused_above_the_limit_and_used_from_then_on() -> None:
     reply = world.core.set_speed(fast)
     assert (reply.accepted, reply.code, reply.limit) == (False, "speed", LIMITS.speed_m_s)
     right = fast.model_copy(update={"modular_fraction": 0.5})
-    assert world.core.set_speed(right).value == pytest.approx(LIMITS.speed_m_s)
+    reply = world.core.set_speed(right)
+    assert reply.value == pytest.approx(LIMITS.speed_m_s)
+    assert "250.0 mm/s" in reply.text
     world.core.move(MOVE_DOWN, world.inputs())
     assert world.tick().speed == right
 

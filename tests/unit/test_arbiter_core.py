@@ -259,6 +259,15 @@ def test_a_robot_that_keeps_holding_is_believed(motion: str) -> None:
     assert world.pass_s(1.0).permission is not None
 
 
+@pytest.mark.parametrize("motion", ["none", "operator"])
+def test_a_regulator_that_gives_up_stops_nobody_else(motion: str) -> None:
+    """It was not in command: the goal goes on, the arm stays armed."""
+    world = moving(motion)
+    world.propose(None, valid=False, reason="wrench stale")
+    kind = {"none": "idle", "operator": "goal"}[motion]
+    assert {world.tick().kind for _ in range(10)} == {kind}
+
+
 def test_a_regulator_that_gives_up_holds() -> None:
     """Invalid with a mode: it runs and cannot go on. Invalid without one: it was stopped."""
     world = World().make_active("regulator")

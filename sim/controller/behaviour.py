@@ -7,6 +7,7 @@ Every field is one open question. The defaults take the reading that public AS p
 import math
 from dataclasses import dataclass
 
+from common.cell import SimSection
 from common.clock import NS_PER_S
 
 SHORTEST_STEP_S = 1e-6
@@ -59,3 +60,8 @@ def pessimistic(step_s: float = DEFAULT_STEP_S) -> Behaviour:
         planning_stall_s=1.0,
         stall_at_motions=(1,),
     )
+
+
+def behaviour_in(sim: SimSection) -> Behaviour:
+    """Return how the emulated controller of a simulated cell behaves."""
+    return (pessimistic if sim.as_pessimistic else Behaviour)(step_s=sim.as_step_s)

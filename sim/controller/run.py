@@ -7,6 +7,7 @@ import argparse
 import sys
 import threading
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 
 from common.bus import open_bus
@@ -22,7 +23,7 @@ from common.service import (
     reporter_of,
     stop_on_signals,
 )
-from sim.controller.behaviour import Behaviour, pessimistic
+from sim.controller.behaviour import Behaviour, behaviour_in, pessimistic
 from sim.controller.errors import AsError
 from sim.controller.machine import Machine
 from sim.controller.network import SocketNetwork
@@ -61,23 +62,21 @@ def run(arguments: argparse.Namespace) -> int:
     """Run the file of a parsed command line until it ends; return the exit code."""
     with exit_on_error("controller"):
         source = load(Path(arguments.file))
-        behaviour = behaviour_of(arguments, step_of(arguments))
+        behaviour = behaviour_of(arguments)
         run_it = run_in_cell if arguments.cell else run_alone
         return run_it(source, arguments, behaviour, stop_on_signals())
 
 
-def step_of(arguments: argparse.Namespace) -> float:
-    """Return the processor time of one step [s]: as asked for, else the cell's, else usual."""
-    if arguments.step_ms is not None:
-        return float(arguments.step_ms) * 1e-3
+def behaviour_of(arguments: argparse.Namespace) -> Behaviour:
+    """Return the cell's behaviour, or the usual one, with what was asked for put in.
+
+    Raises ConfigError for an impossible step time.
+    """
     sim = load_cell(arguments.cell).sim if arguments.cell else None
-    return Behaviour().step_s if sim is None else sim.as_step_s
-
-
-def behaviour_of(arguments: argparse.Namespace, step_s: float) -> Behaviour:
-    """Return the behaviour asked for. Raises ConfigError for an impossible step time."""
+    usual = Behaviour() if sim is None else behaviour_in(sim)
+    step_s = usual.step_s if arguments.step_ms is None else float(arguments.step_ms) * 1e-3
     try:
-        return pessimistic(step_s) if arguments.pessimistic else Behaviour(step_s=step_s)
+        return pessimistic(step_s) if arguments.pessimistic else replace(usual, step_s=step_s)
     except ValueError as error:
         raise ConfigError("command line", [str(error)]) from error
 

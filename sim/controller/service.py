@@ -8,7 +8,7 @@ from common.cell import Cell
 from common.clock import NS_PER_S
 from common.endpoints import Bus
 from common.errors import SimulationError
-from sim.controller.behaviour import Behaviour
+from sim.controller.behaviour import Behaviour, behaviour_in
 from sim.controller.machine import Machine
 from sim.controller.network import Network
 from sim.robot.arm import SimArm
@@ -32,7 +32,12 @@ class ControllerSensor:
         self.period_s = TICK_S
         self.trigger = None
         self.arm = SimArm(sim_settings(cell, cell.sim), seed=cell.sim.seed)
-        self.machine = Machine(self.arm, network, behaviour=behaviour, now_ns=bus.clock.now_ns())
+        self.machine = Machine(
+            self.arm,
+            network,
+            behaviour=behaviour or behaviour_in(cell.sim),
+            now_ns=bus.clock.now_ns(),
+        )
         self.machine.after_tick.append(SensorFeed(bus, cell, self.arm).ticked)
 
     @property

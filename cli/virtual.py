@@ -1,20 +1,31 @@
 """A whole simulated cell in one process on a virtual clock: the same services, faster than time."""
 
 from collections.abc import Callable
+from pathlib import Path
 
 from common.cell import Cell
 from common.clock import NS_PER_S, ManualClock
 from common.endpoints import Bus
+from common.errors import ConfigError
 from common.memory import MemoryTransport
 from common.service import Runner, Service, reporter_of
 from common.topics import CLIENT
 from services.arbiter.service import ArbiterService
+from services.gateway.link import News
+from services.gateway.service import Gateway
 from services.hub.service import Hub
 from services.regulator.service import Regulator
 from services.wrench.service import WrenchService
+from sim.controller.network import MemoryNetwork
+from sim.controller.parser import load
+from sim.controller.service import ControllerSensor
+from sim.controller.wire import LockStepWire
+from sim.robot.arm import SimArm
 from sim.robot.service import SimRobot
 
 STEP_NS = 1_000_000
+PROGRAM = Path(__file__).resolve().parent.parent / "controller" / "forcemesh.as"
+NOT_SIMULATED = "roles.sensor: only a simulated cell can run in lock step, so it must be sim"
 
 
 class WorldClock:
@@ -45,9 +56,7 @@ class VirtualCell:
         self.transport.advance = self.advance
         self.client = Bus(CLIENT, cell.cell, self.transport, cell, WorldClock(self))
         self.runners: dict[str, Runner] = {}
-        robot_bus = self._bus("robot")
-        self.robot = SimRobot(robot_bus, cell)
-        self._add("robot", self.robot, robot_bus, robot_bus.playing("sensor"))
+        self.arm = self._add_controller() if cell.roles.robot == "gateway" else self._add_sim()
         for role, make in (
             ("hub", Hub),
             ("wrench", WrenchService),
@@ -56,6 +65,26 @@ class VirtualCell:
         ):
             bus = self._bus(role)
             self._add(role, make(bus, cell), bus)
+
+    def _add_sim(self) -> SimArm:
+        bus = self._bus("robot")
+        robot = SimRobot(bus, self.cell)
+        self._add("robot", robot, bus, bus.playing("sensor"))
+        return robot.arm
+
+    def _add_controller(self) -> SimArm:
+        """The real gateway on a wire in memory, and the emulated controller at its other end."""
+        if self.cell.gateway is None or self.cell.roles.sensor != "sim":
+            raise ConfigError(self.cell.cell, [NOT_SIMULATED])
+        network, sensor_bus, bus = MemoryNetwork(), self._bus("sensor"), self._bus("robot")
+        controller = ControllerSensor(sensor_bus, self.cell, network)
+        controller.machine.load(load(PROGRAM))
+        controller.machine.pendant.monitor_speed(100.0)
+        controller.machine.pendant.execute("fm.main")
+        self._add("sensor", controller, sensor_bus)
+        wire = LockStepWire(network, self.cell.gateway.port, News)
+        self._add("robot", Gateway(bus, self.cell, wire), bus)
+        return controller.arm
 
     def advance(self, duration_s: float, until: Callable[[], bool] = lambda: False) -> None:
         """Let virtual time pass, at most until something is true."""

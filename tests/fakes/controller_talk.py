@@ -1,0 +1,234 @@
+"""A client of the program that ships: packets over a wire in memory, all on the virtual clock."""
+
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from common.clock import NS_PER_S
+from common.frames import oat_from_R
+from common.packet import ZERO_VEC, Packet, PacketReader, VecInt, encode
+from common.packet_table import PROTOCOL_VERSION, Com, Status, next_id, unpack_status
+from sim.controller.behaviour import Behaviour
+from sim.controller.machine import Machine
+from sim.controller.network import MemoryNetwork, MemoryStream
+from sim.controller.parser import parse
+from sim.controller.robot import Robot
+from sim.controller.syntax import SourceFile
+from sim.robot.arm import SimArm
+from sim.robot.settings import SimSettings
+
+TEXT = (Path(__file__).resolve().parents[2] / "controller" / "forcemesh.as").read_text("ascii")
+PORT = 49152
+QUICK = Behaviour(step_s=1e-4)
+SCALES: VecInt = (50, 500, 250, 100, 1000, 10)  # per mm, degree, degree of a joint, N, N m, mm/s
+LIMITS: VecInt = (50, 1000, 500, 10_000, 5_000, 250)  # 1 mm, 2 deg, 50 mm/s, 200 mm, 50 N, 250 ms
+BEAT_S = 0.04
+TICK_NS = 1_000_000
+CHUNK = 65_536
+FREE = SimSettings(gap_m=0.1)  # room below the tool
+
+
+@cache
+def parsed(text: str) -> SourceFile:
+    """The program, read once."""
+    return parse(text)
+
+
+class Talk:
+    """A controller with `fm.main` started, and one client that may say anything to it."""
+
+    def __init__(
+        self, behaviour: Behaviour = QUICK, *, prepare: Callable[[Machine], None] | None = None
+    ) -> None:
+        """Switch on, load, full monitor speed, EXECUTE; `prepare` comes right before EXECUTE."""
+        self.network = MemoryNetwork()
+        self.machine = Machine(SimArm(FREE, seed=0), self.network, behaviour=behaviour)
+        self.machine.load(parsed(TEXT))
+        self.pendant = self.machine.pendant
+        self.pendant.monitor_speed(100.0)
+        if prepare is not None:
+            prepare(self.machine)
+        self.pendant.execute("fm.main")
+        self.stream = MemoryStream()
+        self.closed, self.reading = True, True
+        self.inbox: list[Packet] = []
+        self.id = 0
+        self._reader = PacketReader()
+        self._sent_ns = 0
+
+    # --- time -------------------------------------------------------------------------------------
+
+    @property
+    def now_s(self) -> float:
+        """Virtual time since power-on."""
+        return self.machine.now_ns / NS_PER_S
+
+    def live(
+        self, duration_s: float, *, beat: bool = False, until: Callable[[], object] | None = None
+    ) -> bool:
+        """Let time pass, with heartbeats if asked for; tell whether a condition came true."""
+        end_ns = self.machine.now_ns + round(duration_s * NS_PER_S)
+        while self.machine.now_ns < end_ns:
+            if until is not None and until():
+                return True
+            self.machine.advance(min(self.machine.now_ns + TICK_NS, end_ns))
+            self._receive()
+            if beat and not self.closed and self._quiet_s >= BEAT_S:
+                self.send(Com.HEARTBEAT)
+        return until is not None and bool(until())
+
+    def wait(
+        self, until: Callable[[], object], limit_s: float = 5.0, *, beat: bool = True
+    ) -> float:
+        """Let time pass until something is true; return how long it took [s]."""
+        start_s = self.now_s
+        came = self.live(limit_s, beat=beat, until=until)
+        assert came, f"not in {limit_s} s: status {self.status!r}, fault {self.fault}"
+        return self.now_s - start_s
+
+    @property
+    def _quiet_s(self) -> float:
+        return (self.machine.now_ns - self._sent_ns) / NS_PER_S
+
+    # --- the wire ---------------------------------------------------------------------------------
+
+    def dial(self) -> None:
+        """Connect, as soon as the program listens."""
+        self.wait(lambda: PORT in self.network.listeners, beat=False)
+        self.stream = self.network.dial(PORT)
+        self.closed, self.inbox, self._reader = False, [], PacketReader()
+
+    def write(self, data: bytes) -> None:
+        """Put bytes on the wire; a connection that is gone swallows them."""
+        self._sent_ns = self.machine.now_ns
+        try:
+            assert self.stream.send(data) == len(data), "the wire is full"
+        except OSError:
+            self.closed = True
+
+    def send(self, com: int, param: int = 0, vec: VecInt = ZERO_VEC) -> int:
+        """Send a command with the ID that is due; return it."""
+        self.id = next_id(self.id)
+        self.write(encode(Packet(self.id, com, param, vec)))
+        return self.id
+
+    def greet(
+        self, *, id_: int = 1, version: int = PROTOCOL_VERSION, scales: VecInt = SCALES
+    ) -> None:
+        """Connect and say hello; wait for nothing."""
+        self.dial()
+        self.id = id_
+        self.write(encode(Packet(id_, Com.HELLO, version, scales)))
+
+    def hello(
+        self, *, limits: VecInt | None = LIMITS, id_: int = 1, scales: VecInt = SCALES
+    ) -> None:
+        """Connect, say hello, wait for the stream of reports, set the limits."""
+        self.greet(id_=id_, scales=scales)
+        self.wait(lambda: self.heard(Com.HEALTH), beat=False)
+        if limits is not None:
+            self.do(Com.LIMITS, 0, limits)
+
+    def do(self, com: int, param: int = 0, vec: VecInt = ZERO_VEC, limit_s: float = 5.0) -> float:
+        """Send a command for the robot program and wait until it is taken; return how long."""
+        sent = self.send(com, param, vec)
+        return self.wait(lambda: self.taken == sent, limit_s, beat=False)
+
+    def _receive(self) -> None:
+        if self.closed or not self.reading:
+            return
+        try:
+            data = self.stream.receive(CHUNK)
+        except OSError:
+            data = b""
+        if data == b"":
+            self.closed = True
+        elif data:
+            self.inbox += self._reader.feed(data)
+
+    # --- what the controller says -----------------------------------------------------------------
+
+    def heard(self, com: Com) -> list[Packet]:
+        """Every report of a kind on this connection."""
+        return [packet for packet in self.inbox if packet.com == com]
+
+    def last(self, com: Com) -> Packet:
+        """The newest report of a kind, on this connection."""
+        for packet in reversed(self.inbox):
+            if packet.com == com:
+                return packet
+        return Packet(0, com)
+
+    @property
+    def status(self) -> Status:
+        """The bits of the newest sample."""
+        return unpack_status(self.last(Com.POSE).param)[1]
+
+    @property
+    def fault(self) -> int:
+        """What 103 says."""
+        return self.last(Com.HEALTH).param
+
+    @property
+    def taken(self) -> int:
+        """ID of the last command that the robot program took."""
+        return self.last(Com.POSE).id
+
+    @property
+    def framed(self) -> int:
+        """ID of the last packet that the receiver found valid."""
+        return self.last(Com.JOINTS).id
+
+    # --- the arm and the program ------------------------------------------------------------------
+
+    @property
+    def robot(self) -> Robot:
+        """The arm."""
+        return self.machine.robot
+
+    @property
+    def T_mm(self) -> pin.SE3:
+        """Where the flange is, its position in mm."""
+        T = self.robot.kinematics.flange_pose(self.robot.q)
+        return pin.SE3(T.rotation, T.translation * 1e3)
+
+    def height_mm(self) -> float:
+        """How high the flange is."""
+        return float(self.T_mm.translation[2])
+
+    def value(self, name: str) -> Any:
+        """A global variable."""
+        return self.machine.memory.read(name)
+
+    # --- sentences --------------------------------------------------------------------------------
+
+    def pose_vec(self, T_mm: pin.SE3, scales: VecInt = SCALES) -> VecInt:
+        """A pose with its position in mm as six numbers of a packet."""
+        oat = np.degrees(oat_from_R(T_mm.rotation)) * scales[1]
+        x, y, z, o, a, t = (round(float(v)) for v in (*(T_mm.translation * scales[0]), *oat))
+        return (x, y, z, o, a, t)
+
+    def shifted_vec(self, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> VecInt:
+        """The present pose, so many mm farther along the base axes."""
+        T = self.T_mm
+        return self.pose_vec(pin.SE3(T.rotation, T.translation + np.array([x, y, z])))
+
+    def move_up(self, z_mm: float, *, speed_mm_s: float = 50.0) -> int:
+        """Send a speed and a straight motion along z from where the arm is; return its ID."""
+        self.send(Com.SPEEDS, 0, (10_000, 10_000, 10_000, round(speed_mm_s * SCALES[5]), 0, 0))
+        return self.send(Com.MOVE_POSE, 0, self.shifted_vec(z=z_mm))
+
+    def start_feedback(
+        self, mode: int, *, gains_p: VecInt = ZERO_VEC, gains_i: VecInt = ZERO_VEC
+    ) -> None:
+        """Gains and start: 1 position, 2 orientation, 3 both; wait until it shows."""
+        self.send(Com.GAINS, 0, gains_p)
+        self.send(Com.GAINS, 1, gains_i)
+        for param in (0, 1):
+            if mode >> param & 1:
+                self.send(Com.FEEDBACK, param)
+        self.wait(lambda: int(self.status) >> 5 & 3 == mode)

@@ -1,0 +1,273 @@
+"""The program that ships, executed: force feedback inside the controller."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from common.frames import rotation_between
+from common.packet import VecInt
+from common.packet_table import Com, Status
+from sim.controller.behaviour import Behaviour, pessimistic
+from tests.fakes.controller_talk import LIMITS, QUICK, Talk
+
+TCP_MM = np.array([0.0, 0.0, 160.0])
+PERIOD_S = 0.02
+
+
+def running(
+    mode: int,
+    *,
+    gains_p: VecInt = (0,) * 6,
+    gains_i: VecInt = (0,) * 6,
+    limits: VecInt = LIMITS,
+    behaviour: Behaviour = QUICK,
+) -> Talk:
+    """Force feedback runs, about a TCP 160 mm below the flange, and has seen one zero wrench."""
+    talk = Talk(behaviour)
+    talk.hello(limits=limits)
+    talk.send(Com.TCP, 0, (0, 0, 8000, 0, 0, 0))
+    talk.start_feedback(mode, gains_p=gains_p, gains_i=gains_i)
+    push(talk, 2)
+    return talk
+
+
+def push(talk: Talk, times: int, vec: VecInt = (0,) * 6) -> None:
+    """Send the same wrench some times, every 20 ms."""
+    for _ in range(times):
+        talk.send(Com.WRENCH, 0, vec)
+        talk.live(PERIOD_S)
+
+
+def tcp_mm(T: pin.SE3) -> np.ndarray:
+    """Where the TCP is."""
+    return np.array(T.act(TCP_MM))
+
+
+# --- the law --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("axis", range(3))
+@pytest.mark.parametrize("sign", [-1, 1])
+def test_integral_gives_way_along_the_base_axis_at_gain_times_force(axis: int, sign: int) -> None:
+    """0.2 mm/(N s) and 10 N are 2 mm/s, along the force."""
+    gains = [0] * 6
+    gains[axis] = 2000
+    talk = running(1, gains_i=tuple(gains))  # type: ignore[arg-type]
+    vec = [0] * 6
+    vec[axis] = sign * 1000
+    push(talk, 5, tuple(vec))  # type: ignore[arg-type]
+    start = talk.T_mm
+    push(talk, 50, tuple(vec))  # type: ignore[arg-type]
+    moved = talk.T_mm.translation - start.translation
+    expected = np.zeros(3)
+    expected[axis] = sign * 2.0
+    assert np.allclose(moved, expected, atol=0.08)
+    assert np.linalg.norm(rotation_between(start.rotation, talk.T_mm.rotation)) < 1e-4
+
+
+def test_proportional_part_follows_the_change_and_starts_without_a_kick() -> None:
+    """0.05 mm/N times a change of 10 N is 0.5 mm, once; the force at the start moves nothing."""
+    talk = Talk()
+    talk.hello()
+    talk.start_feedback(1, gains_p=(0, 0, 50_000, 0, 0, 0))
+    z = talk.height_mm()
+    push(talk, 10, (0, 0, 2000, 0, 0, 0))
+    assert talk.height_mm() - z == pytest.approx(0.0, abs=0.02)
+    push(talk, 10, (0, 0, 3000, 0, 0, 0))
+    assert talk.height_mm() - z == pytest.approx(0.5, abs=0.03)
+    push(talk, 10, (0, 0, 2000, 0, 0, 0))
+    assert talk.height_mm() - z == pytest.approx(0.0, abs=0.03)
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_a_moment_turns_about_the_base_axis_through_the_tcp(axis: int) -> None:
+    """2 degrees/(N m s) and 1 N m for a second, from tool-down, where A is 180; the TCP stays."""
+    gains = [0] * 6
+    gains[3 + axis] = 20_000
+    talk = running(2, gains_i=tuple(gains))  # type: ignore[arg-type]
+    vec = [0] * 6
+    vec[3 + axis] = 1000
+    push(talk, 5, tuple(vec))  # type: ignore[arg-type]
+    start = talk.T_mm
+    farthest = 0.0
+    for _ in range(50):
+        push(talk, 1, tuple(vec))  # type: ignore[arg-type]
+        farthest = max(farthest, float(np.linalg.norm(tcp_mm(talk.T_mm) - tcp_mm(start))))
+    turned = np.degrees(rotation_between(start.rotation, talk.T_mm.rotation))
+    expected = np.zeros(3)
+    expected[axis] = 2.0
+    assert np.allclose(turned, expected, atol=0.1)
+    assert farthest < 0.05
+
+
+def test_a_long_turn_about_a_slanted_axis_stays_about_that_axis() -> None:
+    """Rotations are composed: 20 degrees about (1, 1, 1) and back end where they began."""
+    talk = running(2, gains_i=(0, 0, 0, 40_000, 40_000, 40_000))
+    start = talk.T_mm
+    push(talk, 170, (0, 0, 0, 1700, 1700, 1700))
+    turned = np.degrees(rotation_between(start.rotation, talk.T_mm.rotation))
+    assert np.linalg.norm(turned) > 20.0
+    assert np.allclose(turned / np.linalg.norm(turned), np.ones(3) / 3**0.5, atol=0.01)
+    assert np.allclose(tcp_mm(talk.T_mm), tcp_mm(start), atol=0.05)
+    push(talk, 170, (0, 0, 0, -1700, -1700, -1700))
+    push(talk, 10)
+    assert np.linalg.norm(np.degrees(rotation_between(start.rotation, talk.T_mm.rotation))) < 0.4
+
+
+def test_position_and_orientation_add_up_to_both() -> None:
+    """The second start seeds nothing anew; both bits show, both parts move."""
+    talk = running(3, gains_i=(0, 0, 2000, 20_000, 0, 0))
+    assert talk.status & Status.POSITION_FEEDBACK
+    assert talk.status & Status.ORIENTATION_FEEDBACK
+    start = talk.T_mm
+    push(talk, 50, (0, 0, 1000, 1000, 0, 0))
+    assert tcp_mm(talk.T_mm)[2] - tcp_mm(start)[2] == pytest.approx(2.0, abs=0.15)
+    turned = np.degrees(rotation_between(start.rotation, talk.T_mm.rotation))
+    assert turned[0] == pytest.approx(2.0, abs=0.2)
+
+
+@pytest.mark.parametrize(
+    "behaviour", [Behaviour(step_s=4e-4), pessimistic(QUICK.step_s)], ids=["slow", "pessimistic"]
+)
+def test_the_law_does_not_depend_on_the_speed_of_the_controller(behaviour: Behaviour) -> None:
+    """The integral goes over the time that passed, coarse as TIMER may be."""
+    talk = running(1, gains_i=(0, 0, 2000, 0, 0, 0), behaviour=behaviour)
+    for _ in range(5):
+        talk.send(Com.WRENCH, 0, (0, 0, 1000, 0, 0, 0))
+        talk.live(0.1)
+    z = talk.height_mm()
+    for _ in range(20):
+        talk.send(Com.WRENCH, 0, (0, 0, 1000, 0, 0, 0))
+        talk.live(0.1)
+    assert talk.height_mm() - z == pytest.approx(4.0, abs=0.3)
+
+
+# --- limits ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("mode", [1, 2, 3])
+def test_an_iteration_goes_no_farther_than_step_and_speed_allow(mode: int) -> None:
+    """A gain that is far too high is a slow ramp of the flange, not a jump.
+
+    The limit is the flange's: 160 mm above the TCP it has a way of its own to go when it turns.
+    """
+    limits = (10, 100, 50, 10_000, 5_000, 250)  # 0.2 mm, 0.2 degrees, 5 mm/s
+    vec = (0, 0, 3000 * (mode & 1), 3000 * (mode >> 1), 0, 0)
+    talk = running(mode, gains_i=(900_000,) * 6, limits=limits)
+    push(talk, 3, vec)
+    start = talk.T_mm
+    push(talk, 25, vec)
+    way = float(np.linalg.norm(talk.T_mm.translation - start.translation))
+    assert 1.2 < way < 2.6  # 0.5 s at 5 mm/s
+    turned = np.degrees(np.linalg.norm(rotation_between(start.rotation, talk.T_mm.rotation)))
+    assert turned < 0.5 * 5.0 / 1.75 * 1.1
+    assert (turned > 0.3) == (mode > 1)
+    risen = float(tcp_mm(talk.T_mm)[2] - tcp_mm(start)[2])
+    assert (risen > 0.5) == (mode != 2)
+
+
+@pytest.mark.parametrize(
+    ("limits", "vec", "fault"),
+    [
+        ((50, 1000, 500, 150, 5_000, 250), (0, 0, 2000, 0, 0, 0), 6),  # 3 mm of travel
+        ((50, 1000, 500, 10_000, 2_500, 250), (0, 2000, 2000, 0, 0, 0), 7),  # 25 N
+    ],
+)
+def test_travel_and_force_ceiling_end_it_in_hold(limits: VecInt, vec: VecInt, fault: int) -> None:
+    """The controller gives up by itself; the arm stays; the next motion is allowed again."""
+    talk = running(1, gains_i=(0, 0, 5000, 0, 0, 0), limits=limits)
+    z = talk.height_mm()
+    push(talk, 40, vec)
+    assert not int(talk.status) >> 5 & 3
+    assert talk.status & Status.HELD
+    assert talk.fault == fault
+    assert talk.height_mm() - z < 3.3
+    before = talk.robot.q.copy()
+    push(talk, 20, vec)
+    assert np.allclose(talk.robot.q, before, atol=1e-4)
+    assert not talk.closed
+    talk.move_up(2.0)
+    talk.live(1.0, beat=True)
+    assert talk.fault == 0
+
+
+# --- start and stop -------------------------------------------------------------------------------
+
+
+def test_motions_and_tcp_are_refused_while_it_runs() -> None:
+    """Two masters of one arm are none; the TCP does not jump in the middle of a turn."""
+    talk = running(1)
+    before, tcp = talk.robot.q.copy(), talk.value("fm.tcp")
+    for com in (Com.MOVE_POSE, Com.MOVE_JOINTS, Com.MOVE_BY_JOINTS, Com.TCP):
+        sent = talk.send(com, 0, (50, 0, 0, 0, 0, 0))
+        push(talk, 5)
+        assert talk.taken == sent
+        assert talk.status & Status.TARGET_REFUSED
+    assert talk.value("fm.tcp") == tcp
+    assert np.allclose(talk.robot.q, before, atol=1e-4)
+    assert talk.status & Status.POSITION_FEEDBACK
+
+
+def test_stop_ends_both_and_the_arm_may_move_again() -> None:
+    """Without a hold: HELD does not show."""
+    talk = running(3, gains_i=(0, 0, 2000, 0, 0, 0))
+    push(talk, 10, (0, 0, 1000, 0, 0, 0))
+    talk.send(Com.FEEDBACK, 2)
+    talk.live(0.2, beat=True)
+    assert not int(talk.status) >> 5 & 3
+    assert not talk.status & Status.HELD
+    before = talk.robot.q.copy()
+    push(talk, 10, (0, 0, 1000, 0, 0, 0))
+    assert np.allclose(talk.robot.q, before, atol=1e-4)
+    z = talk.height_mm()
+    talk.move_up(5.0)
+    talk.live(1.0, beat=True)
+    assert talk.height_mm() - z == pytest.approx(5.0, abs=0.1)
+
+
+def test_a_stop_voids_a_start_that_still_waits() -> None:
+    """The receiver does the stop at once, the robot program the start later: stop wins."""
+    talk = Talk()
+    talk.hello()
+    talk.move_up(60.0, speed_mm_s=50.0)
+    talk.move_up(-60.0, speed_mm_s=50.0)  # the robot program waits to hand this over
+    talk.send(Com.FEEDBACK, 0)
+    talk.send(Com.FEEDBACK, 2)
+    talk.live(4.0, beat=True)
+    assert not int(talk.status) >> 5 & 3
+
+
+def test_a_hold_ends_it_and_a_new_start_begins_where_the_arm_is() -> None:
+    """Displacement and rotation count from the new start; nothing jumps back."""
+    talk = running(3, gains_i=(0, 0, 2000, 20_000, 0, 0))
+    push(talk, 50, (0, 0, 1000, 1000, 0, 0))
+    talk.send(Com.HOLD)
+    talk.live(0.6)
+    assert not int(talk.status) >> 5 & 3
+    start = talk.T_mm
+    talk.start_feedback(3, gains_i=(0, 0, 2000, 20_000, 0, 0))
+    push(talk, 10)
+    assert np.allclose(talk.T_mm.homogeneous, start.homogeneous, atol=0.02)
+
+
+def test_gains_may_change_while_it_runs() -> None:
+    """From the next iteration on, without a bump."""
+    talk = running(1, gains_i=(0, 0, 1000, 0, 0, 0))
+    push(talk, 5, (0, 0, 1000, 0, 0, 0))
+    talk.send(Com.GAINS, 1, (0, 0, 4000, 0, 0, 0))
+    push(talk, 5, (0, 0, 1000, 0, 0, 0))
+    z = talk.height_mm()
+    push(talk, 25, (0, 0, 1000, 0, 0, 0))
+    assert talk.height_mm() - z == pytest.approx(2.0, abs=0.2)
+
+
+def test_loop_and_age_of_the_wrench_are_reported() -> None:
+    """103: turns of the loop, and how old the newest wrench is."""
+    talk = running(1)
+    push(talk, 20)
+    first = talk.last(Com.HEALTH)
+    push(talk, 60)
+    last = talk.last(Com.HEALTH)
+    assert 45 < last.vec[0] - first.vec[0] < 80
+    assert last.vec[1] < 60
+    assert last.vec[3] == 10_000

@@ -1,11 +1,9 @@
 """One robot on an in-memory bus, and a stand-in for the arbiter: what the contract is tried on.
 
-The simulated robot lives on a virtual clock; the gateway talks to the fake controller over a real
-TCP socket, so there time is real.
+Which robots there are stands in `tests/contract/robots.py`.
 """
 
 from collections.abc import Callable
-from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -14,16 +12,26 @@ import pinocchio as pin
 
 from common import topics
 from common.cell import Cell
-from common.clock import NS_PER_S, Clock, ManualClock, MonotonicClock
+from common.clock import NS_PER_S, Clock
 from common.config import load_cell
 from common.convert import pose_of, record_of
 from common.endpoints import Bus, Origin
 from common.memory import MemoryTransport
-from common.messages import Goal, Host, Permission, RobotCommand, RobotState, Speed, WrenchAtTcp
+from common.messages import (
+    Feedback,
+    Gains,
+    Goal,
+    Host,
+    Mode,
+    Permission,
+    RobotCommand,
+    RobotState,
+    Speed,
+    Vec3,
+    WrenchAtTcp,
+)
 from common.service import Runner, Service
-from services.gateway.service import Gateway
-from sim.robot.service import SimRobot
-from tests.fakes.controller import FakeController
+from tests.contract.pc_feedback import PcFeedback
 
 DEMO_CELL = Path(__file__).resolve().parents[2] / "cells" / "demo.yaml"
 COMMAND_PERIOD_NS = 4_000_000
@@ -31,19 +39,51 @@ DEADLINE_S = 0.25  # long enough that a busy machine does not look like a dead a
 SENSOR_STAMP = Origin(123_456, 7)
 
 
+class LateClock:
+    """The rig's clock, as a process sees it whose messages are old when they come."""
+
+    def __init__(self, clock: Clock) -> None:
+        self._clock = clock
+        self.late_s = 0.0
+
+    @property
+    def boot(self) -> str:
+        """The same clock's."""
+        return self._clock.boot
+
+    def now_ns(self) -> int:
+        """Return the time a while ago."""
+        return self._clock.now_ns() - round(self.late_s * NS_PER_S)
+
+    def sleep_s(self, duration_s: float) -> None:
+        """Wait."""
+        self._clock.sleep_s(duration_s)
+
+
 class Rig:
     """A robot, and what a test needs to command and to watch it."""
 
-    def __init__(self, cell: Cell, clock: Clock, make: Callable[[Bus, Cell], Service]) -> None:
+    def __init__(
+        self,
+        cell: Cell,
+        clock: Clock,
+        make: Callable[[Bus, Cell], Service],
+        *,
+        feedback_host: Host = "controller",
+    ) -> None:
         self.cell = cell
         self.clock = clock
+        self.arbiter_clock = LateClock(clock)
+        self.feedback_host = feedback_host
         self.transport = MemoryTransport()
         self.state = RobotState(valid=False, reason="nothing yet")
         self.states: list[RobotState] = []
+        self.track: list[tuple[float, pin.SE3]] = []  # time [s] and flange of every report
         self.lease = 0
         self.command: RobotCommand | None = None
         self.command_seq = 0
         self.wrench: WrenchAtTcp | None = None
+        self._on_pc: PcFeedback | None = None
         self._robot = self._bus("robot")
         self.service = make(self._robot, cell)
         self._runner = Runner(self.service, [], clock)
@@ -51,12 +91,13 @@ class Rig:
         self._put_wrench = self._bus("wrench").publisher(topics.WRENCH)
         self.restart_arbiter()
 
-    def _bus(self, role: str) -> Bus:
-        return Bus(role, self.cell.cell, self.transport, self.cell, self.clock)
+    def _bus(self, role: str, clock: Clock | None = None) -> Bus:
+        return Bus(role, self.cell.cell, self.transport, self.cell, clock or self.clock)
 
     def restart_arbiter(self) -> None:
         """Go on as another process: a new epoch."""
-        self._put_command = self._bus("arbiter").publisher(topics.ROBOT_COMMAND)
+        bus = self._bus("arbiter", self.arbiter_clock)
+        self._put_command = bus.publisher(topics.ROBOT_COMMAND)
         self._next_ns = 0
 
     # --- time -------------------------------------------------------------------------------------
@@ -74,11 +115,13 @@ class Rig:
                 assert message is not None
                 self.state = message
                 self.states.append(message)
+                if message.valid:
+                    self.track.append((self.clock.now_ns() / NS_PER_S, self.T))
             if until():
                 return True
         return False
 
-    def until(self, condition: Callable[[], object], within_s: float = 5.0) -> None:
+    def until(self, condition: Callable[[], object], within_s: float = 10.0) -> None:
         """Let the robot live until a condition is true."""
         assert self.advance(within_s, condition), self.state
 
@@ -88,6 +131,9 @@ class Rig:
         self._next_ns = now_ns + COMMAND_PERIOD_NS
         if self.wrench is not None:
             self._put_wrench.put(self.wrench)
+        if self._on_pc is not None and self.wrench is not None:
+            pose = self._on_pc.next_pose(self.wrench, now_ns)
+            self.command = self._permitted("setpoint", pose=pose)
         if self.command is not None:
             self.command_seq = self._put_command.put(self.command, SENSOR_STAMP).seq
 
@@ -95,19 +141,41 @@ class Rig:
 
     def say(self, kind: str, *, host: Host = "pc", **content: Any) -> None:
         """Command this every period from now on, under the present lease."""
+        self._on_pc = None
+        self.command = self._permitted(kind, host, **content)
+
+    def _permitted(self, kind: str, host: Host = "pc", **content: Any) -> RobotCommand:
         permission = Permission(host=host, lease=self.lease, deadline_s=DEADLINE_S)
         content = {"speed": Speed(mechanical_m_s=0.1)} | content
-        self.command = RobotCommand.model_validate(
+        return RobotCommand.model_validate(
             {"kind": kind, "permission": permission, "commander": "operator"} | content
         )
 
     def say_hold(self, reason: str = "asked to hold") -> None:
         """Command hold every period from now on."""
+        self._on_pc = None
         self.command = RobotCommand(kind="hold", reason=reason)
 
     def silence(self) -> None:
         """Say nothing any more."""
-        self.command = None
+        self._on_pc, self.command = None, None
+
+    def push(self, force_N: Vec3 = (0.0, 0.0, 0.0), torque_Nm: Vec3 = (0.0, 0.0, 0.0)) -> None:
+        """Let the environment push from now on: base axes, about the TCP."""
+        self.wrench = WrenchAtTcp(force_N=force_N, torque_Nm=torque_Nm)
+
+    def feed_back(self, mode: Mode, gains: Gains) -> None:
+        """Run force feedback from now on, where this robot has it; `push` gives the wrench."""
+        if self.feedback_host == "controller":
+            feedback = Feedback(mode=mode, gains=gains)
+            self.say("feedback", host="controller", feedback=feedback)
+            wanted = (mode != "orientation", mode != "position")
+            self.until(lambda: self.feedback_bits == wanted)
+        elif self._on_pc is None:
+            now_ns = self.clock.now_ns()
+            self._on_pc = PcFeedback(self.cell, self.T, mode, gains, now_ns=now_ns)
+        else:
+            self._on_pc.use(gains)
 
     def arm(self) -> None:
         """Open a new lease and wait until the robot accepts it."""
@@ -127,6 +195,16 @@ class Rig:
         return pose_of(self.state)
 
     @property
+    def T_tcp(self) -> pin.SE3:
+        """Tool centre point in base, as the robot says."""
+        return self.T * self.cell.tool.T_flange_tcp.pose
+
+    @property
+    def feedback_bits(self) -> tuple[bool, bool]:
+        """Whether the controller says that feedback of position, of orientation runs."""
+        return self.state.status.position_feedback, self.state.status.orientation_feedback
+
+    @property
     def joint_rad(self) -> np.ndarray:
         """Joint angles, as the robot says."""
         return np.array(self.state.joint_rad)
@@ -142,11 +220,6 @@ class Rig:
         return self.advance(within_s, rests)
 
 
-def sim_rig(stack: ExitStack) -> Rig:
-    """The simulated robot on a virtual clock."""
-    return Rig(load_cell(DEMO_CELL, {"deadlines.command_s": DEADLINE_S}), ManualClock(), SimRobot)
-
-
 def gateway_cell(port: int, **overrides: object) -> Cell:
     """The demo cell with a controller behind a gateway."""
     changes: dict[str, object] = {
@@ -158,15 +231,6 @@ def gateway_cell(port: int, **overrides: object) -> Cell:
         "gateway": {"host": "127.0.0.1", "port": port, "watchdog_s": 1.0},
     }
     return load_cell(DEMO_CELL, changes | overrides)
-
-
-def gateway_rig(stack: ExitStack) -> Rig:
-    """The gateway and a fake controller on a real socket, in real time."""
-    controller = stack.enter_context(FakeController(rate_hz=100.0))
-    rig = Rig(gateway_cell(controller.port), MonotonicClock(), Gateway)
-    assert isinstance(rig.service, Gateway)
-    stack.callback(rig.service.close)
-    return rig
 
 
 def goal(id_: int, kind: str, **content: Any) -> Goal:

@@ -1,29 +1,14 @@
-"""What every robot on the bus promises: the same tests for the simulated arm and the gateway."""
-
-from collections.abc import Iterator
-from contextlib import ExitStack
+"""What every robot on the bus promises: the same tests for all four of `robots.py`."""
 
 import numpy as np
 import pinocchio as pin
-import pytest
 
 from common.clock import NS_PER_S
 from common.convert import record_of
 from common.frames import rotate_about_base_axes
 from common.messages import Feedback, Gains, Speed, WrenchAtTcp
-from tests.contract.rig import SENSOR_STAMP, Rig, gateway_rig, goal, pose_goal, shifted, sim_rig
+from tests.contract.rig import SENSOR_STAMP, Rig, goal, pose_goal, shifted
 from tests.fakes.arm import FakeArm
-
-ROBOTS = {"sim": sim_rig, "gateway": gateway_rig}
-
-
-@pytest.fixture(params=ROBOTS)
-def rig(request: pytest.FixtureRequest) -> Iterator[Rig]:
-    """A robot that says where it is."""
-    with ExitStack() as stack:
-        rig = ROBOTS[request.param](stack)
-        rig.connect()
-        yield rig
 
 
 def way_m(T: pin.SE3, U: pin.SE3) -> float:

@@ -1,0 +1,44 @@
+"""Force feedback on the PC as the contract needs it: the regulator's own law, without the bus."""
+
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+
+from common.cell import Cell
+from common.clock import NS_PER_S
+from common.convert import record_of
+from common.messages import Gains, Mode, PoseRecord, WrenchAtTcp
+from services.regulator.law import LawInput, start_at, step
+from services.regulator.service import law_settings, pi_gains
+
+
+class PcFeedback:
+    """Wrench in, next set point out; the law is the regulator's, the set points are the robot's."""
+
+    def __init__(self, cell: Cell, T_start: pin.SE3, mode: Mode, gains: Gains, *, now_ns: int):
+        """Start at a flange pose. Without a dead band: tests push with small forces."""
+        settings = law_settings(cell, tau_s=1.0)
+        self._settings = replace(settings, deadband_N=0.0, deadband_Nm=0.0)
+        self._T_flange_tcp = cell.tool.T_flange_tcp.pose
+        self._law = start_at(T_start * self._T_flange_tcp)
+        self._mode = mode
+        self._at_ns = now_ns
+        self.use(gains)
+
+    def use(self, gains: Gains) -> None:
+        """Go on with other gains."""
+        self._gains = pi_gains(gains)
+
+    def next_pose(self, wrench: WrenchAtTcp, now_ns: int) -> PoseRecord:
+        """Return the set point after one more sample."""
+        sample = LawInput(
+            force_N=np.array(wrench.force_N),
+            torque_Nm=np.array(wrench.torque_Nm),
+            setpoint_N=0.0,
+            mode=self._mode,
+            dt_s=(now_ns - self._at_ns) / NS_PER_S,
+        )
+        self._at_ns = now_ns
+        self._law = step(self._law, sample, self._gains, self._settings)
+        return record_of(self._law.T_base_tcp * self._T_flange_tcp.inverse())

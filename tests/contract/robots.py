@@ -1,0 +1,148 @@
+"""The four robots that keep the contract, and how they differ: every difference is said here.
+
+`sim` and the two emulated ones live on a virtual clock; the gateway of `gateway` talks to the fake
+controller over a real TCP socket, so there time is real.
+"""
+
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+
+from common.cell import Cell
+from common.clock import ManualClock, MonotonicClock
+from common.config import load_cell
+from common.endpoints import Bus
+from common.messages import Gains, Host
+from common.service import Runner, Service
+from services.gateway.link import News
+from services.gateway.service import Gateway
+from sim.controller.behaviour import Behaviour
+from sim.controller.machine import Machine
+from sim.controller.network import MemoryNetwork
+from sim.controller.parser import load
+from sim.controller.service import ControllerSensor
+from sim.controller.wire import LockStepWire
+from sim.robot.service import SimRobot
+from tests.contract.rig import DEADLINE_S, DEMO_CELL, Rig, gateway_cell
+from tests.fakes.controller import FakeController
+
+PROGRAM = Path(__file__).resolve().parents[2] / "controller" / "forcemesh.as"
+PORT = 49152
+GOOD = Behaviour(step_s=1e-4)  # a controller that has time for the program
+
+
+class Emulated:
+    """A rig whose robot is the gateway and, stepped before it, the emulated controller."""
+
+    def __init__(self, behaviour: Behaviour = GOOD, host: Host = "controller") -> None:
+        changes = {"rates.robot_hz": 60, "sim.gap_m": 0.1, "gateway.watchdog_s": 0.25}
+        self.network = MemoryNetwork()
+        self.controller: ControllerSensor | None = None
+        self._behaviour = behaviour
+        cell = gateway_cell(PORT, **changes)
+        self.rig = Rig(cell, ManualClock(), self._make, feedback_host=host)
+
+    def _make(self, bus: Bus, cell: Cell) -> Service:
+        self.controller = ControllerSensor(
+            bus.playing("sensor"), cell, self.network, behaviour=self._behaviour
+        )
+        machine = self.controller.machine
+        machine.load(load(PROGRAM))
+        machine.pendant.monitor_speed(100.0)
+        machine.pendant.execute("fm.main")
+        wire = LockStepWire(self.network, PORT, News)
+        return Both(Gateway(bus, cell, wire), Runner(self.controller, [], bus.clock))
+
+    @property
+    def machine(self) -> Machine:
+        """The controller."""
+        assert self.controller is not None
+        return self.controller.machine
+
+
+class Both:
+    """The gateway as the rig's service; the controller lives up to the same moment first."""
+
+    def __init__(self, gateway: Gateway, controller: Runner) -> None:
+        self.gateway, self._controller = gateway, controller
+        self.period_s, self.trigger = 0.001, None
+
+    @property
+    def fault(self) -> str:
+        """The gateway's."""
+        return self.gateway.fault
+
+    def counters(self) -> dict[str, int]:
+        """The gateway's."""
+        return self.gateway.counters()
+
+    def step(self, now_ns: int) -> None:
+        """Controller first, then the gateway."""
+        if self._controller.due(now_ns):
+            self._controller.step(now_ns)
+        self.gateway.step(now_ns)
+
+
+def sim_rig(_stack: ExitStack) -> Rig:
+    """The simulated robot on a virtual clock."""
+    cell = load_cell(DEMO_CELL, {"deadlines.command_s": DEADLINE_S, "sim.gap_m": 0.1})
+    return Rig(cell, ManualClock(), SimRobot, feedback_host="pc")
+
+
+def gateway_rig(stack: ExitStack) -> Rig:
+    """The gateway and a fake controller on a real socket, in real time."""
+    controller = stack.enter_context(FakeController(rate_hz=100.0))
+    rig = Rig(gateway_cell(controller.port), MonotonicClock(), Gateway)
+    assert isinstance(rig.service, Gateway)
+    stack.callback(rig.service.close)
+    return rig
+
+
+def emulated_pc_rig(_stack: ExitStack) -> Rig:
+    """The gateway and the program that ships, freshly started; force feedback on the PC."""
+    return Emulated(host="pc").rig
+
+
+def emulated_controller_rig(_stack: ExitStack) -> Rig:
+    """The same with force feedback in the controller."""
+    return Emulated(host="controller").rig
+
+
+def ran_feedback(rig: Rig) -> None:
+    """Let force feedback run and end: nothing of it may be left over for what comes after."""
+    rig.arm()
+    rig.push(force_N=(5.0, 0.0, -5.0), torque_Nm=(0.0, 0.5, 0.0))
+    gains = Gains(force_i_m_per_Ns=(2e-4,) * 3, torque_i_rad_per_Nms=(0.05,) * 3)
+    rig.feed_back("both", gains)
+    rig.advance(0.3)
+    rig.silence()
+    rig.until(lambda: rig.state.hold_reason)
+    rig.wrench = None
+    assert rig.is_at_rest()
+
+
+def nothing(_rig: Rig) -> None:
+    """Begin fresh."""
+
+
+@dataclass(frozen=True, slots=True)
+class Robot:
+    """One robot of the contract, and what of it is not as in the others."""
+
+    make: Callable[[ExitStack], Rig]
+    # Where force feedback runs. `pc`: the robot gets set points and never sees the wrench, so what
+    # is promised about a bad wrench is the regulator's and the arbiter's promise, not its own.
+    feedback_host: Host
+    # Whether it keeps the cell's limits again behind the arbiter (design section 6). The simulated
+    # arm has only its own joint limits; the gateway's guard is what is promised.
+    guards_limits: bool = True
+    before: Callable[[Rig], None] = nothing  # what it has been through when a test begins
+
+
+ROBOTS = {
+    "sim": Robot(sim_rig, "pc", guards_limits=False),
+    "gateway": Robot(gateway_rig, "controller"),
+    "emulated, pc": Robot(emulated_pc_rig, "pc"),
+    "emulated, controller": Robot(emulated_controller_rig, "controller", before=ran_feedback),
+}

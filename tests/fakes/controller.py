@@ -190,7 +190,7 @@ class FakeController:
         else:
             self._armed |= com not in SETTINGS
             if com == Com.WRENCH:
-                robot.correct(packet)
+                robot.correct(packet, self._heard_at)
             elif com == Com.FEEDBACK and packet.param == FeedbackSwitch.STOP:
                 robot.status &= ~FEEDBACK_BITS
             elif com != Com.HEARTBEAT:

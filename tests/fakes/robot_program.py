@@ -12,12 +12,14 @@ import pinocchio as pin
 
 from common.frames import Oat, R_from_oat, oat_from_R
 from common.packet import ZERO_VEC, Packet, VecInt
-from common.packet_table import FEEDBACK_BITS, NO_ID, Com, Status
+from common.packet_table import FEEDBACK_BITS, GAIN_I, GAIN_P, NO_ID, Com, Status
 from tests.fakes.arm import JOINT_MAX_RAD, JOINT_MIN_RAD, READY_RAD, FakeArm
+from tests.fakes.pi_feedback import KeptLimits, PiFeedback
 
 MOTIONS = (Com.MOVE_POSE, Com.MOVE_JOINTS, Com.MOVE_BY_JOINTS)
 READY = Status.MOTOR_POWER | Status.REPEAT_MODE | Status.TEACH_LOCK_OFF | Status.PROGRAM_RUNNING
 SETTLED_RAD = 1e-5
+_SI_PER_ONE = np.repeat([1e-3, radians(1.0)], 3)  # of a gain in mm or degrees
 
 
 @dataclass(slots=True)
@@ -39,6 +41,8 @@ class RobotProgram:
     gains_i: VecInt = ZERO_VEC
     speeds: VecInt = ZERO_VEC
     tcp: VecInt = ZERO_VEC
+    limits: VecInt = ZERO_VEC
+    feedback: PiFeedback | None = None  # of the run in progress
 
     def take(self) -> None:
         """Execute the oldest command of the ring, if there is one."""
@@ -50,6 +54,8 @@ class RobotProgram:
         if packet.com in MOTIONS and not running:
             self._start_motion(packet)
         elif packet.com == Com.FEEDBACK:
+            if not running:
+                self._start_feedback()
             bit = (Status.POSITION_FEEDBACK, Status.ORIENTATION_FEEDBACK)[packet.param]
             self.status = (self.status & ~Status.HELD) | bit
         elif packet.com == Com.GAINS and packet.param:
@@ -59,7 +65,7 @@ class RobotProgram:
         elif packet.com == Com.SPEEDS:
             self.speeds = packet.vec
         elif packet.com == Com.LIMITS:
-            self.watchdog_s = packet.vec[5] * 1e-3
+            self.limits, self.watchdog_s = packet.vec, packet.vec[5] * 1e-3
         elif packet.com == Com.TCP and not running:
             self.tcp = packet.vec
         else:
@@ -72,15 +78,22 @@ class RobotProgram:
         self.status = (self.status & ~FEEDBACK_BITS) | Status.HELD
         self.held_id = id_
 
-    def correct(self, packet: Packet) -> None:
-        """Force feedback with a proportional gain: displace along the base axes."""
-        if not self.status & Status.POSITION_FEEDBACK:
+    def correct(self, packet: Packet, now_s: float) -> None:
+        """Force feedback: one more wrench, one more target; a broken limit ends it in hold."""
+        runs = [bool(self.status & bit) for bit in FEEDBACK_BITS]
+        if self.feedback is None or not any(runs):
             return
-        force_N = np.array(packet.vec[:3]) / self.scales[3]
-        T = self.arm.pose(self.target_rad)
-        T.translation = T.translation + force_N * np.array(self.gains_p[:3]) * 1e-6 * 1e-3
-        joints = self.arm.joints(T, self.target_rad)
-        if joints is not None:
+        T = self.feedback.next_flange(
+            np.array(packet.vec) * np.repeat(runs, 3) / np.repeat(self.scales[3:5], 3),
+            np.array(self.gains_p) * _SI_PER_ONE / GAIN_P,
+            np.array(self.gains_i) * _SI_PER_ONE / GAIN_I,
+            limits=self._kept(),
+            now_s=now_s,
+        )
+        joints = None if T is None else self.arm.joints(T, self.target_rad)
+        if joints is None:
+            self.hold(self.held_id)
+        else:
             self.target_rad = joints
 
     def move(self, dt_s: float) -> None:
@@ -104,6 +117,25 @@ class RobotProgram:
         a, b, c, d, e, f = (round(float(unit)) for unit in units)
         return (a, b, c, d, e, f)
 
+    def _start_feedback(self) -> None:
+        self.feedback = PiFeedback(self.arm.pose(self.joint_rad), self._pose(self.tcp))
+        self.target_rad, self.rate_rad_s = self.joint_rad.copy(), np.inf
+
+    def _kept(self) -> KeptLimits:
+        step, turn, speed, travel, force, _ = self.limits
+        mm, degree, _, newton, _, mm_s = self.scales
+        return KeptLimits(
+            step_m=step / mm * 1e-3,
+            step_rad=radians(turn / degree),
+            speed_m_s=speed / mm_s * 1e-3,
+            travel_m=travel / mm * 1e-3,
+            force_N=force / newton,
+        )
+
+    def _pose(self, vec: VecInt) -> pin.SE3:
+        oat = Oat(*(radians(units / self.scales[1]) for units in vec[3:]))
+        return pin.SE3(R_from_oat(oat), np.array(vec[:3]) / self.scales[0] * 1e-3)
+
     def _start_motion(self, packet: Packet) -> None:
         target = self._target(packet)
         self.status &= ~(Status.TARGET_REFUSED | Status.HELD)
@@ -125,8 +157,6 @@ class RobotProgram:
 
     def _target(self, packet: Packet) -> np.ndarray | None:
         if packet.com == Com.MOVE_POSE:
-            position_m = np.array(packet.vec[:3]) / self.scales[0] * 1e-3
-            oat = Oat(*(radians(units / self.scales[1]) for units in packet.vec[3:]))
-            return self.arm.joints(pin.SE3(R_from_oat(oat), position_m), self.target_rad)
+            return self.arm.joints(self._pose(packet.vec), self.target_rad)
         joints = np.radians(np.array(packet.vec) / self.scales[2])
         return joints + self.joint_rad if packet.com == Com.MOVE_BY_JOINTS else joints

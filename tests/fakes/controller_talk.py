@@ -116,6 +116,11 @@ class Talk:
         self.write(encode(Packet(self.id, com, param, vec)))
         return self.id
 
+    def hang_up(self) -> None:
+        """Close the connection."""
+        self.stream.close()
+        self.closed = True
+
     def greet(
         self, *, id_: int = 1, version: int = PROTOCOL_VERSION, scales: VecInt = SCALES
     ) -> None:

@@ -1,0 +1,293 @@
+"""The program that ships, executed: hello, framing, IDs and the ring of packets."""
+
+from functools import cache
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from common.errors import RemoteProtocolError
+from common.packet import PACKET_CHARS, ZERO_VEC, Packet, PacketReader, VecInt, encode
+from common.packet_table import COMMANDS, ID_MAX, TABLE, Com, Status, known, next_id
+from tests.fakes.controller_talk import LIMITS, SCALES, Talk
+
+LEAST: VecInt = (10, 100, 50, 1, 10, 1)
+MOST: VecInt = (99, 555, 277, 999, 9999, 1000)
+SPEEDS: VecInt = (10_000, 10_000, 10_000, 500, 0, 0)
+HELLO = encode(Packet(1, Com.HELLO, 1, SCALES))
+RING = 63  # one slot of 64 stays empty
+# A vector that each command accepts, and that moves nothing from where the arm stands.
+HARMLESS: dict[int, VecInt] = {
+    Com.SPEEDS: SPEEDS,
+    Com.LIMITS: LIMITS,
+    Com.GAINS: (1, 2, 3, 4, 5, 6),
+    Com.TCP: (0, 0, 8000, 0, 0, 0),
+    Com.WRENCH: (-1, 2, -3, 4, -5, 6),
+}
+
+
+@cache
+def shared() -> Talk:
+    """One controller for many bad packets: it must come back from each of them."""
+    return Talk()
+
+
+def first_words(talk: Talk, data: bytes) -> None:
+    """Connect and say these bytes, then wait until the controller has judged them."""
+    if not talk.closed:
+        talk.hang_up()
+        talk.live(0.01)
+    talk.dial()
+    talk.write(data)
+    talk.wait(lambda: talk.closed or talk.heard(Com.HELLO), beat=False)
+
+
+def busy() -> tuple[Talk, int]:
+    """A controller whose robot program waits, for seconds, to hand over the motion of this ID."""
+    talk = Talk()
+    talk.hello()
+    talk.move_up(40.0, speed_mm_s=10.0)
+    second = talk.move_up(60.0, speed_mm_s=10.0)
+    talk.wait(lambda: talk.taken == second)
+    return talk, second
+
+
+# --- hello ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("id_", [1, 5, ID_MAX])
+def test_hello_is_answered_with_its_id_version_and_scales_then_reports_follow(id_: int) -> None:
+    """Before the hello nothing is said; after it 101 and 102 say the hello's ID and "none yet"."""
+    talk = Talk()
+    talk.dial()
+    talk.live(0.3)
+    assert talk.inbox == []
+    talk.id = id_
+    talk.write(encode(Packet(id_, Com.HELLO, 1, SCALES)))
+    talk.wait(lambda: talk.heard(Com.HEALTH), 1.0, beat=False)
+    assert talk.inbox[0] == Packet(id_, Com.HELLO, 1, SCALES)
+    assert len(talk.heard(Com.HELLO)) == 1
+    assert (talk.taken, talk.framed, talk.fault) == (0, id_, 0)
+    assert talk.send(Com.HEARTBEAT) == next_id(id_)
+    talk.wait(lambda: talk.framed == next_id(id_), 1.0)
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        encode(Packet(1, Com.HEARTBEAT)),
+        encode(Packet(0, Com.HELLO, 1, SCALES)),
+        encode(Packet(-5, Com.HELLO, 1, SCALES)),
+        encode(Packet(1, Com.HELLO, -1, SCALES)),
+        encode(Packet(1, Com.HELLO, 1, (50, 500, 250, 100, 1000, -10))),
+        HELLO[:-1] + b"0",
+        HELLO.replace(b"000050", b"0005E1"),
+        HELLO.replace(b"000050", b" 00050"),
+        b"GET / HTTP/1.1\r\nHost: robot\r\nUser-Agent: a browser that got lost\r\n\r\n",
+    ],
+)
+def test_first_packet_that_is_no_hello_closes_the_connection_unanswered(data: bytes) -> None:
+    """Fault 4; the next client is served."""
+    talk = shared()
+    first_words(talk, data)
+    assert talk.closed
+    assert talk.inbox == []
+    assert talk.value("fm.fault") == 4
+    first_words(talk, HELLO)
+    assert talk.inbox[0].com == Com.HELLO
+
+
+@pytest.mark.parametrize("version", [0, 2, 999_999])
+def test_another_version_is_told_ours_and_goes(version: int) -> None:
+    """The PC can say which end is older; nothing of it counts as a hello."""
+    talk = shared()
+    latched = talk.value("fm.lack")
+    first_words(talk, encode(Packet(7, Com.HELLO, version, SCALES)))
+    talk.wait(lambda: talk.closed, 1.0, beat=False)
+    assert talk.inbox == [Packet(7, Com.HELLO, 1, SCALES)]
+    assert talk.value("fm.lack") == latched
+
+
+@pytest.mark.parametrize("index", range(6))
+@pytest.mark.parametrize(("edge", "beyond"), [(LEAST, -1), (MOST, 1)], ids=["least", "most"])
+def test_scales_are_taken_up_to_their_limits_and_else_stay_as_they_were(
+    index: int, edge: VecInt, beyond: int
+) -> None:
+    """One scale that does not fit leaves all six alone; the answer tells which are in force."""
+    talk = shared()
+    first_words(talk, encode(Packet(1, Com.HELLO, 1, SCALES)))
+    a, b, c, d, e, f = (scale + beyond * (k == index) for k, scale in enumerate(edge))
+    first_words(talk, encode(Packet(1, Com.HELLO, 1, (a, b, c, d, e, f))))
+    assert talk.inbox[0].vec == SCALES
+    first_words(talk, encode(Packet(1, Com.HELLO, 1, edge)))
+    assert talk.inbox[0].vec == edge
+
+
+def test_a_client_without_a_word_gives_its_place_to_the_next_one() -> None:
+    """One connection at a time; a silent one must not keep it for ever."""
+    talk = Talk()
+    talk.dial()
+    assert 5.0 < talk.wait(lambda: talk.closed, 10.0, beat=False) < 8.0
+    talk.hello()
+    assert talk.status & Status.PROGRAM_RUNNING
+
+
+def test_a_client_that_hangs_up_or_is_cut_makes_room_and_leaves_a_hold() -> None:
+    """An end and a reset of the connection are the same: held, listening again."""
+    talk = Talk()
+    for leave in (Talk.hang_up, lambda talk: talk.stream.reset()):
+        talk.hello()
+        talk.move_up(50.0)
+        talk.live(0.4, beat=True)
+        assert not talk.status & Status.HELD
+        leave(talk)
+        talk.live(0.7)
+        before = talk.height_mm()
+        talk.hello()
+        assert talk.status & Status.HELD
+        talk.live(0.5)
+        assert talk.height_mm() == pytest.approx(before, abs=0.01)
+
+
+# --- packets --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("com", "param"),
+    [(com, param) for com in COMMANDS - {Com.HELLO} for param in TABLE[com].params],
+)
+def test_every_command_of_the_table_is_framed(com: Com, param: int) -> None:
+    """Every Param that the table knows, too; a Param more closes the connection."""
+    talk = shared()
+    first_words(talk, HELLO)
+    talk.id = 1
+    vec = HARMLESS.get(com, ZERO_VEC)
+    if com == Com.MOVE_POSE:
+        vec = talk.shifted_vec()
+    if com == Com.MOVE_JOINTS:
+        vec = (0, 0, -22_500, 0, -22_500, 0)
+    talk.send(com, param, vec)
+    talk.wait(lambda: talk.framed == 2, 1.0, beat=False)
+    talk.send(com, TABLE[com].params[-1] + 1, vec)
+    talk.wait(lambda: talk.closed, 1.0, beat=False)
+    assert talk.value("fm.fault") == 4
+    assert talk.framed == 2
+
+
+@settings(max_examples=400)
+@given(
+    com=st.sampled_from(sorted(COMMANDS - {Com.HELLO})),
+    place=st.integers(0, PACKET_CHARS - 1),
+    char=st.sampled_from([*"0123456789- .+EeDd^Hh:x\n\0\xff"]),
+)
+def test_the_receiver_takes_exactly_the_packets_that_the_codec_takes(
+    com: Com, place: int, char: str
+) -> None:
+    """One character changed: the connection stands if and only if it is a packet, and it is due."""
+    talk = shared()
+    first_words(talk, HELLO)
+    data = bytearray(encode(Packet(2, com, 0, HARMLESS.get(com, ZERO_VEC))))
+    data[place] = ord(char)
+    talk.write(bytes(data))
+    talk.live(0.03)
+    assert talk.closed != is_due(bytes(data), 2), bytes(data)
+
+
+def is_due(data: bytes, id_: int) -> bool:
+    """Tell whether the codec and the table take a packet, with this ID and a vector of numbers."""
+    try:
+        packet = PacketReader().feed(data)[0]
+        row = TABLE[known(packet.com, packet.param)]
+    except RemoteProtocolError:
+        return False
+    empty = row.vec == ("0",) * 6
+    fits = packet.vec == ZERO_VEC if empty else True
+    return packet.id == id_ and fits and row.com in COMMANDS - {Com.HELLO}
+
+
+@pytest.mark.parametrize("id_", [1, 3, 0, 999_999])
+def test_an_id_that_is_not_the_next_closes_the_connection(id_: int) -> None:
+    """A packet twice, a packet lost: never guess."""
+    talk = shared()
+    first_words(talk, HELLO)
+    talk.write(encode(Packet(id_, Com.HEARTBEAT)))
+    talk.wait(lambda: talk.closed, 1.0, beat=False)
+    assert talk.value("fm.fault") == 4
+
+
+def test_a_second_hello_closes_the_connection() -> None:
+    """Also with the ID that is due: hello is the first packet and no other."""
+    talk = shared()
+    first_words(talk, HELLO)
+    talk.write(encode(Packet(2, Com.HELLO, 1, SCALES)))
+    talk.wait(lambda: talk.closed, 1.0, beat=False)
+    assert talk.value("fm.fault") == 4
+
+
+def test_ids_go_round_at_999999() -> None:
+    """0 is never used."""
+    talk = Talk()
+    talk.hello(id_=ID_MAX - 2, limits=None)
+    for expected in (ID_MAX - 1, ID_MAX, 1, 2):
+        talk.do(Com.SPEEDS, 0, SPEEDS)
+        assert talk.framed == talk.taken == talk.id == expected
+    assert not talk.closed
+
+
+@settings(max_examples=15)
+@given(cuts=st.lists(st.integers(1, 200), min_size=1, max_size=12), data=st.data())
+def test_how_the_stream_is_cut_makes_no_difference(cuts: list[int], data: st.DataObject) -> None:
+    """Bytes come in any pieces, hello too; every packet is framed once, in order."""
+    talk = shared()
+    if not talk.closed:
+        talk.hang_up()
+    talk.live(0.01)
+    talk.dial()
+    stream = HELLO + b"".join(encode(Packet(k, Com.GAINS, 1, (k,) * 6)) for k in range(2, 22))
+    while stream:
+        size = data.draw(st.sampled_from(cuts))
+        talk.write(stream[:size])
+        stream = stream[size:]
+        talk.live(data.draw(st.sampled_from([0.0, 0.001, 0.02])))
+    talk.wait(lambda: talk.framed == talk.taken == 21, 1.0, beat=False)
+    assert talk.value("fm.ki[6]") == pytest.approx(21e-4)
+
+
+# --- the ring -------------------------------------------------------------------------------------
+
+
+def test_what_waits_in_the_ring_is_framed_at_once_taken_later_and_in_order() -> None:
+    """While the robot program hands a motion over, 102 runs ahead of 101, and 103 counts."""
+    talk, moving = busy()
+    ids = [talk.send(Com.GAINS, 0, (k,) * 6) for k in range(1, RING + 1)]
+    talk.wait(lambda: talk.framed == ids[-1], 1.0)
+    talk.live(0.3, beat=True)
+    assert talk.taken == moving
+    assert talk.last(Com.HEALTH).vec[2] == RING
+    seen: list[int] = []
+
+    def took() -> bool:
+        gain = round(talk.value("fm.kp[1]") * 1e6)
+        seen.extend([gain] if gain not in seen else [])
+        return talk.taken == ids[-1]
+
+    talk.wait(took, 10.0)
+    assert seen == sorted(seen)
+    assert len(seen) > RING // 2  # the ring is emptied faster than a test looks
+    assert seen[-1] == RING
+    talk.wait(lambda: talk.last(Com.HEALTH).vec[2] == 0, 1.0)
+
+
+def test_one_packet_more_than_the_ring_holds_is_fault_5_and_a_hold() -> None:
+    """Nobody takes anything: that is no place to drop packets silently."""
+    talk, _ = busy()
+    for k in range(1, RING + 2):
+        talk.send(Com.GAINS, 0, (k,) * 6)
+    talk.wait(lambda: talk.closed, 1.0, beat=False)
+    assert talk.value("fm.fault") == 5
+    z = talk.height_mm()
+    talk.live(2.0)
+    assert talk.height_mm() - z < 1.0
+    assert talk.value("fm.kp[1]") == 0
+    talk.hello()
+    assert talk.status & Status.HELD

@@ -12,7 +12,7 @@ from sim.controller.expressions import Expressions
 from sim.controller.machine_api import Context, Machine
 from sim.controller.memory import Locals, bind, following
 from sim.controller.syntax import Expression, Instruction, Program, Variable
-from sim.controller.values import Joints, Transformation, Value, se3_of
+from sim.controller.values import NUMBER, Joints, Transformation, Value, se3_of
 from sim.controller.variables import Store
 
 Real = Callable[[Context], float]
@@ -98,6 +98,17 @@ class Evaluate:
 
         return run
 
+    def store_row(self, variable: Variable) -> Callable[[Context, Sequence[Value]], None]:
+        """Return what stores values into the elements from one on, one after the other."""
+        locate = self._expressions.locate(variable)
+
+        def run(context: Context, values: Sequence[Value]) -> None:
+            array, index = locate(context)
+            for count, value in enumerate(values):
+                array.cell(following(index, count)).value = value
+
+        return run
+
     def text_element(self, statement: Instruction, index: int) -> Callable[[Context, int], str]:
         """Return what reads strings from one element on (E0104)."""
         read = self._element(self.variable(statement, index), "E0104")
@@ -116,7 +127,7 @@ class Evaluate:
 
         def run(context: Context, count: int) -> float:
             value = read(context, count)
-            if not isinstance(value, float | int):
+            if not isinstance(value, NUMBER):
                 raise AsError("P0118", f"{statement.name} needs numbers")
             return value
 

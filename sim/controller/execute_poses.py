@@ -1,7 +1,5 @@
 """Assignments: `x = 1`, POINT, HERE and DECOMPOSE."""
 
-from dataclasses import replace
-
 from sim.controller import syntax as s
 from sim.controller.compiled import Op
 from sim.controller.context import Context
@@ -83,14 +81,11 @@ def compile_here(statement: s.Here, at: int, context: Context) -> Op:
 
 def compile_decompose(statement: s.Decompose, at: int, context: Context) -> Op:
     """Compile DECOMPOSE x[k] = pose: six reals from element k on."""
-    store, value = (
-        context.evaluate.store_at(statement.target),
-        context.evaluate.pose(statement.value),
-    )
+    store = context.evaluate.store_row(statement.target)
+    value = context.evaluate.pose(statement.value)
 
     def run(task: Task) -> int:
-        for k, number in enumerate(value(task).numbers()):
-            store(task, k, number)
+        store(task, value(task).numbers())
         return at + 1
 
     return run
@@ -130,7 +125,7 @@ def _part(statement: s.Point, at: int, context: Context) -> Op:
             before = transformation_of(old(task), context)
         except AsError:
             before = Transformation()  # an undefined target begins at zero
-        store(task, replace(before, **{name: getattr(source, name) for name in names}))
+        store(task, before._replace(**{name: getattr(source, name) for name in names}))
         return at + 1
 
     return run

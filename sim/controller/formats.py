@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable
 from sim.controller.errors import AsError
 from sim.controller.functions_number import rounded
 from sim.controller.syntax_expressions import Format
-from sim.controller.values import Value
+from sim.controller.values import NUMBER, Value
 
 DEFAULT = Format("D")
 OPTIONAL = frozenset("JKL")
@@ -24,17 +24,18 @@ def layout(items: Iterable[Value | Format], *, optional: bool) -> tuple[str, boo
     parts: list[str] = []
     feed = True
     for item in items:
-        if isinstance(item, Format):
-            if item.code in NUMERIC:
-                current = _allowed(item, optional=optional)
-            elif item.code == "S":
-                feed = False
-            else:
-                parts.append(_space(item))
-        elif isinstance(item, str):
+        if isinstance(item, str):
             parts.append(item)
+        elif isinstance(item, NUMBER):
+            parts.append(_number(current, float(item)))
+        elif not isinstance(item, Format):
+            raise AsError("P0118", "a pose cannot be printed; DECOMPOSE it first")
+        elif item.code in NUMERIC:
+            current = _allowed(item, optional=optional)
+        elif item.code == "S":
+            feed = False
         else:
-            parts += [_number(current, value) for value in _numbers(item)]
+            parts.append(_space(item))
     return "".join(parts), feed
 
 
@@ -51,12 +52,6 @@ def _space(item: Format) -> str:
     if item.code == "C":
         return LINE_FEED * (item.width or 0)
     raise AsError("P0108", f"/{item.code} is no format; there are /D /E /F /G /H /I /C /S /X")
-
-
-def _numbers(item: Value) -> tuple[float, ...]:
-    if isinstance(item, float | int):
-        return (float(item),)
-    raise AsError("P0118", "a pose cannot be printed; DECOMPOSE it first")
 
 
 def _number(style: Format, value: float) -> str:
@@ -92,12 +87,12 @@ def _decimals(style: Format) -> int:
     return SIGNIFICANT if style.decimals is None else min(style.decimals, 99)
 
 
-def _integer(fill: str) -> Callable[[Format, float], str]:
-    def write(style: Format, value: float) -> str:
-        whole = int(rounded(value))
-        return f"{whole:{fill}{style.width or 0}d}" if style.width else f"{whole:d}"
+def _integer(style: Format, value: float) -> str:
+    return str(int(rounded(value))).rjust(style.width or 0)
 
-    return write
+
+def _zero_filled(style: Format, value: float) -> str:
+    return str(int(rounded(value))).zfill(style.width or 0)
 
 
 def _hexadecimal(fill: str) -> Callable[[Format, float], str]:
@@ -114,8 +109,8 @@ WRITERS: dict[str, Callable[[Format, float], str]] = {
     "F": _fixed,
     "G": _general,
     "H": _hexadecimal(" "),
-    "I": _integer(""),
+    "I": _integer,
     "J": _hexadecimal("0"),
-    "K": _integer("0"),
+    "K": _zero_filled,
     "L": _compact,
 }

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from sim.controller.errors import AsError
 from sim.controller.machine_api import Machine
-from sim.controller.values import Joints, Transformation, Value
+from sim.controller.values import NUMBER, Joints, Transformation, Value
 
 Argument = Value | None
 Compute = Callable[[Machine, Sequence[Argument]], Value]
@@ -71,12 +71,12 @@ def table(*functions: Function) -> dict[str, Function]:
 
 def number(value: Argument, default: float = 0.0) -> float:
     """Return a number that `check` has let through, or what it is when left out."""
-    return float(value) if isinstance(value, float | int) else default
+    return float(value) if isinstance(value, NUMBER) else default
 
 
 def whole(value: Argument, default: int = 0) -> int:
     """Return a number cut to a whole one."""
-    return int(value) if isinstance(value, float | int) else default
+    return int(value) if isinstance(value, NUMBER) else default
 
 
 def string(value: Argument) -> str:

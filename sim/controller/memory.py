@@ -18,6 +18,11 @@ from sim.controller.values import Joints, Transformation, Value, joints, transfo
 
 LARGEST_INDEX = 9999
 
+# By the first character of a spelling: what a variable may hold.
+HOLDS: dict[str, tuple[type, ...]] = {
+    "$": (str,), "#": (Joints,), "@": (int, float), "": (float, int, Transformation),
+}  # fmt: skip
+
 Index = int | tuple[int, ...]
 
 
@@ -135,16 +140,17 @@ def key_of(variable: Variable) -> str:
 
 def index_of(numbers: Sequence[float]) -> Index:
     """Return an array index: whole numbers 0 to 9999 (P0119); a fraction is cut off."""
-    whole = [int(number) for number in numbers]
-    if any(not 0 <= number <= LARGEST_INDEX for number in whole):
+    whole = tuple(map(int, numbers))
+    if min(whole) < 0 or max(whole) > LARGEST_INDEX:
         raise AsError("P0119", f"{list(numbers)}: indices are 0 to {LARGEST_INDEX}")
-    return whole[0] if len(whole) == 1 else tuple(whole)
+    return whole if len(whole) > 1 else whole[0]
 
 
 def following(index: Index, count: int) -> Index:
     """Return the index that lies `count` elements further in the last dimension."""
     if isinstance(index, int):
-        return index_of([index + count])
+        further = index + count
+        return further if further <= LARGEST_INDEX else index_of([further])
     return index_of([*index[:-1], index[-1] + count])
 
 
@@ -158,10 +164,7 @@ def undefined(variable: Variable, *, location: bool = False) -> AsError:
 
 def check_type(variable: Variable, old: Value | None, new: Value) -> None:
     """Refuse to store a value of another type (P0150)."""
-    wanted: tuple[type, ...] = {
-        "$": (str,), "#": (Joints,), "@": (int, float), "": (float, int, Transformation),
-    }[variable.kind]  # fmt: skip
-    if not isinstance(new, wanted):
+    if not isinstance(new, HOLDS[variable.kind]):
         raise AsError("P0150", f"{variable.spelling} cannot hold {plain(new)}")
     is_pose = isinstance(new, Transformation)
     if not variable.kind and old is not None and isinstance(old, Transformation) != is_pose:

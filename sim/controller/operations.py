@@ -15,6 +15,9 @@ FAST_RELATIONS: dict[str, Callable[[float, float], bool]] = {
     "<": operator.lt, "<=": operator.le, "==": operator.eq, "<>": operator.ne,
     ">=": operator.ge, ">": operator.gt,
 }  # fmt: skip
+FAST_LOGIC: dict[str, Callable[[bool, bool], bool]] = {
+    "AND": operator.and_, "OR": operator.or_,
+}  # fmt: skip
 
 
 def compile_unary(sign: str, operand: Read) -> Read:
@@ -30,6 +33,8 @@ def compile_binary(sign: str, left: Read, right: Read) -> Read:
         return _arithmetic(FAST_ARITHMETIC[sign], apply, left, right)
     if sign in FAST_RELATIONS:
         return _relation(FAST_RELATIONS[sign], apply, left, right)
+    if sign in FAST_LOGIC:
+        return _logic(FAST_LOGIC[sign], apply, left, right)
     return lambda context: apply(left(context), right(context))
 
 
@@ -54,6 +59,19 @@ def _relation(
         a, b = left(context), right(context)
         if a.__class__ is float and b.__class__ is float:
             return -1.0 if fast(a, b) else 0.0
+        return slow(a, b)
+
+    return run
+
+
+def _logic(
+    fast: Callable[[bool, bool], bool], slow: Callable[[Value, Value], Value],
+    left: Read, right: Read,
+) -> Read:  # fmt: skip
+    def run(context: Context) -> Value:
+        a, b = left(context), right(context)
+        if a.__class__ is float and b.__class__ is float:
+            return -1.0 if fast(a != 0.0, b != 0.0) else 0.0
         return slow(a, b)
 
     return run

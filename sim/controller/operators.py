@@ -8,6 +8,7 @@ from typing import Any
 from sim.controller.errors import AsError
 from sim.controller.memory import plain
 from sim.controller.values import (
+    NUMBER,
     Transformation,
     Value,
     compose,
@@ -26,7 +27,7 @@ BinaryOperation = Callable[[Value, Value], Value]
 
 def add(left: Value, right: Value) -> Value:
     """Add numbers, concatenate strings, compose transformations."""
-    if isinstance(left, float | int) and isinstance(right, float | int):
+    if isinstance(left, NUMBER) and isinstance(right, NUMBER):
         return _result(left + right)
     if isinstance(left, str) and isinstance(right, str):
         return text(left + right)
@@ -37,7 +38,7 @@ def add(left: Value, right: Value) -> Value:
 
 def subtract(left: Value, right: Value) -> Value:
     """Subtract numbers; compose a transformation with the inverse of another."""
-    if isinstance(left, float | int) and isinstance(right, float | int):
+    if isinstance(left, NUMBER) and isinstance(right, NUMBER):
         return _result(left - right)
     if isinstance(left, Transformation) and isinstance(right, Transformation):
         return compose(left, inverse(right))
@@ -104,7 +105,7 @@ def complement(value: Value) -> Value:
 
 def _relation(sign: str, compare: Callable[[Any, Any], bool]) -> BinaryOperation:
     def relate(left: Value, right: Value) -> Value:
-        numbers = isinstance(left, float | int) and isinstance(right, float | int)
+        numbers = isinstance(left, NUMBER) and isinstance(right, NUMBER)
         if numbers or (isinstance(left, str) and isinstance(right, str)):
             return truth(compare(left, right))
         raise _clash(sign, left, right)
@@ -150,7 +151,7 @@ def _result(number: float) -> float:
 
 
 def _number(sign: str, value: Value) -> float:
-    if isinstance(value, float | int):
+    if isinstance(value, NUMBER):
         return value
     raise AsError("P0114", f"{sign} takes numbers, not {plain(value)}")
 

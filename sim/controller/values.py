@@ -6,7 +6,7 @@ Transformations and joint values hold millimetres and degrees, as AS does.
 
 import math
 import struct
-from dataclasses import astuple, dataclass
+from typing import NamedTuple
 
 import pinocchio as pin
 
@@ -17,14 +17,20 @@ TRUE = -1.0
 FALSE = 0.0
 MAX_CHARACTERS = 255
 MM = 1e-3
+ZEROS = (0.0,) * 6
+
+NUMBER = (float, int)  # for isinstance: `float | int` is built anew each time it is reached
 
 # Twice as fast as numpy.float32, and the same rounding; this runs for every operator.
 _write_single = struct.Struct("<f").pack
 _read_single = struct.Struct("<f").unpack
+_write_six = struct.Struct("<6f").pack
+_read_six = struct.Struct("<6f").unpack
+
+Six = tuple[float, float, float, float, float, float]
 
 
-@dataclass(frozen=True, slots=True)
-class Transformation:
+class Transformation(NamedTuple):
     """A pose: X, Y, Z in millimetres, O, A, T in degrees."""
 
     x: float = 0.0
@@ -36,14 +42,13 @@ class Transformation:
 
     def numbers(self) -> tuple[float, ...]:
         """Return the six numbers in AS's order."""
-        return astuple(self)
+        return tuple(self)
 
 
-@dataclass(frozen=True, slots=True)
-class Joints:
+class Joints(NamedTuple):
     """Joint values JT1..JT6 in degrees."""
 
-    values: tuple[float, float, float, float, float, float]
+    values: Six
 
     def numbers(self) -> tuple[float, ...]:
         """Return the six numbers in AS's order."""
@@ -62,6 +67,15 @@ def single(number: float) -> float:
         raise AsError("E0106", f"{number:g} is beyond the largest real, 3.4E38") from None
 
 
+def singles(six: Six) -> Six:
+    """Round six numbers to single precision (E0106), for the price of two."""
+    try:
+        return _read_six(_write_six(*six))
+    except (OverflowError, struct.error):
+        a, b, c, d, e, f = six
+        return (single(a), single(b), single(c), single(d), single(e), single(f))
+
+
 def truth(condition: bool) -> float:  # noqa: FBT001 (a value, not an option)
     """Return AS's TRUE (-1) or FALSE (0)."""
     return TRUE if condition else FALSE
@@ -75,14 +89,13 @@ def text(characters: str) -> str:
 
 
 def transformation(*numbers: float) -> Transformation:
-    """Return a transformation of numbers rounded to single precision."""
-    return Transformation(*(single(number) for number in numbers))
+    """Return a transformation of numbers rounded to single precision; missing ones are zero."""
+    return Transformation(*singles(_six(numbers)))
 
 
 def joints(*numbers: float) -> Joints:
     """Return joint values rounded to single precision; missing ones are zero."""
-    six = [single(number) for number in numbers] + [0.0] * 6
-    return Joints((six[0], six[1], six[2], six[3], six[4], six[5]))
+    return Joints(singles(_six(numbers)))
 
 
 def se3_of(place: Transformation) -> pin.SE3:
@@ -96,9 +109,9 @@ def transformation_of(T: pin.SE3, previous: Transformation | None = None) -> Tra
     before = None
     if previous is not None:
         before = Oat(*(math.radians(angle) for angle in (previous.o, previous.a, previous.t)))
-    oat = oat_from_R(T.rotation, before)
-    x, y, z = T.translation / MM
-    return transformation(float(x), float(y), float(z), *(math.degrees(angle) for angle in oat))
+    o, a, t = oat_from_R(T.rotation, before)
+    x, y, z = T.translation.tolist()
+    return transformation(x / MM, y / MM, z / MM, math.degrees(o), math.degrees(a), math.degrees(t))
 
 
 def compose(first: Transformation, second: Transformation) -> Transformation:
@@ -109,3 +122,8 @@ def compose(first: Transformation, second: Transformation) -> Transformation:
 def inverse(place: Transformation) -> Transformation:
     """Return -place."""
     return transformation_of(se3_of(place).inverse())
+
+
+def _six(numbers: tuple[float, ...]) -> Six:
+    a, b, c, d, e, f = numbers if len(numbers) == 6 else (*numbers, *ZEROS)[:6]
+    return (a, b, c, d, e, f)

@@ -15,7 +15,7 @@ from sim.controller.memory import (
     undefined,
 )
 from sim.controller.syntax import Variable
-from sim.controller.values import Value, single
+from sim.controller.values import NUMBER, Value, single
 
 Read = Callable[[Context], Value]
 Store = Callable[[Context, Value], None]
@@ -50,7 +50,7 @@ def read_element(variable: Variable, names: Names, indices: Indices, *, location
     def read(context: Context) -> Value:
         array = (context.locals if local else names).get(key)
         index = indices(context)
-        if isinstance(array, Array):
+        if array.__class__ is Array:
             cell = array.cells.get(index)
             if cell is not None and (value := cell.value) is not None:
                 return value
@@ -81,11 +81,12 @@ def locate(variable: Variable, names: Names, indices: Indices | None) -> Locate:
 
 def store(variable: Variable, names: Names, indices: Indices | None) -> Store:
     """Return a writer; refuses other types (P0150, P0132, P0133)."""
-    key, local = key_of(variable), variable.local
-    plain_real = not variable.kind
+    key, local, whole = key_of(variable), variable.local, variable.kind == "@"
 
     def keep(cell: Cell, value: Value) -> None:
-        if not (plain_real and value.__class__ is float and cell.value.__class__ is float):
+        kind = value.__class__
+        # A value of the type that is there already fits; only integers may have to be converted.
+        if kind is not cell.value.__class__ or kind is int or whole:
             check_type(variable, cell.value, value)
             value = converted(variable, value)
         cell.value = value
@@ -98,7 +99,7 @@ def store(variable: Variable, names: Names, indices: Indices | None) -> Store:
     def store_element(context: Context, value: Value) -> None:
         names_here = context.locals if local else names
         array = names_here.get(key)
-        found = array if isinstance(array, Array) else names_here.array(key)
+        found = array if array.__class__ is Array else names_here.array(key)
         keep(found.cell(indices(context)), value)  # type: ignore[misc]
 
     return store_scalar if indices is None else store_element
@@ -106,7 +107,7 @@ def store(variable: Variable, names: Names, indices: Indices | None) -> Store:
 
 def converted(variable: Variable, value: Value) -> Value:
     """Return a value as its variable keeps it: whole in `@n`, single precision in `x`."""
-    if variable.kind == "@" and isinstance(value, float | int):
+    if variable.kind == "@" and isinstance(value, NUMBER):
         whole = int(value)
         if not -(2**31) <= whole < 2**31:
             raise AsError("E0106", f"{variable.spelling} holds 32-bit integers, not {whole}")
@@ -121,7 +122,7 @@ def indices_of(readers: list[Read]) -> Indices:
 
     def number(reader: Read, context: Context) -> float:
         value = reader(context)
-        if isinstance(value, float | int):
+        if isinstance(value, NUMBER):
             return value
         raise AsError("P0119", "an index is a number")
 

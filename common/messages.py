@@ -146,6 +146,7 @@ class Feedback(Record):
 
     mode: Mode
     setpoint_force_N: Vec3 = ZERO3  # force of the environment on the tool, base axes
+    lever_m: Vec3 = ZERO3  # from the TCP to the point that the tool turns about, flange axes
     gains: Gains
 
 
@@ -233,6 +234,7 @@ class Health(Message):
     rate_hz: float = 0.0
     lateness_p99_s: float = 0.0
     counters: dict[str, int] = {}
+    numbers: dict[str, float] = {}  # measured, units in the names; what is not known is left out
     version: Text = ""
     config_hash: Text = ""
     fault: Text = ""

@@ -111,7 +111,7 @@ TABLE = {row.com: row for row in (
     Row(Com.HOLD,           range(1), _NONE,   "hold now"),
     Row(Com.HELLO,          _COUNT,   _SCALES, "first packet, both ways; Param = version"),
     Row(Com.LIMITS,         range(1), _LIMITS, "limits that the controller keeps by itself"),
-    Row(Com.TCP,            range(1), _POSE,   "tool centre point in the flange frame"),
+    Row(Com.TCP,            range(1), _POSE,   "point that feedback turns about, flange frame"),
     Row(Com.HEARTBEAT,      range(1), _NONE,   "nothing else to say"),
     Row(Com.POSE,           _COUNT,   _POSE,   "flange pose; ID = last command taken"),
     Row(Com.JOINTS,         _COUNT,   _JOINTS, "joint angles; ID = last command framed"),

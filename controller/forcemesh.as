@@ -135,9 +135,9 @@ turn:
   fm.ltravel=20 ;[mm]
   fm.lforce=50 ;[N]
   fm.wd=0.25 ;watchdog [s]
-  POINT fm.tcp=NULL ;command 11, in the flange frame
-  POINT fm.itcp=NULL ;its inverse
-  POINT fm.q0=NULL ;TCP to flange with the orientation at the start
+  POINT fm.tcp=NULL ;command 11: the point to turn about, in the flange frame
+  POINT fm.r0=NULL ;orientation at the start
+  POINT fm.q0=NULL ;from the point to the flange, with that orientation
   POINT fm.rot=NULL ;rotation since the start, base axes
   POINT fm.p=NULL ;target
   POINT #fm.j=#HERE ;target of a joint motion
@@ -148,7 +148,7 @@ turn:
     fm.w[0,.i]=0 ;two banks for command 4, in packet units
     fm.w[1,.i]=0
     fm.d[.i]=0 ;1-3: displacement since the start [mm]
-    fm.c[.i]=0 ;1-3: TCP at the start [mm]
+    fm.c[.i]=0 ;1-3: the point to turn about at the start [mm]
   END
   FOR .i=0 TO 63
     $fm.ring[.i]="" ;packets
@@ -257,7 +257,7 @@ fresh:
   .v[5]=VAL($MID(.$q,50,6))
   .v[6]=VAL($MID(.$q,57,6))
   fm.mode=fm.mode*ABS(fm.hseq+fm.wseq+fm.stopn==fm.ffe) ;stopped meanwhile
-  IF (fm.mode<>0) AND ((.cmd<5) OR (.cmd==11)) GOTO refuse
+  IF (fm.mode<>0) AND (.cmd<5) GOTO refuse
   CASE .cmd OF
   VALUE 1: ;move to a pose, straight
     POINT fm.p=TRANS(.v[1]/fm.sp,.v[2]/fm.sp,.v[3]/fm.sp,.v[4]/fm.so,.v[5]/fm.so,.v[6]/fm.so)
@@ -340,9 +340,16 @@ integral:
     fm.wd=.v[6]/1000
     SPEED fm.lspeed MM/S ALWAYS ;commands 1 to 3 bring their own
     fm.taken=.id
-  VALUE 11: ;TCP in the flange frame
-    POINT fm.tcp=TRANS(.v[1]/fm.sp,.v[2]/fm.sp,.v[3]/fm.sp,.v[4]/fm.so,.v[5]/fm.so,.v[6]/fm.so)
-    POINT fm.itcp=-fm.tcp
+  VALUE 11: ;the point that force feedback turns about, in the flange frame
+    POINT fm.tcp=TRANS(.v[1]/fm.sp,.v[2]/fm.sp,.v[3]/fm.sp)
+    POINT fm.q0=fm.r0-fm.tcp
+    IF fm.mode<>0 THEN ;the arm stays: the same pose, told by where this point is
+      POINT .c=fm.p+fm.tcp
+      DECOMPOSE .x[1]=.c
+      fm.c[1]=.x[1]-fm.d[1]
+      fm.c[2]=.x[2]-fm.d[2]
+      fm.c[3]=.x[3]-fm.d[3]
+    END
     fm.taken=.id
   END
 done:
@@ -403,14 +410,15 @@ odd: ;older than a hold, or the hold before it is not obeyed yet
 .END
 .PROGRAM fm.seed() ;force feedback starts from where the arm is
   HERE fm.p
+  DECOMPOSE .x[1]=fm.p
+  POINT fm.r0=TRANS(0,0,0,.x[4],.x[5],.x[6])
+  POINT fm.q0=fm.r0-fm.tcp
   POINT .c=fm.p+fm.tcp
   DECOMPOSE .x[1]=.c
   FOR .i=1 TO 3
     fm.c[.i]=.x[.i]
     fm.d[.i]=0
   END
-  POINT .c=TRANS(0,0,0,.x[4],.x[5],.x[6])
-  POINT fm.q0=.c+fm.itcp
   POINT fm.rot=NULL
   fm.wu=fm.wn
   TIMER 10=0

@@ -5,7 +5,7 @@ once, also when a refusal follows: IDs have no gaps.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pinocchio as pin
@@ -22,6 +22,7 @@ from common.messages import (
     RobotCommand,
     Speed,
     Trip,
+    Vec3,
     WrenchAtTcp,
 )
 from common.packet_table import FEEDBACK_BITS
@@ -32,6 +33,7 @@ from services.gateway.goals import Measured, Track
 from services.gateway.guard import Guard
 
 FEEDBACK_STARTS_WITHIN_S = 1.0
+CENTRE_STEP_M = 1e-3  # a smaller way of the point of contact is not worth a command
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,6 +42,7 @@ class Running:
 
     feedback: Feedback
     since_ns: int
+    lever_m: Vec3  # that the controller was told last
 
 
 class Driver:
@@ -198,19 +201,34 @@ class Driver:
         else:
             if feedback.gains != running.feedback.gains:
                 self._send(self._dialogue.set_gains(feedback.gains, now_ns), now_ns)
-                self._running = Running(feedback, running.since_ns)
+            self._running = replace(
+                running, feedback=feedback, lever_m=self._turn_about(running, feedback)
+            )
             sample = (wrench.header.epoch, wrench.header.seq)
             self._feed_back(feedback, wrench.fresh, sample, now_ns - running.since_ns)
 
     def _start_feedback(self, feedback: Feedback, now_ns: int) -> None:
         if self._dialogue.feedback_active:  # still ending
             return
-        self._send(self._dialogue.set_tcp(self._T_flange_tcp, now_ns), now_ns)
+        self._send(self._dialogue.set_tcp(self._centre(feedback), now_ns), now_ns)
         data = self._dialogue.start_feedback(
             feedback.mode, feedback.gains, self._kept, permitted=True, now_ns=now_ns
         )
         self._send(data, now_ns)
-        self._running = Running(feedback, now_ns)
+        self._running = Running(feedback, now_ns, feedback.lever_m)
+
+    def _turn_about(self, running: Running, feedback: Feedback) -> Vec3:
+        """Let the controller turn about the point of contact, wherever that goes."""
+        way_m = np.linalg.norm(np.array(feedback.lever_m) - np.array(running.lever_m))
+        if way_m < CENTRE_STEP_M:
+            return running.lever_m
+        self._dialogue.offer_centre(self._centre(feedback))
+        return feedback.lever_m
+
+    def _centre(self, feedback: Feedback) -> pin.SE3:
+        """Return the point to turn about as a frame in the flange's, with the TCP's axes."""
+        T = self._T_flange_tcp
+        return pin.SE3(T.rotation, T.translation + np.array(feedback.lever_m))
 
     def _end_feedback(self, now_ns: int) -> None:
         if self._running is not None:

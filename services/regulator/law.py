@@ -65,6 +65,7 @@ class LawState:
     error_force_N: Array | None = None
     error_torque_Nm: Array | None = None
     contact: Contact = "free"
+    lever_m: Array | None = None  # from the TCP to the point of contact, base axes; mode both
 
 
 def start_at(T_base_tcp: pin.SE3) -> LawState:
@@ -79,6 +80,7 @@ def step(state: LawState, sample: LawInput, gains: PiGains, settings: LawSetting
     error_N = soft_deadband(sample.force_N - wanted_force_N, settings.deadband_N)
     error_Nm = soft_deadband(sample.torque_Nm, settings.deadband_Nm)
     contact = next_contact(state.contact, sample, press_axis, settings.touch_N)
+    lever_m = contact_point(sample, settings.touch_N) if sample.mode == "both" else None
     turn_rad, shift_m = np.zeros(3), np.zeros(3)
     if sample.mode != "position":
         proportional_rad = gains.torque_p_rad_per_Nm * change(error_Nm, state.error_torque_Nm)
@@ -89,11 +91,12 @@ def step(state: LawState, sample: LawInput, gains: PiGains, settings: LawSetting
     elif sample.mode != "orientation":
         proportional_m = gains.force_p_m_per_N * change(error_N, state.error_force_N)
         shift_m = proportional_m + gains.force_i_m_per_Ns * error_N * sample.dt_s
-        shift_m = shift_m - np.cross(turn_rad, contact_point(sample, settings.touch_N))
+        if lever_m is not None:
+            shift_m = shift_m - np.cross(turn_rad, lever_m)
         shift_m = limit_norm(shift_m, settings.speed_max_m_s * sample.dt_s)
     R_base_tcp = rotate_about_base_axes(state.T_base_tcp.rotation, turn_rad)
     T_base_tcp = pin.SE3(R_base_tcp, state.T_base_tcp.translation + shift_m)
-    return LawState(T_base_tcp, error_N, error_Nm, contact)
+    return LawState(T_base_tcp, error_N, error_Nm, contact, lever_m)
 
 
 def next_contact(contact: Contact, sample: LawInput, press_axis: Array, touch_N: float) -> Contact:

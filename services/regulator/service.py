@@ -139,10 +139,13 @@ class Regulator:
         return min(max(wanted_N, now_N - step_N), now_N + step_N)
 
     def _feedback(self, session: Session) -> Feedback:
-        press_axis = session.law.T_base_tcp.rotation[:, 2]
+        law = session.law
+        R_base_flange = (law.T_base_tcp * self._T_flange_tcp.inverse()).rotation
+        lever_m = np.zeros(3) if law.lever_m is None else R_base_flange.T @ law.lever_m
         return Feedback(
             mode=session.wanted.mode,
-            setpoint_force_N=vec3(-session.setpoint_N * press_axis),
+            setpoint_force_N=vec3(-session.setpoint_N * law.T_base_tcp.rotation[:, 2]),
+            lever_m=vec3(lever_m),
             gains=self._gains,
         )
 

@@ -66,7 +66,7 @@ class RobotProgram:
             self.speeds = packet.vec
         elif packet.com == Com.LIMITS:
             self.limits, self.watchdog_s = packet.vec, packet.vec[5] * 1e-3
-        elif packet.com == Com.TCP and not running:
+        elif packet.com == Com.TCP:
             self.tcp = packet.vec
         else:
             self.status |= Status.TARGET_REFUSED

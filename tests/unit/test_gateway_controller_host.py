@@ -119,3 +119,21 @@ def test_the_arm_gives_way_to_the_force(cell: GatewayCell) -> None:
     cell.rig.until(lambda: cell.controller.T_base_flange.translation[2] > start[2] + 0.001)
     moved = cell.controller.T_base_flange.translation - start
     assert np.abs(moved[:2]).max() < 1e-5
+
+
+def test_the_controller_turns_about_the_point_of_contact(cell: GatewayCell) -> None:
+    """11 is TCP plus lever at the start, and again when the point has moved by a millimetre."""
+    cell.rig.arm()
+    cell.rig.wrench = WrenchAtTcp()
+
+    def say(x_m: float) -> None:
+        feedback = Feedback(mode="both", lever_m=(x_m, 0.0, 0.0), gains=GAINS)
+        cell.rig.say("feedback", host="controller", feedback=feedback)
+
+    say(0.025)
+    cell.rig.until(lambda: len(cell.controller.of(Com.WRENCH)) >= 3)
+    say(0.0245)
+    cell.rig.advance(0.05)
+    say(0.020)
+    cell.rig.until(lambda: len(cell.controller.of(Com.TCP)) == 2)
+    assert [p.vec[:3] for p in cell.controller.of(Com.TCP)] == [(1250, 0, 8000), (1000, 0, 8000)]

@@ -93,3 +93,27 @@ def test_the_newest_wrench_goes_out_and_does_not_queue_up() -> None:
     dialogue.feed(joint_report(sent[-1].id), 0)
     (last,) = packets(dialogue.tick(0, permitted=True))
     assert (last.com, last.vec[0]) == (4, 500)
+
+
+def test_the_point_to_turn_about_follows_one_at_a_time() -> None:
+    """Command 11 goes to a running feedback, the newest when the one before has been taken."""
+    dialogue = in_feedback()
+    dialogue.offer_centre(at(1))
+    (first,) = packets(dialogue.tick(0, permitted=True))
+    assert (first.com, first.vec[0]) == (11, 50)
+    for x_mm in (2, 3, 4):
+        dialogue.offer_centre(at(x_mm))
+        assert coms(dialogue.tick(0, permitted=True)) == []
+    dialogue.feed(pose_report(first.id, Status.POSITION_FEEDBACK), 0)
+    (last,) = packets(dialogue.tick(0, permitted=True))
+    assert (last.com, last.vec[0]) == (11, 200)
+
+
+def test_no_centre_without_feedback_or_permission() -> None:
+    """Like a wrench: for running force feedback only, and nothing unpermitted goes out."""
+    with pytest.raises(LocalProtocolError, match="no force feedback"):
+        greeted().offer_centre(at(1))
+    dialogue = in_feedback()
+    dialogue.offer_centre(at(1))
+    assert dialogue.tick(0, permitted=False) == b""
+    assert dialogue.tick(0, permitted=True) == b""

@@ -220,3 +220,20 @@ def test_for_the_host_controller_it_says_mode_set_point_and_gains_instead_of_pos
     assert bench.start(POSITION).accepted
     start = pin.SE3(turned, T_START.translation) * T_FLANGE_TCP
     assert bench.T_base_tcp().homogeneous == pytest.approx(start.homogeneous, abs=1e-9)
+
+
+def test_the_host_controller_is_told_where_the_contact_is_in_mode_both_only() -> None:
+    """F x M / F^2 from the TCP, in the flange's axes, which stay with the tool while it turns."""
+    robot = CELL.robot.model_copy(update={"hosts": ("pc", "controller")})
+    bench = RegulatorBench(CELL.model_copy(update={"robot": robot}))
+    bench.pass_s(0.1)
+    bench.push((0.0, 0.0, 10.0), (0.2, 0.0, 0.0))
+    bench.step()
+    for mode, lever_m in (("both", (0.0, 0.02, 0.0)), ("position", (0.0, 0.0, 0.0))):
+        wanted = ForceStartRequest.model_validate({"mode": mode, "host": "controller"})
+        assert bench.start(wanted).accepted
+        bench.pass_s(0.05)
+        feedback = bench.said().feedback
+        assert feedback is not None
+        in_base = T_START.rotation @ np.array(feedback.lever_m)
+        assert in_base == pytest.approx(lever_m, abs=1e-4)

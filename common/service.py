@@ -61,6 +61,14 @@ class Closable(Protocol):
         """Say it."""
 
 
+@runtime_checkable
+class Measuring(Protocol):
+    """A service that measures something beside its work."""
+
+    def numbers(self, now_ns: int) -> dict[str, float]:
+        """Return what is known of it, units in the names."""
+
+
 Connect = Callable[[Cell, str], AbstractContextManager[Bus]]
 
 
@@ -93,6 +101,7 @@ class HealthReporter:
                 rate_hz=self._steps / elapsed_s,
                 lateness_p99_s=late[int(0.99 * (len(late) - 1))],
                 counters={"realtime": int(has_realtime_priority()), **service.counters()},
+                numbers=service.numbers(now_ns) if isinstance(service, Measuring) else {},
                 fault=service.fault,
                 version=self._version,
                 config_hash=self._config_hash,

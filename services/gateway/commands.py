@@ -14,6 +14,7 @@ from common.frames import Array, Oat, is_finite_pose, oat_from_R
 from common.messages import Gains, Mode, Speed, Vec3, Vec6
 from common.packet import ZERO_VEC, Packet, VecInt
 from common.packet_table import (
+    FEEDBACK_BITS,
     GAIN_I,
     GAIN_P,
     PERCENT,
@@ -21,6 +22,7 @@ from common.packet_table import (
     Com,
     FeedbackSwitch,
     GainKind,
+    Status,
 )
 from services.gateway.scales import Scales, to_units, to_vec
 
@@ -67,6 +69,11 @@ class ControllerLimits:
     watchdog_s: float
 
 
+BITS_OF_MODE = {
+    "position": Status.POSITION_FEEDBACK,
+    "orientation": Status.ORIENTATION_FEEDBACK,
+    "both": FEEDBACK_BITS,
+}
 HOLD = Command(Com.HOLD)
 HEARTBEAT = Command(Com.HEARTBEAT)
 STOP_FEEDBACK = Command(Com.FEEDBACK, int(FeedbackSwitch.STOP))

@@ -10,6 +10,9 @@ from services.gateway.dialogue import Dialogue
 from services.gateway.goals import Measured
 from services.gateway.link import News
 from services.gateway.reports import Event, HealthReport, HelloReceived, PoseReport
+from services.gateway.round_trips import Rate, Turns
+
+LOOPS_SPAN = 1_000_000  # the loop counter of 103 goes round there
 
 # Bits without which the controller cannot obey, and bits with which it will not.
 NEEDED = {
@@ -57,6 +60,7 @@ class Connection:
         self._stale_after_s = stale_after_s
         self._up = False
         self._pose: PoseReport | None = None
+        self._samples, self._loops = Rate(), Turns(LOOPS_SPAN)
 
     @property
     def reconnects(self) -> int:
@@ -115,8 +119,24 @@ class Connection:
         complaints += [text for bit, text in FORBIDDEN.items() if status & bit]
         return "; ".join(complaints)
 
+    def numbers(self, now_ns: int) -> dict[str, float]:
+        """Return what this connection has measured: times [s], rates [1/s]; no unknown ones."""
+        found: dict[str, float | None] = {}
+        if self.is_ready:
+            echoes = self.dialogue.echoes
+            for name, trips in (("framed", echoes.framed), ("taken", echoes.taken)):
+                spread = trips.spread(now_ns)
+                found[f"{name}_round_trip_p50_s"] = None if spread is None else spread.p50_s
+                found[f"{name}_round_trip_p99_s"] = None if spread is None else spread.p99_s
+            found["program_loop_hz"] = self._loops.hz(now_ns)
+            found["sender_hz"] = self._samples.hz(now_ns)
+        if self.health is not None:
+            found["monitor_speed_fraction"] = self.health.monitor_speed_fraction
+        return {name: number for name, number in found.items() if number is not None}
+
     def _down(self) -> None:
         self._up, self._pose, self.measured, self.health = False, None, None, None
+        self._samples, self._loops = Rate(), Turns(LOOPS_SPAN)
 
     def _take(self, event: Event, now_ns: int) -> bool:
         if isinstance(event, HelloReceived):
@@ -124,9 +144,11 @@ class Connection:
             self.send(self.dialogue.set_up(self._kept, now_ns), now_ns)
         elif isinstance(event, HealthReport):
             self.health = event
+            self._loops.read(event.loop_count, now_ns)
         elif isinstance(event, PoseReport):
             self._pose = event
         elif self._pose is not None:
+            self._samples.count(1, now_ns)
             self.measured = Measured(
                 T_base_flange=self._pose.T_base_flange,
                 joint_rad=event.joint_rad,

@@ -26,13 +26,9 @@ from services.gateway.reports import (
     parse_hello,
     parse_report,
 )
+from services.gateway.round_trips import Echoes
 from services.gateway.scales import Scales
 
-_BITS_OF_MODE = {
-    "position": Status.POSITION_FEEDBACK,
-    "orientation": Status.ORIENTATION_FEEDBACK,
-    "both": FEEDBACK_BITS,
-}
 _NO_BITS = Status(0)
 S_PER_NS = 1e-9
 
@@ -66,8 +62,7 @@ class Dialogue:
         self.status = _NO_BITS
         self.taken_id = NO_ID
         self.framed_id = NO_ID
-        self.round_trip_s: float | None = None
-        self._probe: tuple[int, int] | None = None  # ID, sent at
+        self.echoes = Echoes()
         self._last_sent_ns = 0
         self._speed: Speed | None = None
         self._wanted_bits = _NO_BITS  # force feedback that was asked for
@@ -78,7 +73,6 @@ class Dialogue:
         """A stream of set points starts anew: nothing pending, no rounding carried."""
         self._setpoint: pin.SE3 | None = None
         self._wrench: Command | None = None
-        self._centre: Command | None = None
         self._untaken: deque[int] = deque()
         self._carry = PoseCarry()
 
@@ -106,14 +100,13 @@ class Dialogue:
         event = parse_report(packet, self.scales)
         if isinstance(event, PoseReport):
             self.taken_id = self._ours(event.taken_id)
+            self.echoes.taken.reached(self.taken_id, now_ns)
             self._follow_status(event.status)
             while self._untaken and id_reached(self.taken_id, self._untaken[0]):
                 self._untaken.popleft()
         elif isinstance(event, JointReport):
             self.framed_id = self._ours(event.framed_id)
-            if self._probe is not None and id_reached(self.framed_id, self._probe[0]):
-                self.round_trip_s = (now_ns - self._probe[1]) * S_PER_NS
-                self._probe = None
+            self.echoes.framed.reached(self.framed_id, now_ns)
         return event
 
     def _ours(self, id_: int) -> int:
@@ -151,8 +144,7 @@ class Dialogue:
 
     def hold(self, now_ns: int) -> bytes:
         """Brake and hold now; allowed as soon as there is a connection."""
-        self._forget_motion()
-        self._wanted_bits, self._was_running = _NO_BITS, False
+        self._stop_motion()
         return self._send(now_ns, commands.HOLD)
 
     def move_to_pose(self, T_base_flange: pin.SE3, speed: Speed, now_ns: int) -> bytes:
@@ -180,12 +172,6 @@ class Dialogue:
             raise LocalProtocolError("command 4 is for running force feedback, and none runs")
         self._wrench = commands.wrench(force_N, torque_Nm, self.scales)
 
-    def offer_centre(self, T_flange_tcp: pin.SE3) -> None:
-        """Give the newest point that force feedback turns about; `tick` sends it in its turn."""
-        if not self.feedback_active:
-            raise LocalProtocolError("no force feedback runs whose centre could be moved")
-        self._centre = commands.tcp(T_flange_tcp, self.scales)
-
     def set_speed(self, speed: Speed, now_ns: int) -> bytes:
         """Send the speeds if the controller does not have them yet."""
         data = self._send(now_ns, *self._speed_first(speed))
@@ -201,7 +187,7 @@ class Dialogue:
         return self.hold(now_ns) + self._send(now_ns, commands.limits(kept, self.scales))
 
     def set_tcp(self, T_flange_tcp: pin.SE3, now_ns: int) -> bytes:
-        """Send the tool centre point before force feedback starts."""
+        """Send the tool centre point; refused while force feedback runs."""
         self._refuse_during_feedback(Com.TCP)
         return self._send(now_ns, commands.tcp(T_flange_tcp, self.scales))
 
@@ -221,29 +207,34 @@ class Dialogue:
             *commands.start_feedback(mode),
         )
         self._forget_motion()
-        self._wanted_bits, self._was_running = _BITS_OF_MODE[mode], False
+        self._wanted_bits, self._was_running = commands.BITS_OF_MODE[mode], False
         return data
 
     def stop_feedback(self, now_ns: int) -> bytes:
         """Stop force feedback; the arm stays where it is."""
-        self._forget_motion()
-        self._wanted_bits, self._was_running = _NO_BITS, False
+        self._stop_motion()
         return self._send(now_ns, commands.STOP_FEEDBACK)
 
     def tick(self, now_ns: int, *, permitted: bool) -> bytes:
         """Return what is due now: a set point, a wrench, or a heartbeat; nothing unpermitted."""
         if not permitted:
-            self._setpoint = self._wrench = self._centre = None
+            self._setpoint = self._wrench = None
             return b""
         if not self.ready:
             return b""
-        data = self._due_setpoint(now_ns) + self._due_centre(now_ns) + self._due_wrench(now_ns)
+        data = self._due_setpoint(now_ns) + self._due_wrench(now_ns)
         silence_s = (now_ns - self._last_sent_ns) * S_PER_NS
         if not data and silence_s >= self._pacing.heartbeat_after_s:
             return self._send(now_ns, commands.HEARTBEAT)
         return data
 
     # --- inside -----------------------------------------------------------------------------------
+
+    def _stop_motion(self) -> None:
+        """What the robot program has not taken yet is void: no echo will come of it."""
+        self._forget_motion()
+        self._wanted_bits, self._was_running = _NO_BITS, False
+        self.echoes.taken.give_up()
 
     def _goal(self, command: Command, speed: Speed, now_ns: int) -> bytes:
         self._refuse_during_feedback(command.com)
@@ -258,14 +249,6 @@ class Dialogue:
         command, carry = commands.move_to_pose(self._setpoint, self.scales, self._carry)
         data = self._send(now_ns, command)
         self._carry, self._setpoint = carry, None
-        self._untaken.append(self.last_id)
-        return data
-
-    def _due_centre(self, now_ns: int) -> bytes:
-        if self._centre is None or self.untaken >= self._pacing.max_untaken:
-            return b""
-        command, self._centre = self._centre, None
-        data = self._send(now_ns, command)
         self._untaken.append(self.last_id)
         return data
 
@@ -290,11 +273,12 @@ class Dialogue:
             raise LocalProtocolError("there is no connection to send on")
         if not self.ready and any(c.com not in {Com.HELLO, Com.HOLD} for c in batch):
             raise LocalProtocolError("the controller has not said hello yet")
-        data, id_ = b"", self.last_id
+        batch_packets: list[Packet] = []
         for command in batch:
-            id_ = next_id(id_)
-            data += encode(command.packet(id_))
-        if batch:
-            self.last_id, self._last_sent_ns = id_, now_ns
-            self._probe = self._probe or (id_, now_ns)
+            id_ = next_id(batch_packets[-1].id if batch_packets else self.last_id)
+            batch_packets.append(command.packet(id_))
+        data = b"".join(encode(packet) for packet in batch_packets)
+        for packet in batch_packets:
+            self.last_id, self._last_sent_ns = packet.id, now_ns
+            self.echoes.sent(packet, now_ns)
         return data

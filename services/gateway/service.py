@@ -77,6 +77,10 @@ class Gateway:
             "unframed": self._dialogue.unframed,
         }
 
+    def numbers(self, now_ns: int) -> dict[str, float]:
+        """Return what was measured of the controller; what is not known is not in it."""
+        return self._connection.numbers(now_ns)
+
     def close(self) -> None:
         """Let the controller go: it holds when the connection ends."""
         self._connection.close(self._clock.now_ns())
@@ -166,7 +170,7 @@ class Gateway:
     def _link_health(self) -> LinkHealth:
         return LinkHealth(
             connected=self._connection.is_ready,
-            round_trip_s=self._dialogue.round_trip_s,
+            round_trip_s=self._dialogue.echoes.framed.last_s,
             reconnects=self._connection.reconnects,
             errors=self._connection.errors,
         )

@@ -1,0 +1,98 @@
+"""What the gateway says of the controller in `robot/health`: on a socket, and in lock step."""
+
+from math import isfinite
+from typing import Any
+
+import pytest
+
+from common import topics
+from common.messages import Health
+from common.service import Runner, reporter_of
+from tests.contract.rig import Rig
+from tests.contract.robots import Both, Emulated
+from tests.fakes.gateway_cell import a_cell
+
+FRAMED = {"framed_round_trip_p50_s", "framed_round_trip_p99_s"}
+TAKEN = {"taken_round_trip_p50_s", "taken_round_trip_p99_s"}
+RATES = {"program_loop_hz", "sender_hz"}
+FROM_103 = {"monitor_speed_fraction"}
+
+
+class Listener:
+    """Lets a rig's robot publish its health, and keeps the newest."""
+
+    def __init__(self, rig: Rig) -> None:
+        reporter = reporter_of(rig._robot, rig.cell)
+        rig._runner = Runner(rig.service, [reporter], rig.clock)
+        self._rig, self._reader = rig, rig._bus(topics.CLIENT).reader(topics.ROBOT_HEALTH)
+
+    @property
+    def health(self) -> Health:
+        """The newest health."""
+        return self._reader.read(self._rig.clock.now_ns()).message or Health()
+
+
+def test_the_gateway_measures_the_controller_on_a_socket() -> None:
+    """100 samples a second, one turn for each; round trips; the controller's monitor speed."""
+    with a_cell(rate_hz=100.0) as cell:
+        listener = Listener(cell.rig)
+        cell.rig.connect()
+        cell.rig.arm()  # heartbeats flow
+        cell.rig.until(lambda: set(listener.health.numbers) == RATES | FRAMED | TAKEN | FROM_103)
+        numbers = listener.health.numbers
+        assert 0.0 < numbers["sender_hz"] <= 101.0
+        assert numbers["program_loop_hz"] == pytest.approx(numbers["sender_hz"], rel=0.2)
+        assert numbers["monitor_speed_fraction"] == 1.0
+        assert 0.0 < numbers["framed_round_trip_p50_s"] <= numbers["framed_round_trip_p99_s"]
+        assert 0.0 < numbers["taken_round_trip_p50_s"] <= numbers["taken_round_trip_p99_s"]
+
+
+def test_nothing_is_said_before_it_is_known() -> None:
+    """Without hello no number; a program that takes nothing has no taken round trip."""
+    with a_cell() as cell:
+        listener = Listener(cell.rig)
+        cell.controller.tantrums.greet = False
+        cell.rig.until(lambda: cell.controller.connections == 1)
+        cell.rig.until(lambda: listener.health.fault)
+        assert listener.health.numbers == {}
+        cell.controller.tantrums.greet = cell.controller.tantrums.stalled = True
+        cell.controller.drop()
+        cell.rig.connect()
+        cell.rig.until(lambda: set(listener.health.numbers) >= FRAMED)
+        assert not set(listener.health.numbers) & (TAKEN | RATES)
+        cell.rig.until(lambda: set(listener.health.numbers) >= RATES)
+        assert not set(listener.health.numbers) & TAKEN
+        cell.controller.tantrums.greet = False
+        cell.controller.drop()
+        cell.rig.until(lambda: listener.health.fault)
+        assert listener.health.numbers == {}
+
+
+def counted(emulated: Emulated, name: str):
+    """What the program itself has counted."""
+    value: Any = emulated.machine.memory.read(name)
+    return value
+
+
+def test_the_gateway_measures_the_program_that_ships() -> None:
+    """In lock step: what it says is what the program has counted itself."""
+    emulated = Emulated()
+    rig = emulated.rig
+    assert isinstance(rig.service, Both)
+    gateway = rig.service.gateway
+    assert gateway.numbers(rig.clock.now_ns()) == {}
+    rig.connect()
+    rig.arm()
+    rig.advance(4.0)
+    samples, loops = counted(emulated, "fm.sbeat"), counted(emulated, "fm.loops")
+    rig.advance(4.0)
+    samples_hz = (counted(emulated, "fm.sbeat") - samples) % 488 / 4.0
+    loops_hz = (counted(emulated, "fm.loops") - loops) / 4.0
+    numbers = gateway.numbers(rig.clock.now_ns())
+    assert set(numbers) == RATES | FRAMED | TAKEN | FROM_103
+    assert all(isfinite(number) and number > 0.0 for number in numbers.values())
+    assert numbers["sender_hz"] == pytest.approx(samples_hz, abs=0.8)
+    assert numbers["program_loop_hz"] == pytest.approx(loops_hz, abs=0.8)
+    period_s = 1.0 / numbers["sender_hz"]
+    assert period_s / 10 < numbers["framed_round_trip_p50_s"] < 3.0 * period_s
+    assert numbers["taken_round_trip_p50_s"] >= numbers["framed_round_trip_p50_s"] - period_s

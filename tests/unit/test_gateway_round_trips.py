@@ -1,0 +1,213 @@
+"""Round trips and rates: what is known, when, and that memory stays bounded."""
+
+from fractions import Fraction
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from common.clock import NS_PER_S
+from common.packet_table import COMMANDS, ID_MAX, NO_ID, Com, next_id
+from services.gateway.commands import HEARTBEAT, STOP_FEEDBACK, Command
+from services.gateway.round_trips import (
+    FORGET_AFTER_S,
+    MOST_TIMES,
+    MOST_UNDER_WAY,
+    TAKEN,
+    Echoes,
+    Rate,
+    RoundTrips,
+    Turns,
+)
+from tests.fakes.dialogues import GAINS, MS, greeted, in_feedback, joint_report, pose_report
+
+delays = st.lists(st.integers(0, 2 * NS_PER_S), min_size=1, max_size=60)
+first_ids = st.integers(1, ID_MAX)
+
+
+def consecutive(first: int, count: int) -> list[int]:
+    """IDs as they are given out."""
+    ids = [first]
+    while len(ids) < count:
+        ids.append(next_id(ids[-1]))
+    return ids
+
+
+@given(delays, first_ids)
+def test_percentiles_are_those_of_the_times_that_occurred(delays_ns: list[int], first: int) -> None:
+    """At least 50 and 99 % of the times are no longer, and fewer are shorter; IDs go round."""
+    trips, now_ns = RoundTrips(), 0
+    for id_, delay_ns in zip(consecutive(first, len(delays_ns)), delays_ns, strict=True):
+        trips.sent(id_, now_ns)
+        trips.reached(id_, now_ns + delay_ns)
+    spread = trips.spread(now_ns)
+    assert spread is not None
+    count = len(delays_ns)
+    for share, value_s in ((Fraction(1, 2), spread.p50_s), (Fraction(99, 100), spread.p99_s)):
+        assert sum(d / NS_PER_S <= value_s for d in delays_ns) >= share * count
+        assert sum(d / NS_PER_S < value_s for d in delays_ns) < share * count
+    assert trips.last_s == delays_ns[-1] / NS_PER_S
+
+
+@given(first_ids, st.integers(1, 40), st.data())
+def test_an_echo_is_the_echo_of_all_before_it(first: int, count: int, data: st.DataObject) -> None:
+    """What was sent later is still under way; what was echoed is not counted again."""
+    trips, ids = RoundTrips(), consecutive(first, count)
+    for k, id_ in enumerate(ids):
+        trips.sent(id_, k * MS)
+    reached = data.draw(st.integers(0, count - 1))
+    at_ns = count * MS
+    for _ in range(2):
+        trips.reached(ids[reached], at_ns)
+    assert len(trips._times) == reached + 1
+    assert trips.last_s == pytest.approx((at_ns - reached * MS) / NS_PER_S)
+    trips.reached(ids[-1], at_ns)
+    assert len(trips._times) == count
+
+
+@given(first_ids)
+def test_nothing_is_known_before_an_echo(first: int) -> None:
+    """Neither before anything was sent, nor by an ID that is none, nor by an earlier one."""
+    trips, (before, id_) = RoundTrips(), consecutive(first, 2)
+    assert trips.spread(0) is None
+    trips.sent(id_, 0)
+    for no_echo in (NO_ID, before):
+        trips.reached(no_echo, MS)
+        assert (trips.spread(MS), trips.last_s) == (None, None)
+
+
+def test_what_was_made_void_is_not_waited_for() -> None:
+    """The time until some later echo would be no round trip."""
+    trips = RoundTrips()
+    trips.sent(1, 0)
+    trips.give_up()
+    trips.sent(2, 10 * MS)
+    trips.reached(2, 13 * MS)
+    spread = trips.spread(13 * MS)
+    assert spread is not None
+    assert spread.p99_s == pytest.approx(0.003)
+
+
+def test_old_times_are_forgotten() -> None:
+    """What was a minute ago says nothing of now."""
+    trips = RoundTrips()
+    trips.sent(1, 0)
+    trips.reached(1, MS)
+    after_ns = MS + round(FORGET_AFTER_S * NS_PER_S)
+    assert trips.spread(after_ns) is not None
+    assert trips.spread(after_ns + 1) is None
+
+
+def test_memory_is_bounded_and_the_oldest_are_timed() -> None:
+    """A controller that echoes nothing costs no memory; its first echo shows the longest time."""
+    trips = RoundTrips()
+    for id_ in range(1, 10 * MOST_UNDER_WAY):
+        trips.sent(id_, id_ * MS)
+    trips.reached(1, NS_PER_S)
+    assert trips.last_s == pytest.approx(0.999)
+    for id_ in range(1, 10 * MOST_TIMES):
+        trips.sent(id_, 0)
+        trips.reached(id_, 0)
+    assert len(trips._under_way) + len(trips._times) <= MOST_UNDER_WAY + MOST_TIMES
+
+
+@pytest.mark.parametrize("com", sorted(COMMANDS))
+def test_who_echoes_which_command(com: Com) -> None:
+    """The receiver frames all; the robot program takes what comes through the ring."""
+    echoes = Echoes()
+    echoes.sent(Command(com).packet(7), 0)
+    for trips in (echoes.framed, echoes.taken):
+        trips.reached(7, MS)
+    assert echoes.framed.last_s == pytest.approx(0.001)
+    at_once = {Com.WRENCH, Com.HOLD, Com.HELLO, Com.HEARTBEAT}
+    assert (echoes.taken.last_s is None) == (com in at_once)
+    assert (com in TAKEN) == (com not in at_once)
+
+
+def test_the_stop_of_force_feedback_is_framed_only() -> None:
+    """Command 7 with Param 2 does not wait in the ring."""
+    echoes = Echoes()
+    echoes.sent(STOP_FEEDBACK.packet(7), 0)
+    echoes.taken.reached(7, MS)
+    assert echoes.taken.last_s is None
+
+
+def test_a_dialogue_times_both_echoes_of_its_packets() -> None:
+    """102 names the framed, 101 the taken one; a hold makes void what was not taken."""
+    dialogue = greeted()
+    dialogue.feed(joint_report(dialogue.last_id), MS)
+    dialogue.set_gains(GAINS, 10 * MS)
+    dialogue.feed(joint_report(dialogue.last_id) + pose_report(dialogue.last_id), 14 * MS)
+    assert dialogue.echoes.framed.last_s == pytest.approx(0.004)
+    assert dialogue.echoes.taken.last_s == pytest.approx(0.004)
+    dialogue.set_gains(GAINS, 20 * MS)
+    dialogue.hold(21 * MS)
+    dialogue.set_gains(GAINS, 30 * MS)
+    dialogue.feed(pose_report(dialogue.last_id), 37 * MS)
+    assert dialogue.echoes.taken.last_s == pytest.approx(0.007)
+    taken = [took for _, took in dialogue.echoes.taken._times]
+    assert taken == [4 * MS] * 2 + [7 * MS] * 2
+
+
+def test_wrenches_and_heartbeats_are_framed_and_a_new_connection_starts_anew() -> None:
+    """Command 4 has one echo; the next connection knows nothing of this one."""
+    dialogue = in_feedback()
+    taken = dialogue.echoes.taken.spread(0)
+    dialogue.offer_wrench((1.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    data = dialogue.tick(5 * MS, permitted=True)
+    assert data[7:14] == b"000004 "
+    dialogue.feed(joint_report(dialogue.last_id) + pose_report(dialogue.last_id), 7 * MS)
+    assert dialogue.echoes.framed.last_s == pytest.approx(0.002)
+    assert dialogue.echoes.taken.spread(7 * MS) == taken
+    dialogue.connected(8 * MS)
+    assert dialogue.echoes.framed.spread(8 * MS) is None
+    assert HEARTBEAT.com not in TAKEN
+
+
+rates = st.floats(5.0, 1000.0)
+
+
+@given(rates, st.floats(1.0, 20.0))
+def test_a_steady_rate_is_found_to_one_event(rate_hz: float, duration_s: float) -> None:
+    """However long it is watched, and however fast it is, with memory for a few marks."""
+    rate, count = Rate(), 0
+    while count / rate_hz <= duration_s:
+        rate.count(1, round(count / rate_hz * NS_PER_S))
+        count += 1
+    now_ns = round(duration_s * NS_PER_S)
+    found = rate.hz(now_ns)
+    assert found is not None
+    assert found == pytest.approx(rate_hz, abs=1.001 / min(duration_s, 4.0))
+    assert len(rate._marks) <= 40
+
+
+@given(st.lists(st.integers(0, 50 * MS), min_size=1, max_size=15))
+def test_a_rate_is_not_known_before_a_second_was_watched(gaps_ns: list[int]) -> None:
+    """No zero, no infinity: nothing."""
+    rate, now_ns = Rate(), 0
+    assert rate.hz(0) is None
+    for gap_ns in gaps_ns:
+        now_ns += gap_ns
+        rate.count(1, now_ns)
+        assert rate.hz(now_ns) is None
+
+
+def test_a_change_of_rate_shows_within_the_window() -> None:
+    """Half a minute of 100/s does not hide that it is 10/s now, and silence becomes zero."""
+    rate = Rate()
+    times = [k * 10 * MS for k in range(3000)] + [30 * NS_PER_S + k * 100 * MS for k in range(60)]
+    for at_ns in times:
+        rate.count(1, at_ns)
+    assert rate.hz(36 * NS_PER_S) == pytest.approx(10.0, abs=0.3)
+    assert rate.hz(50 * NS_PER_S) == 0.0
+
+
+@given(st.integers(0, 999_999), st.lists(st.integers(0, 400), min_size=20, max_size=40))
+def test_a_counter_that_goes_round_is_followed(start: int, steps: list[int]) -> None:
+    """Only the differences count, and they are taken modulo its span."""
+    turns, value = Turns(1_000_000), start
+    for k, step in enumerate(steps):
+        value = (value + (step if k else 0)) % 1_000_000
+        turns.read(value, k * 100 * MS)
+    now_ns = (len(steps) - 1) * 100 * MS
+    assert turns.hz(now_ns) == pytest.approx(sum(steps[1:]) / (now_ns / NS_PER_S))

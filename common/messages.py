@@ -146,6 +146,7 @@ class Feedback(Record):
 
     mode: Mode
     setpoint_force_N: Vec3 = ZERO3  # force of the environment on the tool, base axes
+    lever_m: Vec3 = ZERO3  # from the TCP to the point that the tool turns about, flange axes
     gains: Gains
 
 

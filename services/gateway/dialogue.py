@@ -73,6 +73,7 @@ class Dialogue:
         """A stream of set points starts anew: nothing pending, no rounding carried."""
         self._setpoint: pin.SE3 | None = None
         self._wrench: Command | None = None
+        self._centre: Command | None = None
         self._untaken: deque[int] = deque()
         self._carry = PoseCarry()
 
@@ -172,6 +173,12 @@ class Dialogue:
             raise LocalProtocolError("command 4 is for running force feedback, and none runs")
         self._wrench = commands.wrench(force_N, torque_Nm, self.scales)
 
+    def offer_centre(self, T_flange_tcp: pin.SE3) -> None:
+        """Give the newest point that force feedback turns about; `tick` sends it in its turn."""
+        if not self.feedback_active:
+            raise LocalProtocolError("no force feedback runs whose centre could be moved")
+        self._centre = commands.tcp(T_flange_tcp, self.scales)
+
     def set_speed(self, speed: Speed, now_ns: int) -> bytes:
         """Send the speeds if the controller does not have them yet."""
         data = self._send(now_ns, *self._speed_first(speed))
@@ -187,7 +194,7 @@ class Dialogue:
         return self.hold(now_ns) + self._send(now_ns, commands.limits(kept, self.scales))
 
     def set_tcp(self, T_flange_tcp: pin.SE3, now_ns: int) -> bytes:
-        """Send the tool centre point; refused while force feedback runs."""
+        """Send the tool centre point before force feedback starts."""
         self._refuse_during_feedback(Com.TCP)
         return self._send(now_ns, commands.tcp(T_flange_tcp, self.scales))
 
@@ -218,11 +225,11 @@ class Dialogue:
     def tick(self, now_ns: int, *, permitted: bool) -> bytes:
         """Return what is due now: a set point, a wrench, or a heartbeat; nothing unpermitted."""
         if not permitted:
-            self._setpoint = self._wrench = None
+            self._setpoint = self._wrench = self._centre = None
             return b""
         if not self.ready:
             return b""
-        data = self._due_setpoint(now_ns) + self._due_wrench(now_ns)
+        data = self._due_setpoint(now_ns) + self._due_centre(now_ns) + self._due_wrench(now_ns)
         silence_s = (now_ns - self._last_sent_ns) * S_PER_NS
         if not data and silence_s >= self._pacing.heartbeat_after_s:
             return self._send(now_ns, commands.HEARTBEAT)
@@ -249,6 +256,14 @@ class Dialogue:
         command, carry = commands.move_to_pose(self._setpoint, self.scales, self._carry)
         data = self._send(now_ns, command)
         self._carry, self._setpoint = carry, None
+        self._untaken.append(self.last_id)
+        return data
+
+    def _due_centre(self, now_ns: int) -> bytes:
+        if self._centre is None or self.untaken >= self._pacing.max_untaken:
+            return b""
+        command, self._centre = self._centre, None
+        data = self._send(now_ns, command)
         self._untaken.append(self.last_id)
         return data
 

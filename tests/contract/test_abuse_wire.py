@@ -1,0 +1,177 @@
+"""Gateway and shipped program on a hostile wire, in lock step: every bound is virtual time.
+
+After each abuse the same four questions: was it bitten, did anybody believe what was never said,
+did the arm stop in time, and did it stay until a person armed again.
+"""
+
+import random
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from common.packet import PACKET_CHARS
+from sim.controller.behaviour import pessimistic
+from tests.fakes.hostile_cell import QUICK, WATCHDOG_S, HostileCell
+from tests.fakes.hostile_stream import (
+    MS,
+    Abuse,
+    Chop,
+    Edit,
+    Freeze,
+    Merge,
+    Reset,
+    junk,
+)
+
+UP, DOWN = "to_controller", "to_gateway"
+MOTIONS = ("goal", "stream", "feedback")
+BRAKE_S = 0.06  # from 100 mm/s to rest
+LOOKS_S = 0.06  # two looks of the watchdog
+SILENCE_S = WATCHDOG_S + LOOKS_S + BRAKE_S
+BEAT_S = 0.05  # a spoiled packet shows when the next one has filled it up to 63 characters
+NOTICED_S = BEAT_S + BRAKE_S + 0.01
+FOR_EVER_NS = 10**15
+
+
+@dataclass(frozen=True)
+class Case:
+    """An abuse that must end in a hold, and how fast."""
+
+    make: Callable[[random.Random], Abuse]
+    bound_s: float
+
+
+def somewhere(rng: random.Random) -> int:
+    """Bytes to let pass: up to two packets, so every place of a packet is hit in time."""
+    return rng.randrange(1, 2 * PACKET_CHARS)
+
+
+BREAKING = {
+    "half a packet, then silence": Case(
+        lambda r: Freeze(after=PACKET_CHARS + r.randrange(1, 63), for_ns=FOR_EVER_NS), SILENCE_S
+    ),
+    "a freeze of 3 s, then a burst": Case(lambda r: Freeze(after=somewhere(r)), SILENCE_S),
+    "garbage between": Case(
+        lambda r: Edit(after=somewhere(r), insert=junk(r, r.randrange(1, 200))), NOTICED_S
+    ),
+    "a byte more": Case(lambda r: Edit(after=somewhere(r), insert=junk(r, 1)), NOTICED_S),
+    "a byte less": Case(lambda r: Edit(after=somewhere(r), drop=1), NOTICED_S),
+    "a byte replaced": Case(
+        lambda r: Edit(after=somewhere(r), drop=1, insert=junk(r, 1)), NOTICED_S
+    ),
+    "a reset": Case(lambda r: Reset(after=somewhere(r)), NOTICED_S),
+}
+
+
+def judge(cell: HostileCell, abuse: Abuse, bound_s: float) -> None:
+    """Ask the four questions; the abuse has been on its way for long enough."""
+    assert abuse.bites, "the abuse never bit"
+    assert abuse.bitten_ns is not None
+    took_s = (cell.stopped_ns(abuse.bitten_ns) - abuse.bitten_ns) / 1e9
+    assert took_s <= bound_s
+    assert cell.rig.state.hold_reason
+    cell.assert_stays(0.3)
+    cell.assert_nothing_misread()
+
+
+@pytest.mark.parametrize(
+    ("direction", "motion"), [*((UP, motion) for motion in MOTIONS), (DOWN, "stream")]
+)
+@pytest.mark.parametrize("name", BREAKING)
+def test_an_abuse_ends_in_a_hold_that_only_arming_ends(
+    name: str, direction: str, motion: str
+) -> None:
+    """In time, with nothing misread; the link is made again and nothing moves by that."""
+    case, cell = BREAKING[name], HostileCell()
+    cell.begin(motion)
+    abuse = cell.network.strike(direction, case.make(random.Random(f"{name} {motion}")))
+    cell.rig.advance(0.6)
+    judge(cell, abuse, case.bound_s)
+    if isinstance(abuse, Freeze):
+        cell.assert_stays(2.6)  # the burst, if there is one, too
+        cell.wire.close("silent, as the socket's link finds", cell.rig.clock.now_ns())
+    cell.assert_stays(0.5)
+    cell.rig.wrench = None
+    cell.assert_obeys_after_arming()
+    cell.assert_nothing_misread()
+
+
+@pytest.mark.parametrize("motion", MOTIONS)
+@pytest.mark.parametrize("name", ["half a packet, then silence", "a reset", "a byte replaced"])
+def test_the_bounds_hold_under_the_worse_reading_of_every_open_question(
+    name: str, motion: str
+) -> None:
+    """Whole-second time-outs, BRAKE that keeps the next motion, a coarse TIMER: 16 ms more."""
+    case, cell = BREAKING[name], HostileCell(pessimistic(QUICK.step_s))
+    cell.begin(motion)
+    abuse = cell.network.strike(UP, case.make(random.Random(3)))
+    cell.rig.advance(0.6)
+    judge(cell, abuse, case.bound_s + 0.016)
+
+
+# --- what must do no harm -------------------------------------------------------------------------
+
+HARMLESS: dict[str, Callable[[], Abuse]] = {
+    "255 bytes at once, cut anywhere": lambda: Chop(size=255),
+    "7 bytes at once": lambda: Chop(size=7),
+    "two packets at once": lambda: Merge(packets=2),
+    "packets and a half at once": lambda: Merge(packets=4),
+    "frozen for less than the watchdog": lambda: Freeze(after=400, for_ns=120 * MS),
+}
+
+
+@pytest.mark.parametrize("direction", [UP, DOWN])
+@pytest.mark.parametrize("name", HARMLESS)
+def test_how_bytes_are_cut_makes_no_difference(name: str, direction: str) -> None:
+    """A goal is done under one lease on one connection, and all that was said was understood."""
+    cell = HostileCell()
+    cell.network.standing = {direction: HARMLESS[name]}
+    cell.begin("goal")
+    assert cell.rig.advance(2.0, lambda: cell.rig.state.goal.state == "done")
+    assert len(cell.hops) == 1
+    if name != "255 bytes at once, cut anywhere":  # cut inside a packet only where 5 wait
+        assert cell.network.hop.lane(direction).abuse.bites
+    cell.assert_nothing_misread()
+
+
+# --- many at once ---------------------------------------------------------------------------------
+
+ANY = {**{name: case.make for name, case in BREAKING.items()}, "no abuse": lambda r: Abuse()}
+STRIKES = st.lists(
+    st.tuples(
+        st.sampled_from(sorted(ANY)),
+        st.sampled_from([UP, DOWN]),
+        st.integers(0, 2**32),  # seed
+        st.integers(1, 400),  # milliseconds until the next one
+    ),
+    min_size=1,
+    max_size=4,
+)
+
+
+@settings(max_examples=15)
+@given(motion=st.sampled_from(MOTIONS), chop=st.sampled_from([0, 1, 60, 255]), strikes=STRIKES)
+def test_whatever_comes_one_after_the_other_nothing_is_misread_and_the_arm_holds(
+    motion: str, chop: int, strikes: list[tuple[str, str, int, int]]
+) -> None:
+    """Abuses in any order, also of the connections that come after; then it stays."""
+    cell = HostileCell()
+    cell.begin(motion)
+    if chop:
+        cell.network.strike(UP, Chop(size=chop))
+    abuses = []
+    for name, direction, seed, pause_ms in strikes:
+        abuses.append(cell.network.strike(direction, ANY[name](random.Random(seed))))
+        cell.rig.advance(pause_ms * 1e-3)
+    bitten = any(abuse.bites for abuse in abuses)
+    cell.rig.advance(SILENCE_S + 0.5)
+    if bitten and cell.rig.state.hold_reason:
+        cell.assert_stays(1.0)
+    for hop in cell.hops:  # what was frozen thaws now
+        hop.to_controller.abuse, hop.to_gateway.abuse = Abuse(), Abuse()
+    if bitten and cell.rig.state.hold_reason:
+        cell.assert_stays(1.0)
+    cell.assert_nothing_misread()

@@ -1,0 +1,239 @@
+"""Gateway, hostile hop, and the emulated controller with the program that ships; and the judge.
+
+What a test may ask afterwards: what did the program accept, what did the gateway publish, and did
+either come from anywhere but the other's bytes; when was the arm commanded to move.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from common.cell import Cell
+from common.clock import ManualClock
+from common.convert import record_of
+from common.endpoints import Bus
+from common.messages import Feedback, Gains, RobotState, WrenchAtTcp
+from common.packet import PACKET_CHARS
+from common.service import Runner, Service
+from services.gateway.link import News
+from services.gateway.service import Gateway
+from sim.controller.behaviour import Behaviour
+from sim.controller.compiled import Compiled, Op
+from sim.controller.machine import Machine
+from sim.controller.network import Network
+from sim.controller.parser import load
+from sim.controller.service import ControllerSensor
+from sim.controller.wire import LockStepWire
+from tests.contract.rig import Rig, gateway_cell, pose_goal, shifted
+from tests.contract.robots import PORT, PROGRAM, Both
+from tests.fakes.hostile_stream import Hop
+from tests.fakes.hostile_wire import HostileNetwork
+
+WATCHDOG_S = 0.25
+POSITION_PER_MM, JOINT_PER_DEG = 50, 250  # the scales of hello that this cell asks for
+STILL_RAD = 1e-9  # between two milliseconds of command
+ARM_STILL_RAD = 2e-4  # how far an arm that holds may settle
+QUICK = Behaviour(step_s=1e-4)
+GAINS = Gains(force_p_m_per_N=(1e-6,) * 3, force_i_m_per_Ns=(1e-3,) * 3)  # 10 N: 10 mm/s
+
+
+@dataclass(frozen=True, slots=True)
+class Accepted:
+    """A packet that the program took for one."""
+
+    connection: int
+    chars: str
+
+
+class HostileCell:
+    """A rig whose robot is gateway, hop and controller; a wire in memory unless told otherwise."""
+
+    def __init__(self, behaviour: Behaviour = QUICK, **overrides: object) -> None:
+        """Start everything at one virtual instant."""
+        self.network = HostileNetwork()
+        self._behaviour = behaviour
+        self.accepted: list[Accepted] = []  # framed by the receiver
+        self.taken: list[Accepted] = []  # by the robot program
+        self.moments_ns: list[int] = []
+        self.commands: list[np.ndarray] = []
+        self.joints: list[np.ndarray] = []
+        self.rig = self._make_rig(overrides)
+        self.machine.after_tick.append(lambda: self.network.pump(self.machine.now_ns))
+
+    def _make_rig(self, overrides: dict[str, object]) -> Rig:
+        return Rig(hostile_cell(PORT, **overrides), ManualClock(), self._make)
+
+    def _make(self, bus: Bus, cell: Cell) -> Service:
+        self.wire = LockStepWire(self.network, PORT, News)
+        self.gateway = Gateway(bus, cell, self.wire)
+        return Both(self.gateway, Runner(self._controller(bus, cell, self.network), [], bus.clock))
+
+    def _controller(self, bus: Bus, cell: Cell, network: Network) -> ControllerSensor:
+        self.controller = ControllerSensor(
+            bus.playing("sensor"), cell, network, behaviour=self._behaviour
+        )
+        machine = self.machine = self.controller.machine
+        machine.load(load(PROGRAM))
+        watch_program(machine, self.accepted, self.taken)
+        machine.after_tick.append(self._look)
+        machine.pendant.monitor_speed(100.0)
+        machine.pendant.execute("fm.main")
+        return self.controller
+
+    def _look(self) -> None:
+        robot = self.machine.robot
+        self.moments_ns.append(self.machine.now_ns)
+        self.commands.append(robot.queue.q_command.copy())
+        self.joints.append(robot.q.copy())
+
+    @property
+    def hops(self) -> list[Hop]:
+        """Every connection that the gateway has made so far."""
+        return self.network.hops
+
+    # --- what the arm does ------------------------------------------------------------------------
+
+    def begin(self, motion: str) -> None:
+        """Connect, arm, and let the arm be well on its way."""
+        self.rig.connect()
+        self.rig.arm()
+        start = self.rig.T
+        if motion == "goal":
+            self.rig.say("goal", goal=pose_goal(1, shifted(start, z_m=0.06)))
+        elif motion == "feedback":
+            self.rig.wrench = WrenchAtTcp(force_N=(0.0, 0.0, 10.0))
+            feedback = Feedback(mode="position", gains=GAINS)
+            self.rig.say("feedback", host="controller", feedback=feedback)
+        else:
+            self._stream(start)
+        self.rig.until(lambda: self.moves)
+        self.rig.advance(0.05)
+
+    def _stream(self, start: Any) -> None:
+        """Set points that run up with 50 mm/s, a new one each millisecond."""
+        began_ns, arbitrate = self.rig.clock.now_ns(), self.rig._arbitrate
+
+        def renew(now_ns: int) -> None:
+            if self.rig.command is not None and self.rig.command.kind == "setpoint":
+                z_m = min(0.05e-9 * (now_ns - began_ns), 0.06)
+                self.rig.say("setpoint", pose=record_of(shifted(start, z_m=z_m)))
+            arbitrate(now_ns)
+
+        self.rig._arbitrate = renew  # type: ignore[method-assign]
+        self.rig.say("setpoint", pose=record_of(start))
+
+    @property
+    def moves(self) -> bool:
+        """The arm is commanded to move right now."""
+        return bool(np.abs(self.commands[-1] - self.commands[-2]).max() > STILL_RAD)
+
+    def stopped_ns(self, since_ns: int) -> int:
+        """Return when the command moved last after a moment; the moment if it did not."""
+        steps = np.abs(np.diff(np.array(self.commands), axis=0)).max(axis=1) > STILL_RAD
+        moments = np.array(self.moments_ns)[1:]
+        moved = moments[steps & (moments > since_ns)]
+        return int(moved[-1]) if len(moved) else since_ns
+
+    def assert_stays(self, duration_s: float) -> None:
+        """Let time pass: neither command nor arm moves."""
+        first = len(self.joints) - 1
+        self.rig.advance(duration_s)
+        assert np.abs(np.array(self.commands[first:]) - self.commands[first]).max() <= STILL_RAD
+        away = np.abs(np.array(self.joints[first:]) - self.joints[first]).max()
+        assert away <= ARM_STILL_RAD, np.degrees(away)
+
+    def assert_obeys_after_arming(self) -> None:
+        """The link is good again: a person arms, and a goal is done."""
+        self.rig.connect()
+        for attempt in range(1, 4):  # a stall of the controller may cost a lease
+            self.rig.arm()
+            goal_id = 100 + len(self.hops) * 10 + attempt
+            self.rig.say("goal", goal=pose_goal(goal_id, shifted(self.rig.T, z_m=0.005)))
+            state = self.rig.state.goal
+            self.rig.advance(
+                5.0, lambda: self.rig.state.goal.id == goal_id and _over(self.rig.state)
+            )
+            state = self.rig.state.goal
+            if state.state == "done":
+                return
+        raise AssertionError(f"{state} {self.rig.state.hold_reason}")
+
+    # --- what was said ----------------------------------------------------------------------------
+
+    def assert_nothing_misread(self) -> None:
+        """All that either side believes are the other side's own bytes, whole and in order."""
+        by_connection: dict[int, list[str]] = {}
+        for packet in self.accepted:
+            by_connection.setdefault(packet.connection, []).append(packet.chars)
+        for chars in by_connection.values():
+            stream = "".join(chars).encode("latin-1")
+            assert any(hop.to_controller.sent.startswith(stream) for hop in self.hops), chars[-1]
+        rest = iter(self.accepted)
+        assert all(packet in rest for packet in self.taken), "taken, but not accepted in this order"
+        samples = [s for hop in self.hops for s in samples_of(bytes(hop.to_gateway.sent))]
+        left = iter(samples)
+        for state in self.rig.states:
+            if state.valid:
+                assert any(_is_sample(state, sample) for sample in left), state
+
+
+def hostile_cell(port: int, **overrides: object) -> Cell:
+    """The cell of these tests: the controller's watchdog as it ships, room below the tool."""
+    gateway = {"host": "127.0.0.1", "port": port, "watchdog_s": WATCHDOG_S}
+    return gateway_cell(
+        port, **{"rates.robot_hz": 40, "sim.gap_m": 0.1, "gateway": gateway} | overrides
+    )
+
+
+def samples_of(sent: bytes) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Return flange positions [m] and joints [rad] of each 101 that its 102 follows."""
+    numbers = [
+        [int(frame) for frame in sent[at : at + PACKET_CHARS].split()]
+        for at in range(0, len(sent) - PACKET_CHARS + 1, PACKET_CHARS)
+    ]
+    samples = []
+    for pose, joints in zip(numbers, numbers[1:], strict=False):
+        if (pose[1], joints[1]) == (101, 102) and pose[2] == joints[2]:
+            position_m = np.array(pose[3:6]) / POSITION_PER_MM * 1e-3
+            samples.append((position_m, np.radians(np.array(joints[3:]) / JOINT_PER_DEG)))
+    return samples
+
+
+def _is_sample(state: RobotState, sample: tuple[np.ndarray, np.ndarray]) -> bool:
+    return np.allclose(state.position_m, sample[0], rtol=0.0, atol=1e-9) and np.allclose(
+        state.joint_rad, sample[1], rtol=0.0, atol=1e-9
+    )
+
+
+def _over(state: RobotState) -> bool:
+    return state.goal.state in {"done", "refused"}
+
+
+def watch_program(machine: Machine, accepted: list[Accepted], taken: list[Accepted]) -> None:
+    """Write down each packet at the step of the program that believes it; changes nothing else."""
+    for program, begins, into in (
+        ("fm.recv", "fm.framed=fm.framed", accepted),
+        ("fm.hello", "fm.link=1", accepted),
+        ("fm.take", "fm.taken=.id", taken),
+    ):
+        compiled = machine.programs[program]
+        ops = list(compiled.ops)
+        hits = [n for n, step in enumerate(compiled.steps) if step.text.strip().startswith(begins)]
+        assert hits, f"{program} has no step {begins}"
+        for n in hits:
+            ops[n] = _noted(ops[n], machine, into)
+        machine.programs = {
+            **machine.programs, program: Compiled(compiled.program, tuple(ops))
+        }  # fmt: skip
+
+
+def _noted(op: Op, machine: Machine, into: list[Accepted]) -> Callable[[Any], int]:
+    def run(task: Any) -> int:
+        connection = machine.memory.read("fm.conn")
+        assert isinstance(connection, int | float)
+        into.append(Accepted(int(connection), str(task.locals["$q"].value)))
+        return op(task)
+
+    return run

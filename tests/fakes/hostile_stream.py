@@ -1,0 +1,216 @@
+"""What may happen to the bytes of one direction between gateway and controller. No socket.
+
+An abuse takes bytes that wait and returns the pieces that are written now. It counts its bites, so
+that a test can prove that it was abused at all.
+
+    push(data) ─► waiting ─► abuse.pass_on(waiting, now) ─► pieces, each written on its own
+"""
+
+import random
+from collections import deque
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+
+from common.packet import PACKET_CHARS
+
+MS = 1_000_000
+
+
+@dataclass
+class Abuse:
+    """The base: everything passes as it came."""
+
+    bites: int = field(default=0, init=False)
+    cuts: bool = field(default=False, init=False)  # the connection shall be reset now
+    bitten_ns: int | None = field(default=None, init=False)  # the first bite
+
+    def pass_on(self, waiting: bytearray, now_ns: int) -> list[bytes]:
+        """Take bytes that may pass now out of `waiting`; return them in pieces."""
+        return list(_pieces(waiting, len(waiting)))
+
+
+@dataclass
+class Chop(Abuse):
+    """Pieces of one size, whatever a packet is."""
+
+    size: int = 1
+
+    def pass_on(self, waiting: bytearray, now_ns: int) -> list[bytes]:
+        """Cut everything; a bite is a cut inside a packet."""
+        pieces = list(_pieces(waiting, self.size))
+        self.bites += sum(len(piece) % PACKET_CHARS != 0 for piece in pieces)
+        return pieces
+
+
+@dataclass
+class Merge(Abuse):
+    """Packets wait for each other, at most some time: a peer that waits for an answer gets it."""
+
+    packets: int = 2
+    wait_ns: int = 30 * MS
+    _since_ns: int | None = None
+
+    def pass_on(self, waiting: bytearray, now_ns: int) -> list[bytes]:
+        """Write several packets at once; a bite is a piece of more than one."""
+        if not waiting:
+            return []
+        self._since_ns = now_ns if self._since_ns is None else self._since_ns
+        enough = len(waiting) >= self.packets * PACKET_CHARS
+        if not enough and now_ns - self._since_ns < self.wait_ns:
+            return []
+        self._since_ns = None
+        self.bites += len(waiting) > PACKET_CHARS
+        return list(_pieces(waiting, len(waiting)))
+
+
+@dataclass
+class Freeze(Abuse):
+    """After some bytes nothing passes for a while; then all of it at once."""
+
+    after: int = 0
+    for_ns: int = 3000 * MS
+    _since_ns: int | None = None
+
+    def pass_on(self, waiting: bytearray, now_ns: int) -> list[bytes]:
+        """Hold back; a bite is a byte that is held back."""
+        head = _take(waiting, self.after)
+        self.after -= len(head)
+        if self.after:
+            return [head] if head else []
+        self._since_ns = now_ns if self._since_ns is None else self._since_ns
+        if now_ns - self._since_ns < self.for_ns:
+            self.bites = max(self.bites, len(waiting))
+            return [head] if head else []
+        return [head + _take(waiting, len(waiting))]
+
+
+@dataclass
+class Throttle(Abuse):
+    """A line that is slower than what is written to it."""
+
+    bytes_per_s: int = 1000
+    _spent_ns: int | None = None
+
+    def pass_on(self, waiting: bytearray, now_ns: int) -> list[bytes]:
+        """Let pass what the line carries; a bite is a turn that leaves something behind."""
+        ns_per_byte = 1_000_000_000 // self.bytes_per_s
+        if self._spent_ns is None or not waiting:
+            self._spent_ns = now_ns
+        count = min(len(waiting), (now_ns - self._spent_ns) // ns_per_byte)
+        self._spent_ns += count * ns_per_byte
+        piece = _take(waiting, count)
+        self.bites += bool(waiting)
+        return [piece] if piece else []
+
+
+@dataclass
+class Edit(Abuse):
+    """Once, after some bytes: some are dropped, others put in their place."""
+
+    after: int = 0
+    drop: int = 0
+    insert: bytes = b""
+
+    def pass_on(self, waiting: bytearray, now_ns: int) -> list[bytes]:
+        """Edit when the place has come with all that is dropped; the bite is the edit."""
+        if self.bites:
+            return list(_pieces(waiting, len(waiting)))
+        head = _take(waiting, self.after)
+        self.after -= len(head)
+        if self.after or len(waiting) < self.drop or not (waiting or self.insert):
+            return [head] if head else []
+        dropped = _take(waiting, self.drop)
+        if dropped != self.insert:
+            self.bites = 1
+        return [head + self.insert + _take(waiting, len(waiting))]
+
+
+@dataclass
+class Reset(Abuse):
+    """After some bytes the connection is reset."""
+
+    after: int = 0
+
+    def pass_on(self, waiting: bytearray, now_ns: int) -> list[bytes]:
+        """Pass the last bytes; the bite is the reset."""
+        head = _take(waiting, self.after)
+        self.after -= len(head)
+        if self.after == 0 and not self.cuts:
+            self.cuts, self.bites = True, 1
+        return [head] if head else []
+
+
+@dataclass
+class Rewrite(Abuse):
+    """Whole packets pass, each as a function turns it."""
+
+    turn: Callable[[bytes], bytes] = bytes
+
+    def pass_on(self, waiting: bytearray, now_ns: int) -> list[bytes]:
+        """Turn every whole packet; a bite is one that was changed."""
+        pieces = []
+        while len(waiting) >= PACKET_CHARS:
+            packet = _take(waiting, PACKET_CHARS)
+            pieces.append(self.turn(packet))
+            self.bites += pieces[-1] != packet
+        return pieces
+
+
+@dataclass
+class Lane:
+    """One direction of one connection."""
+
+    abuse: Abuse = field(default_factory=Abuse)
+    sent: bytearray = field(default_factory=bytearray)  # what the sender wrote
+    passed: bytearray = field(default_factory=bytearray)  # what the receiver was given
+    waiting: bytearray = field(default_factory=bytearray)
+    stuck: deque[bytes] = field(default_factory=deque)  # pieces that the receiver has no room for
+
+    def push(self, data: bytes) -> None:
+        """Take what the sender wrote."""
+        self.sent += data
+        self.waiting += data
+
+    def pull(self, now_ns: int) -> list[bytes]:
+        """Return the pieces that the receiver is given now."""
+        pieces = self.abuse.pass_on(self.waiting, now_ns)
+        if self.abuse.bites and self.abuse.bitten_ns is None:
+            self.abuse.bitten_ns = now_ns
+        for piece in pieces:
+            self.passed += piece
+        return pieces
+
+
+@dataclass
+class Hop:
+    """One connection through the hostile hop: both lanes."""
+
+    to_controller: Lane = field(default_factory=Lane)
+    to_gateway: Lane = field(default_factory=Lane)
+    gone: bool = False  # nothing is read, answered or closed any more
+    over: bool = False
+
+    def lane(self, direction: str) -> Lane:
+        """Return a lane by its name."""
+        return self.to_controller if direction == "to_controller" else self.to_gateway
+
+    @property
+    def cuts(self) -> bool:
+        """An abuse wants the connection reset."""
+        return self.to_controller.abuse.cuts or self.to_gateway.abuse.cuts
+
+
+def junk(rng: random.Random, count: int) -> bytes:
+    """Return bytes that no packet holds."""
+    return bytes(rng.choice(b"\x00\n\r\x1b\xff+.eExX_*~") for _ in range(count))
+
+
+def _take(waiting: bytearray, count: int) -> bytes:
+    head = bytes(waiting[:count])
+    del waiting[:count]
+    return head
+
+
+def _pieces(waiting: bytearray, size: int) -> Iterator[bytes]:
+    while waiting:
+        yield _take(waiting, size)

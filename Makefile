@@ -7,7 +7,8 @@ PYTHON ?= $(or $(shell for p in python3 python3.14 python3.13 python3.12 python3
 UV ?= $(firstword $(shell command -v uv 2>/dev/null) $(wildcard .venv/bin/uv))
 BIN := .venv/bin
 STAMP := .venv/.made-from-lock
-CODE := $(wildcard common services sim cli bench tests tools)
+FUZZ_SECONDS ?= 60
+CODE := $(wildcard common services sim cli bench fuzz tests tools)
 LOCK := pip compile -q --universal --generate-hashes --no-emit-index-url \
         --custom-compile-command "make lock" pyproject.toml
 
@@ -19,7 +20,7 @@ endif
 endif
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test check format readme bench lock clean
+.PHONY: help setup demo test check format readme bench fuzz lock clean
 
 help: ## list these targets
 	@grep -hE '^[a-z]+:.*##' Makefile | sed -E 's/:[^#]*## */\t/' | expand -t 10
@@ -53,6 +54,9 @@ readme: setup ## write the bus table of common/topics.py into README.md
 
 bench: setup ## measure what the README states
 	@$(BIN)/python -m bench $(ARGS)
+
+fuzz: setup ## look for inputs that break the readers, FUZZ_SECONDS=60 for each: ARGS=receiver
+	@$(BIN)/python -m fuzz --seconds $(FUZZ_SECONDS) $(ARGS)
 
 lock: ## write both locks anew from pyproject.toml (needs uv): ARGS=--upgrade takes newer versions
 	@test -n "$(UV)" || { echo "make lock needs uv: $(BIN)/python -m pip install uv" >&2; exit 1; }

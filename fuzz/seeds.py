@@ -1,0 +1,91 @@
+"""Write the hand-made seeds of the packet targets anew: `python -m fuzz.seeds`."""
+
+from pathlib import Path
+
+from common.packet import Packet, encode
+from common.packet_table import Com, next_id
+
+FOLDER = Path(__file__).parent / "seeds"
+SCALES = (50, 500, 250, 100, 1000, 10)
+NUMBERS = (1000, -2000, 3000, -4000, 5000, 6000)
+MOVES = ((1, 0, NUMBERS), (2, 0, NUMBERS), (3, 0, (5, -5, 5, -5, 5, -5)))
+SETTINGS = (
+    (5, 0, (10000, 10000, 10000, 2500, 0, 0)), (6, 0, (100,) * 6), (6, 1, (100,) * 6),
+    (10, 0, (50, 250, 100, 1000, 5000, 250)), (11, 0, NUMBERS),
+)  # fmt: skip
+FEEDBACK = ((7, 0, (0,) * 6), (4, 0, NUMBERS), (4, 0, SCALES), (7, 2, (0,) * 6))
+BEAT, HOLD = ((12, 0, (0,) * 6),), ((8, 0, (0,) * 6),)
+
+CONVERSATIONS = {
+    "beats": BEAT * 4,
+    "settings": SETTINGS,
+    "moves": (*MOVES, *HOLD),
+    "feedback": (*SETTINGS, *FEEDBACK, *HOLD),
+    "hold-first": (*HOLD, *SETTINGS, *BEAT),
+    "both": ((7, 0, (0,) * 6), (7, 1, (0,) * 6), (4, 0, NUMBERS), *HOLD),
+    "second-hello": (*BEAT, (9, 1, SCALES), *BEAT),
+    "unknown": (*BEAT, (13, 0, (0,) * 6), *BEAT),
+    "wrong-param": (*BEAT, (7, 3, (0,) * 6)),
+    "not-zero": ((12, 0, (0, 0, 0, 0, 0, 1)), *BEAT),
+}
+REPORTS = ((101, 2079, NUMBERS), (102, 2079, NUMBERS), (103, -34024, (7, 12, 0, 100, 0, 0)))
+
+
+def conversation(
+    packets: tuple[tuple[int, int, tuple[int, ...]], ...], *, first: int = 1, version: int = 1
+) -> bytes:
+    """Return hello and packets with consecutive IDs."""
+    data, id_ = encode(Packet(first, Com.HELLO, version, SCALES)), first
+    for com, param, (a, b, c, d, e, f) in packets:
+        id_ = next_id(id_)
+        data += encode(Packet(id_, com, param, (a, b, c, d, e, f)))
+    return data
+
+
+def receiver_seeds() -> dict[str, bytes]:
+    """Return streams for the receiver, by name; the first byte says how they are cut."""
+    seeds = {name: b"\x03" + conversation(said) for name, said in CONVERSATIONS.items()}
+    good = conversation(CONVERSATIONS["feedback"])
+    return seeds | {
+        "wrap": b"\x01" + conversation(BEAT * 3, first=999_998),
+        "hello-zero": b"\x01" + conversation(BEAT, first=0),
+        "least-speeds": b"\x03" + conversation(((5, 0, (1, 1, 10000, 2500, 0, 0)), *MOVES)),
+        "other-version": b"\x02" + conversation(BEAT, version=2),
+        "no-hello": b"\x04" + good[63:],
+        "cut-short": b"\x05" + good[:-20],
+        "byte-by-byte": b"\x00" + conversation(MOVES + BEAT),
+        "space-moved": b"\x06" + good[:85] + b" " + good[86:],
+        "power-of-ten": b"\x07" + good.replace(b"002500", b"25E002"),
+        "id-skipped": b"\x08" + good[:63] + good[126:],
+        "high-digits": b"\x09" + good.replace(b"000100 ", b"0001\xb20 ", 1),
+        "negative-hello": b"\x0a" + good.replace(b"000050", b"-00050", 1),
+        "noise": b"\x0b" + bytes(range(256)),
+    }
+
+
+def gateway_seeds() -> dict[str, bytes]:
+    """Return streams for the gateway's reader."""
+    good = conversation((), first=1)
+    good += b"".join(encode(Packet(1, com, param, vec)) for com, param, vec in REPORTS)
+    return {
+        "reports": b"\x03" + good,
+        "byte-by-byte": b"\x00" + good,
+        "other-scales": b"\x01" + good.replace(b"000500", b"000400", 1),
+        "version": b"\x02" + conversation((), version=2),
+        "status": b"\x04" + good.replace(b"002079", b"999424"),
+        "command": b"\x05" + good + encode(Packet(2, Com.HOLD)),
+        "cut": b"\x06" + good[:-7],
+        "underscore": b"\x07" + good.replace(b"001000", b"1_0000"),
+    }
+
+
+def main() -> None:
+    """Write them."""
+    for target, seeds in (("receiver", receiver_seeds()), ("gateway", gateway_seeds())):
+        (FOLDER / target).mkdir(parents=True, exist_ok=True)
+        for name, data in seeds.items():
+            (FOLDER / target / name).write_bytes(data)
+
+
+if __name__ == "__main__":
+    main()

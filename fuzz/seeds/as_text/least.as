@@ -1,0 +1,3 @@
+.PROGRAM main()
+  x=1
+.END

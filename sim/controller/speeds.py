@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 from sim.controller.errors import AsError
 from sim.controller.motion_requests import Speed
+from sim.controller.values import single
 
 LEAST_PERCENT, MOST_PERCENT = 0.01, 100.0
 SECONDS = (0.1, 3601.0)
@@ -15,8 +16,11 @@ UNITS_M_S = {
 
 
 def checked(value: float, least: float, most: float, name: str) -> float:
-    """Return a value that lies in its range. Raises AsError E0106."""
-    if not least <= value <= most:
+    """Return a value that lies in its range. Raises AsError E0106.
+
+    A number of a program is a single: its 0.01 is a little less than ours, and in the range.
+    """
+    if not least <= value <= most and not single(least) <= value <= single(most):
         raise AsError("E0106", f"{name} is {value:g}, must be within {least:g} .. {most:g}")
     return value
 

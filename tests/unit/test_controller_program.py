@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from common.errors import RemoteProtocolError
-from common.packet import PACKET_CHARS, ZERO_VEC, Packet, PacketReader, VecInt, encode
+from common.packet import FRAME_STRIDE, PACKET_CHARS, ZERO_VEC, Packet, PacketReader, VecInt, encode
 from common.packet_table import COMMANDS, ID_MAX, TABLE, Com, Status, known, next_id
 from tests.fakes.controller_talk import LIMITS, SCALES, Talk
 
@@ -15,6 +15,7 @@ LEAST: VecInt = (10, 100, 50, 1, 10, 1)
 MOST: VecInt = (99, 555, 277, 999, 9999, 1000)
 SPEEDS: VecInt = (10_000, 10_000, 10_000, 500, 0, 0)
 HELLO = encode(Packet(1, Com.HELLO, 1, SCALES))
+HEAD = 3 * FRAME_STRIDE  # ID, Com, Param
 RING = 63  # one slot of 64 stays empty
 # A vector that each command accepts, and that moves nothing from where the arm stands.
 HARMLESS: dict[int, VecInt] = {
@@ -190,19 +191,24 @@ def test_the_receiver_takes_exactly_the_packets_that_the_codec_takes(
     data[place] = ord(char)
     talk.write(bytes(data))
     talk.live(0.03)
+    if talk.machine.stops:  # the number itself may be too much for the robot program
+        shared.cache_clear()
     assert talk.closed != is_due(bytes(data), 2), bytes(data)
 
 
 def is_due(data: bytes, id_: int) -> bool:
-    """Tell whether the codec and the table take a packet, with this ID and a vector of numbers."""
+    """Tell whether the codec and the table take a packet, with this ID and a vector of numbers.
+
+    Where a fixed number is due the receiver wants it in its one form: -00000 is no zero there.
+    """
     try:
         packet = PacketReader().feed(data)[0]
         row = TABLE[known(packet.com, packet.param)]
     except RemoteProtocolError:
         return False
-    empty = row.vec == ("0",) * 6
-    fits = packet.vec == ZERO_VEC if empty else True
-    return packet.id == id_ and fits and row.com in COMMANDS - {Com.HELLO}
+    fixed = len(data) if row.vec == ("0",) * 6 else HEAD
+    expected = encode(Packet(id_, packet.com, packet.param))
+    return row.com in COMMANDS - {Com.HELLO} and data[:fixed] == expected[:fixed]
 
 
 @pytest.mark.parametrize("id_", [1, 3, 0, 999_999])
@@ -238,10 +244,7 @@ def test_ids_go_round_at_999999() -> None:
 @given(cuts=st.lists(st.integers(1, 200), min_size=1, max_size=12), data=st.data())
 def test_how_the_stream_is_cut_makes_no_difference(cuts: list[int], data: st.DataObject) -> None:
     """Bytes come in any pieces, hello too; every packet is framed once, in order."""
-    talk = shared()
-    if not talk.closed:
-        talk.hang_up()
-    talk.live(0.01)
+    talk = Talk()
     talk.dial()
     stream = HELLO + b"".join(encode(Packet(k, Com.GAINS, 1, (k,) * 6)) for k in range(2, 22))
     while stream:

@@ -1,0 +1,259 @@
+"""The program that ships, executed: what its numbers mean, measured on the arm and in reports."""
+
+from itertools import pairwise
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from common.frames import rotation_between
+from common.packet import VecInt
+from common.packet_table import COUNTER_SPAN, Com, Status, unpack_status
+from tests.fakes.controller_talk import SCALES, Talk
+
+OTHER: VecInt = (20, 200, 100, 10, 100, 5)
+PERIOD_S = 0.02
+PUSH: VecInt = (1100, -1200, 1300, 1400, -1500, 1600)  # 11 N, -12 N, ..., 1.6 N m
+
+
+def timed_way(talk: Talk, speeds: VecInt, z_mm: float = 60.0) -> np.ndarray:
+    """Heights above the start in mm, one each millisecond, of a motion along z."""
+    talk.do(Com.SPEEDS, 0, speeds)
+    z, heights = talk.height_mm(), []
+    probe = lambda: heights.append(talk.height_mm() - z)  # noqa: E731 - it is taken away again
+    talk.machine.after_tick.append(probe)
+    talk.send(Com.MOVE_POSE, 0, talk.shifted_vec(z=z_mm))
+    talk.wait(lambda: talk.height_mm() - z > z_mm - 0.05, 20.0)
+    talk.machine.after_tick.remove(probe)
+    return np.array(heights)
+
+
+def duration_s(heights: np.ndarray, from_mm: float, to_mm: float) -> float:
+    """How long the arm took from one height to another."""
+    return float(np.argmax(heights >= to_mm) - np.argmax(heights >= from_mm)) * 1e-3
+
+
+def one_hot(index: int, value: int) -> VecInt:
+    """Six numbers, one of them not zero."""
+    a, b, c, d, e, f = (value * (k == index) for k in range(6))
+    return (a, b, c, d, e, f)
+
+
+def push(talk: Talk, times: int, vec: VecInt) -> None:
+    """The same wrench some times, every 20 ms."""
+    for _ in range(times):
+        talk.send(Com.WRENCH, 0, vec)
+        talk.live(PERIOD_S)
+
+
+# --- command 5 ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("modular", "mechanical", "monitor", "expected_mm_s"),
+    [(100, 100, 100, 100), (50, 100, 100, 50), (100, 40, 100, 40), (30, 200, 50, 30)],
+)
+def test_speed_is_mechanical_times_modular_times_monitor_speed(
+    modular: int, mechanical: int, monitor: int, expected_mm_s: float
+) -> None:
+    """Measured on the arm; the limits of command 10 (50 mm/s) are none for it."""
+    talk = Talk()
+    talk.hello()
+    talk.pendant.monitor_speed(monitor)
+    heights = timed_way(talk, (10_000, 10_000, modular * 100, mechanical * 10, 0, 0))
+    assert 30.0 / duration_s(heights, 15.0, 45.0) == pytest.approx(expected_mm_s, rel=0.02)
+
+
+def test_speed_is_50_mm_s_until_command_5_comes() -> None:
+    """A controller that was told nothing is slow."""
+    talk = Talk()
+    talk.hello()
+    z = talk.height_mm()
+    talk.send(Com.MOVE_POSE, 0, talk.shifted_vec(z=40.0))
+    talk.wait(lambda: talk.height_mm() - z > 10.0)
+    assert talk.wait(lambda: talk.height_mm() - z > 30.0) == pytest.approx(0.4, rel=0.03)
+
+
+@pytest.mark.parametrize(("accel", "decel"), [(1_000, 10_000), (10_000, 1_000)])
+def test_acceleration_and_deceleration_are_each_its_own(accel: int, decel: int) -> None:
+    """10 % of one makes that end of the way slow, and not the other."""
+    talk = Talk()
+    talk.hello()
+    heights = timed_way(talk, (accel, decel, 10_000, 1_000, 0, 0), 60.0)
+    first, last = duration_s(heights, 0.1, 6.0), duration_s(heights, 54.0, 59.9)
+    slow, quick = (first, last) if accel < decel else (last, first)
+    assert slow > 0.17
+    assert quick < 0.1
+
+
+@pytest.mark.parametrize("turn_deg", [30.0, 60.0])
+def test_a_turn_on_the_spot_takes_its_angle_times_the_lever(turn_deg: float) -> None:
+    """One degree counts as 1.75 mm, whatever AS makes of MM/S without a way."""
+    talk = Talk()
+    talk.hello()
+    talk.do(Com.SPEEDS, 0, (10_000, 10_000, 10_000, 500, 0, 0))
+    T = talk.T_mm
+    goal = pin.SE3(T.rotation @ pin.utils.rotate("z", np.radians(turn_deg)), T.translation)
+    sent = talk.send(Com.MOVE_POSE, 0, talk.pose_vec(goal))
+    talk.wait(lambda: talk.taken == sent and talk.robot.queue.busy)
+    took_s = talk.wait(lambda: not talk.robot.queue.busy)
+    assert took_s == pytest.approx(turn_deg * 1.75 / 50.0, rel=0.1)
+    assert np.linalg.norm(rotation_between(talk.T_mm.rotation, goal.rotation)) < 1e-3
+
+
+def test_a_long_way_with_a_small_turn_keeps_the_speed_of_the_way() -> None:
+    """The turn gets time of its own only where it takes longer."""
+    talk = Talk()
+    talk.hello()
+    talk.do(Com.SPEEDS, 0, (10_000, 10_000, 10_000, 500, 0, 0))
+    T = talk.T_mm
+    up = T.translation + np.array([0.0, 0.0, 50.0])
+    goal = pin.SE3(T.rotation @ pin.utils.rotate("z", np.radians(10.0)), up)
+    talk.send(Com.MOVE_POSE, 0, talk.pose_vec(goal))
+    talk.wait(lambda: talk.height_mm() - T.translation[2] > 10.0)
+    took_s = talk.wait(lambda: talk.height_mm() - T.translation[2] > 40.0)
+    assert took_s == pytest.approx(0.6, rel=0.05)
+
+
+# --- commands 6, 4, 11, 10 ------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("axis", range(6))
+@pytest.mark.parametrize("kind", ["proportional", "integral"])
+def test_each_gain_is_of_its_own_axis_and_kind(axis: int, kind: str) -> None:
+    """All six components push; only the one with a gain moves the arm, along or about its axis."""
+    talk = Talk()
+    talk.hello()
+    scale = (SCALES[3], SCALES[4])[axis // 3]
+    load = PUSH[axis] / scale
+    mode = 1 + axis // 3
+    if kind == "proportional":
+        talk.start_feedback(mode, gains_p=one_hot(axis, 200_000 if axis > 2 else 50_000))
+        expected = load * (0.2 if axis > 2 else 0.05)
+    else:
+        talk.start_feedback(mode, gains_i=one_hot(axis, 10_000 if axis > 2 else 1_000))
+        expected = load * (1.0 if axis > 2 else 0.1) * 0.5  # half a second
+    push(talk, 3, (0,) * 6)
+    start = talk.T_mm
+    push(talk, 25, PUSH)
+    push(talk, 3, PUSH if kind == "proportional" else (0,) * 6)
+    moved = np.zeros(6)
+    moved[:3] = talk.T_mm.translation - start.translation
+    moved[3:] = np.degrees(rotation_between(start.rotation, talk.T_mm.rotation))
+    assert np.allclose(moved, expected * np.eye(6)[axis], atol=0.03 + 0.04 * abs(expected))
+
+
+def test_the_tcp_of_command_11_is_what_a_moment_turns_about() -> None:
+    """In the flange frame, whatever its own orientation."""
+    talk = Talk()
+    talk.hello()
+    talk.do(Com.TCP, 0, (1_500, -1_000, 6_000, 15_000, 20_000, -25_000))
+    tcp = np.array([30.0, -20.0, 120.0])
+    talk.start_feedback(2, gains_p=(0, 0, 0, 999_999, 999_999, 999_999))
+    push(talk, 3, (0,) * 6)
+    start = talk.T_mm
+    for k in range(1, 21):  # no more than 0.2 degrees at a time
+        push(talk, 1, (0, 0, 0, 100 * k, -50 * k, 150 * k))
+    push(talk, 5, (0, 0, 0, 2_000, -1_000, 3_000))
+    turned = np.degrees(rotation_between(start.rotation, talk.T_mm.rotation))
+    assert np.allclose(turned, [2.0, -1.0, 3.0], atol=0.03)
+    assert np.allclose(talk.T_mm.act(tcp), start.act(tcp), atol=0.05)
+
+
+def test_limits_of_command_10_arrive_each_in_its_place_and_unit() -> None:
+    """What they do is measured where force feedback is tested."""
+    talk = Talk()
+    talk.hello(limits=(60, 750, 350, 2_000, 4_500, 330))
+    names = ("lstep", "lturn", "lspeed", "ltravel", "lforce", "wd")
+    values = [talk.value(f"fm.{name}") for name in names]
+    assert values == pytest.approx([1.2, 1.5, 35.0, 40.0, 45.0, 0.33])
+
+
+def test_all_scales_are_those_of_the_hello() -> None:
+    """Poses, joints, speeds, limits, wrench and TCP in other units, and back."""
+    talk = Talk()
+    talk.hello(scales=OTHER, limits=(20, 200, 250, 4_000, 500, 250))
+    names = ("lstep", "lturn", "lspeed", "ltravel", "lforce")
+    assert [talk.value(f"fm.{n}") for n in names] == pytest.approx([1.0, 1.0, 50.0, 200.0, 50.0])
+    talk.do(Com.SPEEDS, 0, (10_000, 10_000, 10_000, 400, 0, 0))
+    assert talk.value("fm.v") == pytest.approx(80.0)
+    goal = pin.SE3(talk.T_mm.rotation @ pin.utils.rotate("x", 0.1), talk.T_mm.translation + 12.0)
+    talk.do(Com.MOVE_POSE, 0, talk.pose_vec(goal, OTHER))
+    talk.live(1.5, beat=True)
+    assert np.allclose(talk.T_mm.translation, goal.translation, atol=0.05)
+    assert np.linalg.norm(rotation_between(talk.T_mm.rotation, goal.rotation)) < 2e-4
+    assert np.abs(np.subtract(talk.last(Com.POSE).vec, talk.pose_vec(talk.T_mm, OTHER))).max() <= 1
+    angles = np.degrees(talk.robot.q) * OTHER[2]
+    assert np.abs(np.subtract(talk.last(Com.JOINTS).vec, angles)).max() <= 0.6
+    talk.do(Com.TCP, 0, (0, 0, 2_400, 0, 0, 0))
+    talk.start_feedback(3, gains_p=(0, 0, 20_000, 200_000, 0, 0))
+    push(talk, 3, (0,) * 6)
+    start = talk.T_mm
+    push(talk, 25, (0, 0, 200, 100, 0, 0))  # 20 N, 1 N m
+    tcp = np.array([0.0, 0.0, 120.0])
+    assert (talk.T_mm.act(tcp) - start.act(tcp))[2] == pytest.approx(0.4, abs=0.02)
+    turned = np.degrees(rotation_between(start.rotation, talk.T_mm.rotation))
+    assert turned[0] == pytest.approx(0.2, abs=0.01)
+
+
+# --- 101, 102, 103 --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "joints_deg",
+    [(40.0, 10.0, -70.0, 25.0, -60.0, 100.0), (-120.0, -20.0, -110.0, -35.0, 50.0, -200.0)],
+)
+def test_reports_are_the_pose_and_the_joints_rounded_to_a_unit(
+    joints_deg: tuple[float, ...],
+) -> None:
+    """Signs of all kinds, six digits and five; 101 and 102 say where the arm stands."""
+    talk = Talk()
+    talk.hello()
+    talk.do(Com.SPEEDS, 0, (10_000, 10_000, 10_000, 10_000, 0, 0))
+    a, b, c, d, e, f = (round(angle * SCALES[2]) for angle in joints_deg)
+    talk.send(Com.MOVE_JOINTS, 0, (a, b, c, d, e, f))
+    talk.wait(lambda: talk.robot.queue.busy)
+    talk.wait(lambda: not talk.robot.moving, 20.0)
+    talk.live(0.2, beat=True)
+    assert np.allclose(np.degrees(talk.robot.q), joints_deg, atol=0.01)
+    assert np.abs(np.subtract(talk.last(Com.JOINTS).vec, (a, b, c, d, e, f))).max() <= 2
+    units = np.degrees(talk.robot.q) * SCALES[2]
+    assert np.abs(np.subtract(talk.last(Com.JOINTS).vec, units)).max() <= 0.6
+    assert np.abs(np.subtract(talk.last(Com.POSE).vec, talk.pose_vec(talk.T_mm))).max() <= 1
+
+
+def test_one_sample_has_one_counter_and_each_eighth_a_103() -> None:
+    """101, 102 with the same Param, in this order; 488 counters; 60 a second or more."""
+    talk = Talk()
+    talk.hello()
+    start_s, before = talk.now_s, len(talk.heard(Com.POSE))
+    talk.live(7.0)
+    kinds = [packet.com for packet in talk.inbox if packet.com != Com.HELLO]
+    poses, joints = talk.heard(Com.POSE), talk.heard(Com.JOINTS)
+    assert "".join({101: "p", 102: "j", 103: "h"}[kind] for kind in kinds).replace("pj", "") == (
+        "h" * len(talk.heard(Com.HEALTH))
+    )
+    assert all(p.param == j.param for p, j in zip(poses, joints, strict=False))
+    counters = [unpack_status(p.param)[0] for p in poses]
+    assert all((b - a) % COUNTER_SPAN == 1 for a, b in pairwise(counters))
+    assert len(poses) > COUNTER_SPAN
+    assert len(poses) / len(talk.heard(Com.HEALTH)) == pytest.approx(8.0, abs=0.3)
+    assert 60 < (len(poses) - before) / (talk.now_s - start_s) < 125
+
+
+def test_health_says_age_of_the_wrench_queue_monitor_speed_and_held_id() -> None:
+    """Each in its place, and the last number is zero."""
+    talk = Talk()
+    talk.hello()
+    talk.pendant.monitor_speed(37.5)
+    talk.send(Com.WRENCH)
+    talk.live(0.2, beat=True)
+    young = talk.last(Com.HEALTH).vec
+    held = talk.send(Com.HOLD)
+    talk.live(1.0)
+    old = talk.last(Com.HEALTH).vec
+    assert 50 < young[1] < 200
+    assert 1050 < old[1] < 1250
+    assert old[0] > young[0]
+    assert (young[2:], old[2:]) == ((0, 3_750, 0, 0), (0, 3_750, held, 0))
+    assert talk.status & Status.HELD

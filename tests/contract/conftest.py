@@ -44,3 +44,10 @@ def guarded_rig(request: pytest.FixtureRequest) -> Iterator[Rig]:
     """The robots that keep the cell's limits again."""
     with made(request.param) as rig:
         yield rig
+
+
+@pytest.fixture(params=those(lambda robot: not robot.has_controller))
+def bare_rig(request: pytest.FixtureRequest) -> Iterator[Rig]:
+    """The robots without a controller that could run force feedback."""
+    with made(request.param) as rig:
+        yield rig

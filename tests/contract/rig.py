@@ -16,6 +16,7 @@ from common.clock import NS_PER_S, Clock
 from common.config import load_cell
 from common.convert import pose_of, record_of
 from common.endpoints import Bus, Origin
+from common.frames import rotation_between
 from common.memory import MemoryTransport
 from common.messages import (
     Feedback,
@@ -208,6 +209,19 @@ class Rig:
     def joint_rad(self) -> np.ndarray:
         """Joint angles, as the robot says."""
         return np.array(self.state.joint_rad)
+
+    def fastest(self, window_s: float) -> tuple[float, float]:
+        """Return the longest way [m] and turn [rad] of the flange in any window of its track."""
+        ways_m, turns_rad = [0.0], [0.0]
+        for at_s, T in self.track:
+            later = next((seen for seen in self.track if seen[0] >= at_s + window_s - 1e-9), None)
+            if later is None:
+                break
+            share = window_s / (later[0] - at_s)  # reports do not come at the window's end
+            ways_m.append(share * float(np.linalg.norm(later[1].translation - T.translation)))
+            turn_rad = np.linalg.norm(rotation_between(T.rotation, later[1].rotation))
+            turns_rad.append(share * float(turn_rad))
+        return max(ways_m), max(turns_rad)
 
     def is_at_rest(self, within_s: float = 3.0) -> bool:
         """Wait until the arm has not moved for 50 ms."""

@@ -134,6 +134,8 @@ class Robot:
     # Where force feedback runs. `pc`: the robot gets set points and never sees the wrench, so what
     # is promised about a bad wrench is the regulator's and the arbiter's promise, not its own.
     feedback_host: Host
+    # Whether it has a controller that could run force feedback; without one it refuses.
+    has_controller: bool = True
     # Whether it keeps the cell's limits again behind the arbiter (design section 6). The simulated
     # arm has only its own joint limits; the gateway's guard is what is promised.
     guards_limits: bool = True
@@ -141,7 +143,7 @@ class Robot:
 
 
 ROBOTS = {
-    "sim": Robot(sim_rig, "pc", guards_limits=False),
+    "sim": Robot(sim_rig, "pc", has_controller=False, guards_limits=False),
     "gateway": Robot(gateway_rig, "controller"),
     "emulated, pc": Robot(emulated_pc_rig, "pc"),
     "emulated, controller": Robot(emulated_controller_rig, "controller", before=ran_feedback),

@@ -183,17 +183,6 @@ def test_a_goal_of_a_new_arbiter_is_not_mistaken_for_an_old_one(rig: Rig) -> Non
     rig.until(lambda: way_m(rig.T, shifted(start, z_m=0.02)) < 5e-4)
 
 
-def test_a_goal_out_of_reach_is_refused_and_moves_nothing(rig: Rig) -> None:
-    """Refused with a reason, under its id, without a hold."""
-    rig.arm()
-    before = rig.T
-    rig.say("goal", goal=goal(5, "joints", joint_rad=(0.0, 3.0, 0.0, 0.0, 0.0, 0.0)))
-    rig.until(lambda: rig.state.goal.id == 5 and rig.state.goal.state == "refused")
-    rig.advance(0.2)
-    assert rig.state.goal.reason
-    assert way_m(rig.T, before) < 1e-4
-
-
 def test_a_set_point_far_away_is_refused_and_holds(rig: Rig) -> None:
     """A jump of half a metre is a mistake of somebody, not a motion."""
     rig.arm()

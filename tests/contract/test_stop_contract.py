@@ -1,0 +1,181 @@
+"""What stops every robot, how soon, and what it takes to move it again."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from common.convert import record_of
+from common.messages import Gains, Permission, PoseRecord, RobotCommand, WrenchAtTcp
+from tests.contract.rig import DEADLINE_S, Rig, goal, pose_goal, shifted
+
+SPEED_M_S = 0.1  # of the goals; set points and feedback are slower
+STOPS_WITHIN_S = 0.3  # at rest after a hold that was said in full motion
+REPORT_S = 0.05  # a report of every robot is younger
+NAN = float("nan")
+
+
+def to_a_pose(rig: Rig) -> None:
+    """Move along a straight line."""
+    rig.say("goal", goal=pose_goal(1, shifted(rig.T, x_m=0.1, z_m=0.1)))
+
+
+def to_joints(rig: Rig) -> None:
+    """Move to joint angles."""
+    wanted = rig.joint_rad + np.array([0.4, -0.2, 0.2, 0.0, 0.0, 0.0])
+    rig.say("goal", goal=goal(1, "joints", joint_rad=tuple(wanted.tolist())))
+
+
+def by_joints(rig: Rig) -> None:
+    """Move by joint angles."""
+    rig.say("goal", goal=goal(1, "by", joint_rad=(0.4, -0.2, 0.2, 0.0, 0.0, 0.0)))
+
+
+def by_feedback(rig: Rig) -> None:
+    """Give way to a push: set points where force feedback is on the PC."""
+    rig.push(force_N=(0.0, 0.0, 10.0))
+    rig.feed_back("position", Gains(force_i_m_per_Ns=(0.004,) * 3))
+
+
+MOTIONS: dict[str, Callable[[Rig], None]] = {
+    "pose": to_a_pose,
+    "joints": to_joints,
+    "by": by_joints,
+    "feedback": by_feedback,
+}
+
+
+def way_m(T: pin.SE3, U: pin.SE3) -> float:
+    """Distance between two poses."""
+    return float(np.linalg.norm(T.translation - U.translation))
+
+
+def under_way(rig: Rig, motion: str) -> None:
+    """Arm, and be in the middle of a motion."""
+    rig.arm()
+    start = rig.T
+    MOTIONS[motion](rig)
+    rig.until(lambda: way_m(rig.T, start) > 0.008)
+
+
+def assert_stays(rig: Rig, duration_s: float = 0.4) -> None:
+    """Nothing moves in that time."""
+    before = rig.T
+    rig.advance(duration_s)
+    assert way_m(rig.T, before) < 2e-4
+
+
+@pytest.mark.parametrize("motion", MOTIONS)
+def test_a_hold_in_motion_stops_within_a_bound_and_the_arm_stays(rig: Rig, motion: str) -> None:
+    """Bound in time and in way; afterwards the same lease moves nothing, a newer one does."""
+    under_way(rig, motion)
+    rig.say_hold("enough")
+    held = rig.T
+    rig.advance(STOPS_WITHIN_S)
+    assert way_m(rig.T, held) < SPEED_M_S * (STOPS_WITHIN_S / 2 + REPORT_S)
+    assert "enough" in rig.state.hold_reason
+    assert_stays(rig)
+    assert rig.state.status.held
+    assert rig.feedback_bits == (False, False)
+    to_a_pose(rig)
+    assert_stays(rig)
+    assert "lease" in rig.state.hold_reason
+    rig.arm()
+    assert_stays(rig, 0.2)
+    rig.say("goal", goal=pose_goal(2, shifted(rig.T, z_m=0.005)))
+    rig.until(lambda: rig.state.goal.id == 2 and rig.state.goal.state == "done")
+
+
+@pytest.mark.parametrize("motion", MOTIONS)
+def test_a_command_older_than_its_deadline_holds(rig: Rig, motion: str) -> None:
+    """They come every period as ever, but late: what they say is no longer believed."""
+    under_way(rig, motion)
+    rig.arbiter_clock.late_s = 1.2 * DEADLINE_S
+    rig.until(lambda: rig.state.hold_reason, within_s=2 * DEADLINE_S)
+    assert "old" in rig.state.hold_reason
+    assert rig.is_at_rest()
+    rig.arbiter_clock.late_s = 0.0
+    assert_stays(rig)
+    assert "lease" in rig.state.hold_reason
+
+
+def test_the_deadline_of_the_permission_counts_also_when_it_is_the_shorter_one(rig: Rig) -> None:
+    """Commands that are fresh by the cell's deadline, and too old by their own."""
+    rig.arm()
+    start = rig.T
+    rig.arbiter_clock.late_s = 0.6 * DEADLINE_S
+    permission = Permission(host="pc", lease=rig.lease, deadline_s=0.4 * DEADLINE_S)
+    rig.say("goal", goal=pose_goal(1, shifted(start, z_m=0.05)), permission=permission)
+    rig.advance(0.4)
+    assert "permission" in rig.state.hold_reason
+    assert way_m(rig.T, start) < 2e-4
+
+
+def test_a_command_with_a_number_that_is_not_finite_moves_nothing_and_holds(rig: Rig) -> None:
+    """It is no command: after the deadline without another one the lease is dead."""
+    rig.arm()
+    start = rig.T
+    good = record_of(start)
+    bad = PoseRecord.model_construct(
+        position_m=(0.0, NAN, 0.3), orientation_xyzw=good.orientation_xyzw
+    )
+    rig.say("setpoint", pose=good)
+    rig.advance(0.05)
+    assert rig.command is not None
+    rig.command = RobotCommand.model_construct(**(dict(rig.command) | {"pose": bad}))
+    rig.until(lambda: rig.state.hold_reason)
+    assert_stays(rig)
+    assert way_m(rig.T, start) < 2e-4
+    rig.say("setpoint", pose=record_of(shifted(start, z_m=0.005)))
+    assert_stays(rig)
+    assert "lease" in rig.state.hold_reason
+
+
+# --- the wrench, where the robot reads it ---------------------------------------------------------
+
+
+def no_more(rig: Rig) -> None:
+    """The wrench service is gone."""
+    rig.wrench = None
+
+
+def invalid(rig: Rig) -> None:
+    """The wrench service says that it does not know."""
+    rig.wrench = WrenchAtTcp(valid=False, reason="the sensor is unplugged")
+
+
+def not_a_number(rig: Rig) -> None:
+    """The wrench service has gone mad."""
+    rig.wrench = WrenchAtTcp.model_construct(force_N=(0.0, 0.0, NAN))
+
+
+def too_much(rig: Rig) -> None:
+    """Above the cell's ceiling."""
+    rig.push(force_N=(0.0, 0.0, rig.cell.limits.force_N + 1.0))
+
+
+@pytest.mark.parametrize(
+    ("spoil", "says"),
+    [(no_more, "stale"), (invalid, "unplugged"), (not_a_number, "stale"), (too_much, "ceiling")],
+)
+def test_feedback_ends_in_hold_with_a_bad_wrench_and_does_not_come_back(
+    controller_rig: Rig, spoil: Callable[[Rig], None], says: str
+) -> None:
+    """The arm stops and says why; a good wrench alone, and a new lease alone, start nothing."""
+    rig = controller_rig
+    under_way(rig, "feedback")
+    spoil(rig)
+    rig.until(lambda: rig.state.hold_reason, within_s=0.5)
+    assert says in rig.state.hold_reason
+    rig.advance(STOPS_WITHIN_S)
+    rig.push(force_N=(0.0, 0.0, 10.0))
+    assert_stays(rig)
+    assert rig.feedback_bits == (False, False)
+    assert rig.state.hold_reason
+    rig.arm()
+    assert_stays(rig)
+    assert rig.feedback_bits == (False, False)
+    start = rig.T
+    by_feedback(rig)
+    rig.until(lambda: way_m(rig.T, start) > 0.001)

@@ -1,0 +1,280 @@
+"""The program that ships, executed: whatever goes wrong, the arm stops, and nothing resumes."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from common.packet_table import Com, Status
+from sim.controller.behaviour import Behaviour, pessimistic
+from sim.controller.errors import AsError
+from tests.fakes.controller_talk import LIMITS, QUICK, Talk
+
+BEHAVIOURS = {"kind": Behaviour(step_s=QUICK.step_s), "pessimistic": pessimistic(QUICK.step_s)}
+WATCHDOG_S = LIMITS[5] * 1e-3
+BRAKE_S = 0.2  # from 50 mm/s to a standstill, and the watchdog's own pause
+FEEDBACK = Status.POSITION_FEEDBACK | Status.ORIENTATION_FEEDBACK
+
+
+@pytest.fixture(params=list(BEHAVIOURS))
+def behaviour(request: pytest.FixtureRequest) -> Behaviour:
+    """The kind reading of the open questions, and the worse one."""
+    return BEHAVIOURS[request.param]
+
+
+def moving(behaviour: Behaviour) -> Talk:
+    """On the way: 30 mm up, and 30 mm more waits behind it; another one is in the ring."""
+    talk = Talk(behaviour)
+    talk.hello()
+    talk.move_up(30.0)
+    talk.move_up(60.0)
+    talk.move_up(90.0)
+    z = talk.height_mm()
+    talk.wait(lambda: talk.height_mm() > z + 5.0)
+    return talk
+
+
+def feeding(behaviour: Behaviour) -> Talk:
+    """Force feedback gives way by 20 mm/s to a wrench that has come every 20 ms."""
+    talk = Talk(behaviour)
+    talk.hello()
+    talk.start_feedback(1, gains_i=(0, 0, 20_000, 0, 0, 0))
+    z = talk.height_mm()
+    while talk.height_mm() < z + 3.0:
+        push(talk)
+    return talk
+
+
+def push(talk: Talk) -> None:
+    """10 N from below, for 20 ms."""
+    talk.send(Com.WRENCH, 0, (0, 0, 1000, 0, 0, 0))
+    talk.live(0.02)
+
+
+def standing_s(talk: Talk, limit_s: float = 4.0, *, beat: bool = False) -> float:
+    """How long until the arm stands, for good: nothing moves in the two seconds behind."""
+    start_s, moved_s, q = talk.now_s, talk.now_s, talk.robot.q
+    while talk.now_s < start_s + limit_s:
+        talk.live(0.01, beat=beat)
+        if np.abs(talk.robot.q - q).max() > 2e-5:
+            moved_s = talk.now_s
+        q = talk.robot.q
+    assert moved_s < start_s + limit_s - 2.0, "still moving"
+    return moved_s - start_s
+
+
+def stays(talk: Talk, duration_s: float, *, beat: bool = False) -> bool:
+    """Tell whether the arm stays where it is."""
+    q = talk.robot.q
+    talk.live(duration_s, beat=beat)
+    return bool(np.abs(talk.robot.q - q).max() < 2e-4)
+
+
+def comes_back_held(talk: Talk, *, latched_before: bool = True) -> None:
+    """Only a new hello ends the latch; it moves nothing; HELD ends with the next motion."""
+    assert (talk.value("fm.lat") != talk.value("fm.lack")) == latched_before
+    talk.wait(lambda: talk.closed, 3.0, beat=False)
+    assert stays(talk, 0.5)
+    talk.hello()
+    assert talk.value("fm.lat") == talk.value("fm.lack")
+    assert talk.status & Status.HELD
+    assert not talk.status & (Status.WATCHDOG_LATCHED | FEEDBACK)
+    assert stays(talk, 1.0, beat=True)
+    z = talk.height_mm()
+    talk.move_up(10.0)
+    talk.wait(lambda: talk.height_mm() > z + 9.9)
+    talk.live(0.2, beat=True)
+    assert not talk.status & Status.HELD
+    assert talk.fault == 0
+
+
+# --- silence --------------------------------------------------------------------------------------
+
+
+def test_silence_stops_a_motion_within_the_limit_and_latches(behaviour: Behaviour) -> None:
+    """Fault 1: no packet for 250 ms. What waits behind the motion in hand does not start."""
+    talk = moving(behaviour)
+    talk.live(0.041, beat=True)
+    assert standing_s(talk) < WATCHDOG_S + BRAKE_S
+    assert talk.value("fm.fault") == 1
+    assert any(p.param & Status.WATCHDOG_LATCHED for p in talk.heard(Com.POSE))
+    assert talk.robot.queue.ahead is None
+    comes_back_held(talk)
+
+
+def test_beats_alone_keep_a_motion_going_at_twice_the_pause_that_is_agreed(
+    behaviour: Behaviour,
+) -> None:
+    """80 ms between two packets is no silence: the motion ends where it should."""
+    talk = Talk(behaviour)
+    talk.hello()
+    z = talk.height_mm()
+    talk.move_up(60.0)
+    for _ in range(30):
+        talk.send(Com.HEARTBEAT)
+        talk.live(0.08)
+    assert talk.height_mm() == pytest.approx(z + 60.0, abs=0.05)
+    assert not talk.closed
+
+
+@pytest.mark.parametrize("limit_ms", [150, 600])
+def test_the_limit_of_command_10_is_the_one_that_counts(
+    behaviour: Behaviour, limit_ms: int
+) -> None:
+    """The arm still moves a while before it, and stands soon after."""
+    talk = Talk(behaviour)
+    talk.hello(limits=(*LIMITS[:5], limit_ms))
+    z = talk.height_mm()
+    talk.move_up(100.0)
+    talk.wait(lambda: talk.height_mm() > z + 5.0)
+    talk.send(Com.HEARTBEAT)
+    assert 0.4 * limit_ms * 1e-3 < standing_s(talk) < limit_ms * 1e-3 + BRAKE_S
+
+
+def test_nothing_is_watched_before_something_may_move(behaviour: Behaviour) -> None:
+    """After hello and settings a silence is no fault; after a hold it is none any more."""
+    talk = Talk(behaviour)
+    talk.hello()
+    talk.live(1.5)
+    assert not talk.status & Status.WATCHDOG_LATCHED
+    talk.send(Com.HEARTBEAT)
+    talk.live(0.1)
+    talk.send(Com.HOLD)
+    talk.live(1.5)
+    assert not talk.status & Status.WATCHDOG_LATCHED
+    assert not talk.closed
+    talk.send(Com.HEARTBEAT)
+    talk.wait(lambda: talk.value("fm.fault") == 1, WATCHDOG_S + 0.1, beat=False)
+
+
+# --- wrenches -------------------------------------------------------------------------------------
+
+
+def test_wrenches_that_stay_away_end_force_feedback_though_beats_come(behaviour: Behaviour) -> None:
+    """Fault 2, latched, closed."""
+    talk = feeding(behaviour)
+    assert standing_s(talk, beat=True) < WATCHDOG_S + BRAKE_S
+    assert talk.value("fm.fault") == 2
+    assert talk.value("fm.mode") == 0
+    comes_back_held(talk)
+
+
+def test_the_arm_stands_between_two_wrenches_and_a_gap_is_not_made_up_for(
+    behaviour: Behaviour,
+) -> None:
+    """After a gap that is shorter than the limit the integral counts anew: no leap."""
+    talk = feeding(behaviour)
+    talk.live(0.15, beat=True)
+    z = talk.height_mm()
+    push(talk)
+    push(talk)
+    assert talk.status & Status.POSITION_FEEDBACK
+    assert talk.height_mm() - z < 0.9  # 20 ms of 20 mm/s are 0.4 mm; 150 ms would be 3 mm
+
+
+# --- a peer that does not read --------------------------------------------------------------------
+
+
+def test_a_peer_that_does_not_read_is_dropped_and_the_next_one_served(behaviour: Behaviour) -> None:
+    """The sender hangs; beats still come, so it is no silence; still the connection ends."""
+    talk = Talk(behaviour)
+    talk.hello()
+    talk.reading = False
+    talk.send(Com.HEARTBEAT)
+    talk.wait(lambda: talk.stream.partner is None or talk.stream.partner.closed, 15.0)
+    talk.hang_up()
+    talk.reading = True
+    talk.hello()
+    assert talk.status & Status.HELD
+    assert stays(talk, 0.5)
+
+
+# --- the pendant ----------------------------------------------------------------------------------
+
+
+def hold_and_run(talk: Talk) -> None:
+    """HOLD in the middle of the motion, then RUN a second later."""
+    talk.pendant.hold()
+    talk.live(1.0, beat=True)
+    talk.pendant.run()
+
+
+def teach_and_repeat(talk: Talk) -> None:
+    """TEACH, and back to REPEAT and RUN."""
+    talk.pendant.teach()
+    talk.live(1.0, beat=True)
+    talk.pendant.repeat()
+    talk.pendant.run()
+
+
+def teach_lock(talk: Talk) -> None:
+    """The teach pendant's lock, and back."""
+    talk.pendant.teach_lock(on=True)
+    talk.live(1.0, beat=True)
+    talk.pendant.teach_lock(on=False)
+    talk.pendant.run()
+
+
+def motors_off_and_on(talk: Talk) -> None:
+    """Motor power away and back, then RUN."""
+    talk.pendant.motor_power(on=False)
+    talk.live(1.0, beat=True)
+    talk.pendant.motor_power(on=True)
+    talk.pendant.run()
+
+
+def emergency_stop(talk: Talk) -> None:
+    """The emergency stop, pulled out again, motors on, RUN."""
+    talk.pendant.emergency_stop()
+    talk.live(1.0, beat=True)
+    talk.pendant.release_emergency_stop()
+    talk.pendant.motor_power(on=True)
+    talk.pendant.run()
+
+
+def short_hold(talk: Talk) -> None:
+    """HOLD and RUN quicker than the watchdog's second look."""
+    talk.pendant.hold()
+    talk.live(0.04, beat=True)
+    talk.pendant.run()
+
+
+@pytest.mark.parametrize("begin", [moving, feeding])
+@pytest.mark.parametrize(
+    "act",
+    [hold_and_run, teach_and_repeat, teach_lock, motors_off_and_on, emergency_stop, short_hold],
+)
+def test_nothing_goes_on_after_the_pendant_stopped_it_also_not_by_run(
+    behaviour: Behaviour, begin: Callable[[Behaviour], Talk], act: Callable[[Talk], None]
+) -> None:
+    """Fault 3, latched, closed; what was on its way and what waited is gone."""
+    talk = begin(behaviour)
+    act(talk)
+    assert standing_s(talk, 3.0, beat=True) < BRAKE_S + 0.1
+    assert talk.value("fm.fault") == 3
+    assert talk.value("fm.mode") == 0
+    comes_back_held(talk)
+
+
+def test_an_error_stop_is_latched_and_needs_ereset_and_execute(behaviour: Behaviour) -> None:
+    """103 says AS's own code; hello is answered; no packet moves the arm before EXECUTE."""
+    talk = moving(behaviour)
+    talk.machine.failed(talk.machine.robot_task, AsError("E6007"))
+    assert standing_s(talk, 3.0, beat=True) < BRAKE_S
+    assert talk.value("fm.fault") == 3
+    talk.hello(limits=None)
+    assert talk.fault == -36007
+    assert talk.status & Status.ERROR
+    assert not talk.status & Status.PROGRAM_RUNNING
+    talk.send(Com.MOVE_POSE, 0, talk.shifted_vec(z=10.0))
+    assert stays(talk, 1.0, beat=True)
+    assert talk.taken == 0
+    talk.pendant.error_reset()
+    talk.pendant.execute("fm.main")
+    assert stays(talk, 2.0)  # a controller that plans its first motion for a second listens anew
+    talk.hello()
+    assert talk.status & Status.PROGRAM_RUNNING
+    assert not talk.status & Status.ERROR
+    z = talk.height_mm()
+    talk.move_up(10.0)
+    talk.wait(lambda: talk.height_mm() > z + 9.9)

@@ -7,6 +7,7 @@ import typer
 from cli import payload, verbs_force, verbs_motion, verbs_read, verbs_run, verbs_watch
 from cli.context import EXIT_CODES
 from cli.demo import demo
+from cli.doctor import doctor
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -22,6 +23,7 @@ app.command(rich_help_panel=RUN)(demo)
 app.command(rich_help_panel=RUN)(verbs_run.up)
 app.add_typer(verbs_run.config, name="config", rich_help_panel=RUN)
 app.command(rich_help_panel=LOOK)(verbs_read.status)
+app.command(rich_help_panel=LOOK)(doctor)
 app.command(rich_help_panel=LOOK)(verbs_read.topics)
 app.command(rich_help_panel=LOOK)(verbs_watch.watch)
 app.command(rich_help_panel=MOVE)(verbs_motion.arm)

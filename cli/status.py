@@ -24,6 +24,7 @@ class ServiceStatus(TypedDict):
     rate_hz: float | None
     age_s: float | None
     fault: str
+    numbers: dict[str, float]  # what the role measures, as its health says it
 
 
 class CellStatus(TypedDict):
@@ -56,6 +57,15 @@ def cell_status(cell: Cell, run: Run | None, only: str | None = None) -> CellSta
             return _judge(cell, run, view, time.monotonic() - started_s)
     except BusError:
         return _judge(cell, run, None, 0.0)
+
+
+def in_words(name: str, number: float) -> str:
+    """Return a number of a health message for people, in the unit that its name ends with."""
+    for ending, scale, unit in (("_s", 1e3, "ms"), ("_hz", 1.0, "/s"), ("_fraction", 100.0, "%")):
+        if name.endswith(ending):
+            words = name.removesuffix(ending).replace("_", " ")
+            return f"{words} {scale * number:.1f} {unit}"
+    return f"{name} {number:.6g}"
 
 
 def is_well(status: CellStatus) -> bool:
@@ -93,6 +103,7 @@ def _service(role: str, run: Run | None, view: CellView | None, waited_s: float)
         rate_hz=None,
         age_s=None,
         fault=_why_silent(role, run) or f"{_who(role, run)}no hub answers",
+        numbers={},
     )
     if view is None:
         return row
@@ -102,6 +113,7 @@ def _service(role: str, run: Run | None, view: CellView | None, waited_s: float)
         row["age_s"] = round(reading.age_s, 3)
     if isinstance(message, Health):
         row["pid"], row["rate_hz"] = message.pid, round(message.rate_hz, 1)
+        row["numbers"] = {} if reading.fault else message.numbers
     row["alive"] = not reading.fault and not _died(role, run)
     if row["alive"]:
         row["fault"] = message.fault if isinstance(message, Health) else ""

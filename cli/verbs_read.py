@@ -73,6 +73,8 @@ def _print_status(found: "CellStatus") -> None:
     from rich.console import Console
     from rich.table import Table
 
+    from cli.status import in_words
+
     state = found["state"]
     console = Console(highlight=False, soft_wrap=True)
     was = f" (was {found['last_state']})" if state == "DOWN" and found["last_state"] else ""
@@ -98,3 +100,7 @@ def _print_status(found: "CellStatus") -> None:
             row["fault"],
         )
     console.print(table)
+    for row in found["services"]:
+        if row["numbers"]:
+            words = ", ".join(in_words(*item) for item in sorted(row["numbers"].items()))
+            console.print(f"  {row['name']}: {words}", markup=False)

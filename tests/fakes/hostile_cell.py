@@ -6,6 +6,7 @@ either come from anywhere but the other's bytes; when was the arm commanded to m
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -147,18 +148,17 @@ class HostileCell:
     def assert_obeys_after_arming(self) -> None:
         """The link is good again: a person arms, and a goal is done."""
         self.rig.connect()
-        for attempt in range(1, 4):  # a stall of the controller may cost a lease
-            self.rig.arm()
-            goal_id = 100 + len(self.hops) * 10 + attempt
-            self.rig.say("goal", goal=pose_goal(goal_id, shifted(self.rig.T, z_m=0.005)))
-            state = self.rig.state.goal
-            self.rig.advance(
-                5.0, lambda: self.rig.state.goal.id == goal_id and _over(self.rig.state)
-            )
-            state = self.rig.state.goal
-            if state.state == "done":
-                return
-        raise AssertionError(f"{state} {self.rig.state.hold_reason}")
+        goals = (self._does_a_goal(100 + 10 * len(self.hops) + attempt) for attempt in range(3))
+        # A stall of the controller may cost a lease, so three times.
+        assert "done" in goals, f"{self.rig.state.goal} {self.rig.state.hold_reason}"
+
+    def _does_a_goal(self, goal_id: int) -> str:
+        rig = self.rig
+        rig.arm()
+        rig.say("goal", goal=pose_goal(goal_id, shifted(rig.T, z_m=0.005)))
+        over = {"done", "refused"}
+        rig.advance(5.0, lambda: rig.state.goal.id == goal_id and rig.state.goal.state in over)
+        return rig.state.goal.state
 
     # --- what was said ----------------------------------------------------------------------------
 
@@ -194,7 +194,7 @@ def samples_of(sent: bytes) -> list[tuple[np.ndarray, np.ndarray]]:
         for at in range(0, len(sent) - PACKET_CHARS + 1, PACKET_CHARS)
     ]
     samples = []
-    for pose, joints in zip(numbers, numbers[1:], strict=False):
+    for pose, joints in pairwise(numbers):
         if (pose[1], joints[1]) == (101, 102) and pose[2] == joints[2]:
             position_m = np.array(pose[3:6]) / POSITION_PER_MM * 1e-3
             samples.append((position_m, np.radians(np.array(joints[3:]) / JOINT_PER_DEG)))
@@ -205,10 +205,6 @@ def _is_sample(state: RobotState, sample: tuple[np.ndarray, np.ndarray]) -> bool
     return np.allclose(state.position_m, sample[0], rtol=0.0, atol=1e-9) and np.allclose(
         state.joint_rad, sample[1], rtol=0.0, atol=1e-9
     )
-
-
-def _over(state: RobotState) -> bool:
-    return state.goal.state in {"done", "refused"}
 
 
 def watch_program(machine: Machine, accepted: list[Accepted], taken: list[Accepted]) -> None:

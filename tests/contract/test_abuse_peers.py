@@ -1,0 +1,255 @@
+"""Peers that vanish, intrude or starve the controller, and RUN after a hold: in lock step."""
+
+import numpy as np
+import pytest
+
+from common.packet import Packet, encode
+from common.packet_table import Com
+from sim.controller.behaviour import Behaviour, pessimistic
+from tests.contract.robots import PORT
+from tests.fakes.hostile_cell import ARM_STILL_RAD, QUICK, WATCHDOG_S, HostileCell
+from tests.fakes.hostile_stream import Rewrite, Throttle
+
+UP, DOWN = "to_controller", "to_gateway"
+SILENCE_S = WATCHDOG_S + 0.06 + 0.06  # two looks of the watchdog; from 100 mm/s to rest
+BRAKE_S = 0.07
+LINK_SILENCE_S = 1.5  # after which the gateway's socket gives a silent connection up
+WORSE = pessimistic(QUICK.step_s)
+BEHAVIOURS = pytest.mark.parametrize("behaviour", [QUICK, WORSE], ids=["kind", "pessimistic"])
+
+
+def give_up(cell: HostileCell) -> None:
+    """What the socket's link does by itself when nothing comes any more."""
+    cell.rig.advance(LINK_SILENCE_S)
+    cell.wire.close("silent", cell.rig.clock.now_ns())
+
+
+# --- a peer that vanishes -------------------------------------------------------------------------
+
+
+@BEHAVIOURS
+@pytest.mark.parametrize("motion", ["goal", "stream", "feedback"])
+def test_a_gateway_that_vanishes_without_closing_is_missed_by_the_watchdog(
+    behaviour: Behaviour, motion: str
+) -> None:
+    """No FIN, no RST: the arm holds in time, and the next connection is accepted."""
+    cell = HostileCell(behaviour)
+    cell.begin(motion)
+    gone_ns = cell.rig.clock.now_ns()
+    cell.network.vanish()
+    give_up(cell)
+    assert (cell.stopped_ns(gone_ns) - gone_ns) / 1e9 <= SILENCE_S
+    assert cell.rig.advance(4.0, lambda: len(cell.hops) == 2 and cell.rig.state.valid)
+    cell.assert_stays(0.5)
+    cell.rig.wrench = None
+    cell.assert_obeys_after_arming()
+    cell.assert_nothing_misread()
+
+
+@BEHAVIOURS
+def test_a_gateway_that_vanishes_while_nothing_moves_does_not_block_the_next(
+    behaviour: Behaviour,
+) -> None:
+    """The watchdog does not watch then; the sender finds out when nobody takes what it sends."""
+    cell = HostileCell(behaviour)
+    cell.rig.connect()
+    cell.network.vanish()
+    give_up(cell)
+    assert cell.rig.advance(8.0, lambda: cell.rig.state.valid), cell.rig.state.reason
+    cell.rig.advance(2.0)
+    cell.assert_obeys_after_arming()
+    cell.assert_nothing_misread()
+
+
+@pytest.mark.xfail(
+    strict=True,
+    reason="fm.watch: .quiet stays above 30 after the drop, so the next connection is dropped too "
+    "if the watchdog looks before the sender's next beat; mend: .quiet=0 behind fm.dropw=fm.conn",
+)
+@pytest.mark.parametrize("phase_s", [0.3, 0.5])
+def test_the_connection_after_one_that_hung_is_kept(phase_s: float) -> None:
+    """A new peer is not held responsible for the one before; whenever that one vanished."""
+    cell = HostileCell(WORSE)
+    cell.rig.connect()
+    cell.rig.advance(phase_s)
+    cell.network.vanish()
+    give_up(cell)
+    assert cell.rig.advance(8.0, lambda: cell.rig.state.valid)
+    cell.rig.advance(2.0)
+    assert len(cell.hops) == 2, cell.wire.last_fault
+
+
+# --- a second client ------------------------------------------------------------------------------
+
+
+def words(*coms: int) -> bytes:
+    """What somebody might say who knows the protocol: hello, then more."""
+    hello = encode(Packet(1, Com.HELLO, 1, (50, 500, 250, 100, 1000, 10)))
+    return hello + b"".join(encode(Packet(n, com)) for n, com in enumerate(coms, start=2))
+
+
+@pytest.mark.parametrize("motion", ["goal", "stream", "feedback"])
+def test_a_second_client_is_not_heard_while_the_gateway_is_connected(motion: str) -> None:
+    """Not its hold, not its motion, not its garbage; it gets no byte; the gateway goes on."""
+    cell = HostileCell()
+    cell.begin(motion)
+    strangers = [cell.network.intrude(PORT, data) for data in (words(8), words(2), b"\x00" * 99)]
+    cell.rig.advance(0.3)
+    assert cell.moves
+    assert cell.rig.state.hold_reason == ""
+    assert [stranger.receive(100) for stranger in strangers] == [None] * 3
+    cell.assert_nothing_misread()
+
+
+def test_a_client_that_waited_is_served_after_the_gateway_and_the_arm_holds_meanwhile() -> None:
+    """The controller serves one after the other; the gateway waits, gets in, and nothing moved."""
+    cell = HostileCell()
+    cell.begin("goal")
+    stranger = cell.network.intrude(PORT, words())
+    cell.wire.close("cut by the test", cell.rig.clock.now_ns())
+    cell.rig.advance(0.5)
+    assert (stranger.receive(63) or b"")[7:13] == b"000009"
+    assert not cell.rig.state.valid
+    cell.assert_stays(1.0)
+    stranger.close()
+    cell.rig.connect()
+    cell.assert_stays(0.5)
+    cell.assert_obeys_after_arming()
+
+
+def test_a_client_that_came_first_keeps_the_gateway_out_and_the_gateway_says_so() -> None:
+    """No report, no permission: `robot/state` is not valid until the other one has gone."""
+    cell = HostileCell()
+    while not cell.network.listeners:
+        cell.machine.advance(cell.machine.now_ns + 1_000_000)
+    stranger = cell.network.intrude(PORT, words())
+    cell.rig.lease = 1
+    cell.rig.say("idle")
+    cell.rig.advance(1.0)
+    assert not cell.rig.state.valid
+    assert cell.rig.state.reason
+    stranger.close()
+    cell.assert_obeys_after_arming()
+
+
+# --- the wrench stops while the link lives --------------------------------------------------------
+
+
+@BEHAVIOURS
+def test_without_new_wrenches_the_program_holds_by_itself_though_the_link_lives(
+    behaviour: Behaviour,
+) -> None:
+    """On its way every wrench becomes a heartbeat: packets come, the watchdog ends it all the same.
+
+    The correction itself ends with the last wrench; the latch comes within the watchdog's time.
+    """
+    cell = HostileCell(behaviour)
+    cell.begin("feedback")
+    starved_ns = cell.rig.clock.now_ns()
+    beat = encode(Packet(1, Com.HEARTBEAT))[7:]
+    abuse = cell.network.strike(
+        UP, Rewrite(turn=lambda p: p[:7] + beat if p[7:13] == b"000004" else p)
+    )
+    assert cell.rig.advance(SILENCE_S, lambda: cell.machine.memory.read("fm.lat") == 2.0)
+    assert abuse.bites >= 3
+    cell.rig.advance(0.005)
+    assert cell.machine.memory.read("fm.fault") == 2.0
+    assert (cell.stopped_ns(starved_ns) - starved_ns) / 1e9 <= BRAKE_S
+    cell.assert_stays(1.0)
+
+
+def test_without_new_wrenches_the_gateway_ends_force_feedback_in_the_controller() -> None:
+    """Command 8, before the program's own watchdog has to: the lease is dead."""
+    cell = HostileCell()
+    cell.begin("feedback")
+    stopped_ns, cell.rig.wrench = cell.rig.clock.now_ns(), None
+    cell.rig.advance(0.6)
+    assert "wrench" in cell.rig.state.hold_reason
+    assert not any(cell.rig.feedback_bits)
+    assert (cell.stopped_ns(stopped_ns) - stopped_ns) / 1e9 <= SILENCE_S
+    cell.rig.push(force_N=(0.0, 0.0, 10.0))
+    cell.assert_stays(1.0)
+
+
+# --- a slow line ----------------------------------------------------------------------------------
+
+
+@pytest.mark.xfail(
+    strict=True,
+    reason="Dialogue.tick sends a heartbeat every 40 ms however many packets are unframed, so on a "
+    "slow line a hold waits behind them; mend: only while self.unframed < max_unframed",
+)
+@pytest.mark.parametrize("bytes_per_s", [1400, 1000, 500])
+def test_a_hold_does_not_wait_behind_heartbeats_on_a_slow_line(bytes_per_s: int) -> None:
+    """Or the arm holds by itself before; what the line does not carry must not pile up."""
+    cell = HostileCell()
+    cell.rig.connect()
+    cell.rig.arm()
+    abuse = cell.network.strike(UP, Throttle(bytes_per_s=bytes_per_s))
+    cell.rig.advance(3.0)
+    assert abuse.bites
+    before = cell.machine.memory.read("fm.hseq"), cell.machine.memory.read("fm.wseq")
+    cell.rig.say_hold()
+    assert cell.rig.advance(
+        SILENCE_S + 0.1,
+        lambda: (
+            (cell.machine.memory.read("fm.hseq"), cell.machine.memory.read("fm.wseq")) != before
+        ),
+    )
+
+
+@pytest.mark.xfail(
+    strict=True,
+    reason="Connection._take joins a 102 to whatever 101 came last; mend: only when "
+    "self._pose.counter == event.counter, else RemoteProtocolError. TCP itself loses no packet",
+)
+def test_a_pose_is_never_joined_to_joints_of_another_sample() -> None:
+    """Whole 101 packets vanish: no state may come of a 102 alone."""
+    cell = HostileCell()
+    cell.begin("goal")
+    poses = 0
+
+    def turn(packet: bytes) -> bytes:
+        nonlocal poses
+        poses += packet[7:13] == b"000101"
+        return b"" if packet[7:13] == b"000101" and poses % 3 else packet
+
+    abuse = cell.network.strike(DOWN, Rewrite(turn=turn))
+    cell.rig.advance(0.3)
+    assert abuse.bites
+    cell.assert_nothing_misread()
+
+
+# --- a person at the pendant ----------------------------------------------------------------------
+
+
+@BEHAVIOURS
+@pytest.mark.parametrize("motion", ["goal", "stream", "feedback"])
+def test_run_on_the_pendant_after_a_hold_moves_nothing(behaviour: Behaviour, motion: str) -> None:
+    """Neither what HOLD interrupted nor what the gateway said meanwhile; a person arms first."""
+    cell = HostileCell(behaviour)
+    cell.begin(motion)
+    held_ns = cell.rig.clock.now_ns()
+    cell.machine.pendant.hold()
+    cell.rig.advance(0.5)
+    assert (cell.stopped_ns(held_ns) - held_ns) / 1e9 <= BRAKE_S
+    q = cell.joints[-1]
+    cell.machine.pendant.run()
+    cell.rig.advance(3.0)
+    assert np.abs(cell.joints[-1] - q).max() <= ARM_STILL_RAD
+    cell.assert_stays(0.5)
+    cell.rig.wrench = None
+    cell.assert_obeys_after_arming()
+    cell.assert_nothing_misread()
+
+
+@pytest.mark.parametrize("motion", ["goal", "feedback"])
+def test_run_on_the_pendant_after_the_gateway_vanished_moves_nothing(motion: str) -> None:
+    """Held, then the link is gone, then RUN: the hold outlives all of it."""
+    cell = HostileCell()
+    cell.begin(motion)
+    cell.machine.pendant.hold()
+    cell.network.vanish()
+    cell.rig.advance(0.5)
+    cell.machine.pendant.run()
+    cell.assert_stays(2.0)

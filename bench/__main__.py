@@ -1,15 +1,31 @@
-"""Measure what the README states: `make bench`."""
+"""Measure what the documentation states: `make bench`, or one part: `python -m bench emulator`."""
+
+import argparse
+from collections.abc import Callable
 
 from rich.console import Console
+from rich.table import Table
 
-from bench import latency, settling
+from bench import emulator, latency, settling
+
+PARTS: dict[str, Callable[[], Table]] = {
+    "settling": settling.table,
+    "emulator": emulator.table,
+    "latency": latency.table,
+}
 
 
 def main() -> None:
-    """Print the tables."""
+    """Print the tables that are asked for, all of them by default."""
+    parser = argparse.ArgumentParser(prog="python -m bench", description=__doc__)
+    parser.add_argument("parts", nargs="*", metavar="PART", help=f"of {', '.join(PARTS)}")
+    asked = parser.parse_args().parts or list(PARTS)
+    unknown = [part for part in asked if part not in PARTS]
+    if unknown:
+        parser.error(f"no part {', '.join(unknown)}; there are {', '.join(PARTS)}")
     screen = Console()
-    screen.print(settling.table())
-    screen.print(latency.table())
+    for part in asked:
+        screen.print(PARTS[part]())
 
 
 if __name__ == "__main__":

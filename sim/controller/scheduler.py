@@ -38,10 +38,15 @@ class Scheduler:
         self.now_ns = now_ns
         self.steps = 0
         self.ns_lost = 0
+        self._offset_ns = 0  # of the real clock before the controller's
 
     def stall(self, duration_s: float) -> None:
         """Let no task make a step for a while: the processor plans a motion."""
         self._stalled_until_ns = self.now_ns + round(duration_s * NS_PER_S)
+
+    def skip_to(self, clock_ns: int) -> None:
+        """Let a moment of a real clock be now: what passed before, loading a file, is not lost."""
+        self._offset_ns = clock_ns - self.now_ns
 
     def advance(self, until_ns: int) -> None:
         """Let time pass up to a moment, in lock step with it."""
@@ -50,9 +55,11 @@ class Scheduler:
 
     def catch_up(self, clock_ns: int) -> None:
         """Let time pass up to a real clock's moment; long delays are not made up for."""
-        behind_ns = clock_ns - self.ns_lost - self.now_ns
-        self.ns_lost += max(0, behind_ns - MOST_TICKS_BEHIND * TICK_NS)
-        self.advance(clock_ns - self.ns_lost)
+        behind_ns = clock_ns - self._offset_ns - self.now_ns
+        lost_ns = max(0, behind_ns - MOST_TICKS_BEHIND * TICK_NS)
+        self.ns_lost += lost_ns
+        self._offset_ns += lost_ns
+        self.advance(clock_ns - self._offset_ns)
 
     def _round(self, until_ns: int) -> None:
         """Give every task that can go on one step; none can: let time pass to the next tick."""

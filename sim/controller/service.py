@@ -45,6 +45,10 @@ class ControllerSensor:
         """Why the controller's program has stopped, empty while it has not."""
         return "" if self.machine.error is None else str(self.machine.error)
 
+    def begin(self, now_ns: int) -> None:
+        """Say that real time counts from now on: files are loaded, programs are started."""
+        self.machine.scheduler.skip_to(now_ns)
+
     def step(self, now_ns: int) -> None:
         """Let programs and arm live up to now."""
         self.machine.scheduler.catch_up(now_ns)

@@ -1,0 +1,219 @@
+"""AS steps a second that the emulated controller executes on one core, and what it costs to run.
+
+Loops that never wait say what each kind of step costs; the program that ships says what the demo
+needs. The arm's physics are timed on their own: "steps/s" is about AS, "one core" about all of it.
+"""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from rich.table import Table
+
+from common.clock import NS_PER_S
+from common.config import load_cell
+from common.packet import ZERO_VEC, Packet, VecInt, encode
+from common.packet_table import PROTOCOL_VERSION, Com, FeedbackSwitch, GainKind, next_id
+from sim.controller.behaviour import Behaviour
+from sim.controller.machine import Machine
+from sim.controller.network import MemoryNetwork
+from sim.controller.parser import load, parse
+from sim.robot.arm import SimArm
+from sim.robot.settings import SimSettings
+
+ROOT = Path(__file__).resolve().parent.parent
+PROGRAM = ROOT / "controller" / "forcemesh.as"
+CELL = ROOT / "cells" / "demo-tcp.yaml"
+PORT = 49152
+FREE = SimSettings(gap_m=0.1)  # room below the tool
+BUSY = Behaviour(step_s=5e-6)  # 200 steps between two ticks of the arm
+BUSY_S, SHIPPED_S = 0.25, 5.0  # virtual
+REPEATS = 5
+TICK_NS = 1_000_000
+SCALES: VecInt = (50, 500, 250, 100, 1000, 10)  # per mm, degree, degree of a joint, N, N m, mm/s
+LIMITS: VecInt = (50, 1000, 500, 10_000, 5_000, 250)  # 1 mm, 2 deg, 50 mm/s, 200 mm, 50 N, 250 ms
+GAINS_I: VecInt = (500, 500, 500, 500, 500, 500)  # 0.05 mm/(N s), 0.05 deg/(N m s)
+HEARTBEAT_TICKS, WRENCH_TICKS = 100, 16  # as in the demo's cell
+
+LOOPS = {
+    "arithmetic": """
+        x = 0
+        again:
+        x = x+1
+        y = (x*2+1)/3-ABS(x)
+        IF (x < 1000000) AND (y <> 0.5) GOTO again""",
+    "array elements": """
+        i = 0
+        again:
+        i = (i+1) MOD 100
+        a[i] = i*0.5
+        b[1,i] = a[i]
+        GOTO again""",
+    "FOR, CALL": """
+        again:
+        FOR i = 1 TO 6
+        a[i] = i
+        END
+        CALL sub(i)
+        GOTO again""",
+    "$ENCODE, $RIGHT, +": """
+        x = -123.5
+        again:
+        $s = $LEFT("-",ABS(x<0))+$RIGHT($ENCODE(/I7,1E6+ROUND(ABS(x)*50)),6-ABS(x<0))+" "
+        $t[3] = $s+"000101 "
+        GOTO again""",
+    "VAL, $MID, INSTR": """
+        $s = "000004 000000 000123 -00456 "
+        again:
+        x = VAL($MID($s,15,6))
+        y = INSTR(15,$s," ")+INSTR(22,$s," ")
+        GOTO again""",
+    "HERE, DECOMPOSE": """
+        again:
+        HERE p
+        DECOMPOSE x[1] = p
+        HERE #j
+        DECOMPOSE j[1] = #j
+        GOTO again""",
+    "POINT, TRANS, +, -": """
+        POINT a = TRANS(1,2,3,40,50,60)
+        again:
+        POINT p = TRANS(10,20,30,10,20,30)
+        POINT c = a+p
+        POINT d = -a
+        GOTO again""",
+}
+
+
+class TimedMachine(Machine):
+    """A controller that knows how long its arm took."""
+
+    tick_s = 0.0
+
+    def _tick(self) -> None:
+        began_s = time.process_time()
+        super()._tick()
+        self.tick_s += time.process_time() - began_s
+
+
+@dataclass(frozen=True, slots=True)
+class Cost:
+    """What a stretch of virtual time took of one core."""
+
+    steps: int
+    steps_s: float  # processor time outside of the arm
+    all_s: float
+    virtual_s: float
+
+    @property
+    def steps_per_s(self) -> float:
+        """AS steps per second of processor time, the arm left out."""
+        return self.steps / self.steps_s
+
+
+class Client:
+    """Stands for the gateway: says hello, then a beat or a wrench now and then."""
+
+    def __init__(self, machine: Machine, network: MemoryNetwork) -> None:
+        """Connect as soon as the program listens."""
+        self._machine = machine
+        while PORT not in network.listeners:
+            self.live(1)
+        self._stream = network.dial(PORT)
+        self._id = 0
+        self._ticks = 0
+        self.say(Com.HELLO, PROTOCOL_VERSION, SCALES)
+        self.live(500)
+
+    def say(self, com: Com, param: int = 0, vec: VecInt = ZERO_VEC) -> None:
+        """Send a packet with the ID that is due."""
+        self._id = next_id(self._id)
+        self._stream.send(encode(Packet(self._id, com, param, vec)))
+
+    def live(self, ticks: int, each: Callable[[], None] = lambda: None) -> None:
+        """Let the controller live, and do something every millisecond."""
+        for _ in range(ticks):
+            self._machine.advance(self._machine.now_ns + TICK_NS)
+            each()
+
+    def beat(self) -> None:
+        """Keep the connection alive, and read what comes."""
+        self._ticks += 1
+        self._stream.receive(65_536)
+        if self._ticks % HEARTBEAT_TICKS == 0:
+            self.say(Com.HEARTBEAT)
+
+    def push(self) -> None:
+        """Push up and down in turn, and read what comes."""
+        self._ticks += 1
+        self._stream.receive(65_536)
+        if self._ticks % WRENCH_TICKS == 0:
+            up = 1 if self._ticks // 1000 % 2 else -1
+            self.say(Com.WRENCH, 0, (0, 0, 500 * up, 0, 0, 100 * up))
+
+    def start_feedback(self) -> None:
+        """Set limits and gains, start both kinds of force feedback."""
+        self.say(Com.LIMITS, 0, LIMITS)
+        self.say(Com.GAINS, GainKind.INTEGRAL, GAINS_I)
+        self.say(Com.FEEDBACK, FeedbackSwitch.POSITION)
+        self.say(Com.FEEDBACK, FeedbackSwitch.ORIENTATION)
+        self.live(1000, self.push)
+
+
+def loop_cost(body: str) -> Cost:
+    """Run a loop that never waits."""
+    machine = TimedMachine(SimArm(FREE, seed=0), MemoryNetwork(), behaviour=BUSY)
+    machine.load(parse(f".PROGRAM main()\n{body}\n.END\n.PROGRAM sub(.a)\n.b = .a\n.END\n"))
+    machine.pendant.execute("main")
+    machine.advance(machine.now_ns + 10 * TICK_NS)
+    return min((_cost(machine, BUSY_S) for _ in range(REPEATS)), key=lambda cost: cost.steps_s)
+
+
+def shipped_cost(*, feedback: bool) -> Cost:
+    """Run the program that ships, a client connected, at the step time of the demo's cell."""
+    sim = load_cell(CELL).sim
+    step_s = Behaviour().step_s if sim is None else sim.as_step_s
+    network = MemoryNetwork()
+    machine = TimedMachine(SimArm(FREE, seed=0), network, behaviour=Behaviour(step_s=step_s))
+    machine.load(load(PROGRAM))
+    machine.pendant.monitor_speed(100.0)
+    machine.pendant.execute("fm.main")
+    client = Client(machine, network)
+    if feedback:
+        client.start_feedback()
+    each = client.push if feedback else client.beat
+    cost = _cost(machine, SHIPPED_S, lambda duration_s: client.live(round(duration_s * 1e3), each))
+    running = machine.memory.read("fm.mode")
+    if running != (3.0 if feedback else 0.0) or machine.stops:
+        raise RuntimeError(f"the program does not do what is measured: mode {running}")
+    return cost
+
+
+def _cost(
+    machine: TimedMachine, virtual_s: float, live: Callable[[float], None] | None = None
+) -> Cost:
+    steps, tick_s, began_s = machine.scheduler.steps, machine.tick_s, time.process_time()
+    if live is None:
+        machine.advance(machine.now_ns + round(virtual_s * NS_PER_S))
+    else:
+        live(virtual_s)
+    all_s = time.process_time() - began_s
+    steps_s = all_s - (machine.tick_s - tick_s)
+    return Cost(machine.scheduler.steps - steps, steps_s, all_s, virtual_s)
+
+
+def table() -> Table:
+    """Return steps per second for every loop, and what the program that ships takes."""
+    rows = Table(title="AS emulator: steps/s of one core", title_justify="left")
+    rows.add_column("program")
+    rows.add_column("steps/s", justify="right")
+    rows.add_column("made", justify="right")
+    rows.add_column("one core", justify="right")
+    for name, body in LOOPS.items():
+        rows.add_row(name, f"{loop_cost(body).steps_per_s:.0f}", "", "")
+    for name, feedback in (("forcemesh.as, idle", False), ("forcemesh.as, force feedback", True)):
+        cost = shipped_cost(feedback=feedback)
+        made, share = cost.steps / cost.virtual_s, 100 * cost.all_s / cost.virtual_s
+        rows.add_row(name, f"{cost.steps_per_s:.0f}", f"{made:.0f}", f"{share:.1f} %")
+    return rows

@@ -1,0 +1,6 @@
+; An END too many.
+; mistake: P0141 5
+.PROGRAM main()
+  x=1
+  END
+.END

@@ -1,0 +1,5 @@
+; The switch stands on TEACH.
+; pendant: teach
+; refused: P1001
+.PROGRAM main()
+.END

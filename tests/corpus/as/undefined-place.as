@@ -1,0 +1,5 @@
+; A place that was never taught.
+; stops: E0103 main 1
+.PROGRAM main()
+  LMOVE pick.up
+.END

@@ -1,0 +1,218 @@
+"""The program that ships, executed: start, end, abort, restart, freezes, holds."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from common.packet_table import Com, Status
+from sim.controller.behaviour import Behaviour, pessimistic
+from sim.controller.errors import AsError
+from sim.controller.machine import Machine
+from tests.fakes.controller_talk import LIMITS, PORT, QUICK, Talk
+
+TOOL = pin.SE3(pin.utils.rotate("x", 0.3), np.array([0.01, -0.02, 0.15]))
+BASE = pin.SE3(pin.utils.rotate("z", -0.5), np.array([0.1, 0.2, -0.3]))
+BEHAVIOURS = {"kind": Behaviour(step_s=QUICK.step_s), "pessimistic": pessimistic(QUICK.step_s)}
+PC_PROGRAMS = {"fm.send": 1, "fm.recv": 2, "fm.watch": 3}
+
+
+@pytest.fixture(params=list(BEHAVIOURS))
+def behaviour(request: pytest.FixtureRequest) -> Behaviour:
+    """The kind reading of the open questions, and the worse one."""
+    return BEHAVIOURS[request.param]
+
+
+def users_frames(machine: Machine) -> None:
+    """A user's TOOL, BASE and CP before `fm.main` starts."""
+    machine.robot.T_flange_tcp, machine.robot.T_base_shift = TOOL, BASE
+    machine.switches.write("cp", on=False)
+
+
+def are_the_users(machine: Machine) -> bool:
+    """Tell whether TOOL, BASE and CP are the user's, to a float's precision."""
+    frames = ((machine.robot.T_flange_tcp, TOOL), (machine.robot.T_base_shift, BASE))
+    same = all(np.allclose(is_.homogeneous, was.homogeneous, atol=1e-6) for is_, was in frames)
+    return same and not machine.switches.read("cp")
+
+
+def moving(talk: Talk, z_mm: float = 60.0) -> Talk:
+    """On the way up."""
+    talk.hello()
+    z = talk.height_mm()
+    talk.move_up(z_mm)
+    talk.wait(lambda: talk.height_mm() > z + 5.0)
+    return talk
+
+
+def still(talk: Talk, duration_s: float = 1.0) -> bool:
+    """Tell whether the arm stays where it is, from 0.3 s on."""
+    talk.live(0.3, beat=True)
+    q = talk.robot.q
+    talk.live(duration_s, beat=True)
+    return bool(np.abs(talk.robot.q - q).max() < 2e-4)
+
+
+# --- a PC program ends ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("program", PC_PROGRAMS)
+def test_a_pc_program_that_an_error_ends_is_started_again(
+    program: str, behaviour: Behaviour
+) -> None:
+    """Within a second; the arm stands, fault 12 once the error is reset; a hello, and it moves."""
+    talk = moving(Talk(behaviour))
+    task = talk.machine.tasks[PC_PROGRAMS[program]]
+    assert task.main == program
+    talk.machine.failed(task, AsError("E0102"))
+    assert task.state == "idle"
+    talk.wait(lambda: task.state == "running" and talk.value("fm.fault") == 12, 0.8)
+    if program != "fm.send":  # the other two go on watching and listening
+        assert still(talk)
+        talk.wait(lambda: talk.closed, 3.0)
+        talk.hello()
+    assert talk.status & Status.PROGRAM_RUNNING
+    talk.wait(lambda: talk.fault == -30102)
+    talk.pendant.error_reset()
+    talk.live(1.5, beat=True)
+    z = talk.height_mm()
+    talk.move_up(5.0)
+    talk.wait(lambda: talk.height_mm() > z + 4.9)
+
+
+# --- start and end --------------------------------------------------------------------------------
+
+
+def test_quit_ends_all_and_puts_tool_base_and_cp_back(behaviour: Behaviour) -> None:
+    """While it runs both frames are null, and poses are the flange's in the robot base."""
+    talk = moving(Talk(behaviour, prepare=users_frames), 20.0)
+    for T in (talk.robot.T_flange_tcp, talk.robot.T_base_shift):
+        assert np.allclose(T.homogeneous, np.eye(4))
+    assert talk.machine.switches.read("cp")
+    talk.machine.memory.write("fm.quit", 1)
+    talk.wait(lambda: talk.machine.robot_task.state == "idle")
+    assert are_the_users(talk.machine)
+    assert all(not task.active for task in talk.machine.tasks)
+    assert PORT not in talk.network.listeners
+    assert talk.machine.tcp.sockets == ()
+    assert talk.machine.stops == []
+    talk.wait(lambda: talk.closed, beat=False)
+    assert still(talk)
+
+
+@pytest.mark.parametrize("times", [1, 3])
+def test_execute_after_aborts_works_and_keeps_the_frames_of_before(
+    times: int, behaviour: Behaviour
+) -> None:
+    """An aborted run leaves TOOL and BASE null: they are not what is kept."""
+    talk = moving(Talk(behaviour, prepare=users_frames))
+    for _ in range(times):
+        talk.pendant.abort()
+        talk.wait(lambda: talk.machine.robot_task.state == "idle")
+        talk.live(0.3)
+        talk.pendant.execute("fm.main")
+        talk.live(2.5)
+    talk.closed = True
+    talk.hello()
+    z = talk.height_mm()
+    talk.move_up(5.0)
+    talk.wait(lambda: talk.height_mm() > z + 4.9)
+    talk.machine.memory.write("fm.quit", 1)
+    talk.wait(lambda: talk.machine.robot_task.state == "idle")
+    assert are_the_users(talk.machine)
+
+
+def test_restore_puts_the_frames_back_after_an_abort_and_does_nothing_twice(
+    behaviour: Behaviour,
+) -> None:
+    """EXECUTE fm.restore, by a person; then another TOOL is theirs to choose."""
+    talk = moving(Talk(behaviour, prepare=users_frames), 20.0)
+    talk.pendant.abort()
+    talk.wait(lambda: talk.machine.robot_task.state == "idle")
+    assert not are_the_users(talk.machine)
+    talk.pendant.execute("fm.restore")
+    talk.wait(lambda: talk.machine.robot_task.state == "idle")
+    assert are_the_users(talk.machine)
+    assert all(not task.active for task in talk.machine.tasks)
+    talk.robot.T_flange_tcp = other = pin.SE3(np.eye(3), np.array([0.0, 0.0, 0.2]))
+    talk.pendant.execute("fm.restore")
+    talk.wait(lambda: talk.machine.robot_task.state == "idle")
+    assert np.allclose(talk.robot.T_flange_tcp.homogeneous, other.homogeneous)
+
+
+# --- a controller that freezes --------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("frozen_s", [0.2, 1.0])
+def test_what_came_during_a_freeze_is_read_before_silence_is_judged(
+    frozen_s: float, behaviour: Behaviour
+) -> None:
+    """No task makes a step while beats pile up; then all at once. The motion ends as it should."""
+    talk = moving(Talk(behaviour))
+    goal = 60.0 - 5.0
+    z = talk.height_mm()
+    talk.machine.scheduler.stall(frozen_s)
+    talk.live(frozen_s + 2.0, beat=True)
+    assert not talk.closed
+    assert not talk.status & Status.WATCHDOG_LATCHED
+    assert talk.height_mm() - z == pytest.approx(goal, abs=1.0)
+
+
+def test_silence_during_a_freeze_is_a_silence_all_the_same(behaviour: Behaviour) -> None:
+    """A packet that nobody had read yet counts as new; then the limit, and the arm is braked."""
+    talk = moving(Talk(behaviour), 150.0)
+    talk.machine.scheduler.stall(1.0)
+    talk.live(1.0)
+    z = talk.height_mm()
+    talk.wait(lambda: talk.value("fm.fault") == 1, LIMITS[5] * 1e-3 + 0.05, beat=False)
+    assert talk.height_mm() - z < 50.0 * 0.4
+    assert still(talk)
+
+
+def test_a_hold_that_came_in_a_freeze_voids_what_came_before_it(behaviour: Behaviour) -> None:
+    """Ten motions and the hold are read in one burst; none of the ten is made."""
+    talk = moving(Talk(behaviour), 150.0)
+    talk.machine.scheduler.stall(1.0)
+    for k in range(10):
+        talk.send(Com.MOVE_POSE, 0, talk.shifted_vec(z=150.0 + k))
+        talk.live(0.05)
+    talk.send(Com.HOLD)
+    talk.live(0.6)
+    assert still(talk)
+    assert talk.status & Status.HELD
+    assert not talk.status & Status.WATCHDOG_LATCHED
+
+
+def test_force_feedback_makes_no_leap_after_a_freeze(behaviour: Behaviour) -> None:
+    """Wrenches that piled up are one wrench; the time that was lost is not integrated over."""
+    talk = Talk(behaviour)
+    talk.hello()
+    talk.start_feedback(1, gains_i=(0, 0, 2_000, 0, 0, 0))
+    for _ in range(20):
+        talk.send(Com.WRENCH, 0, (0, 0, 1000, 0, 0, 0))
+        talk.live(0.02)
+    z = talk.height_mm()
+    talk.machine.scheduler.stall(0.15)
+    for _ in range(10):
+        talk.send(Com.WRENCH, 0, (0, 0, 1000, 0, 0, 0))
+        talk.live(0.02)
+    assert 0.0 < talk.height_mm() - z < 2.0 * 0.2 * 1.2  # 2 mm/s for the 200 ms that passed
+
+
+def test_a_hold_stops_the_arm_voids_the_ring_and_is_named_in_103(behaviour: Behaviour) -> None:
+    """Command 8 in the middle of a motion with another one behind it; the next motion is taken."""
+    talk = moving(Talk(behaviour))
+    talk.move_up(100.0)
+    talk.live(0.1, beat=True)
+    held, z = talk.send(Com.HOLD), talk.height_mm()
+    talk.do(Com.LIMITS, 0, LIMITS)
+    talk.live(0.5)
+    assert talk.height_mm() - z < 50.0 * 0.15
+    assert talk.last(Com.HEALTH).vec[4] == held
+    assert talk.status & Status.HELD
+    assert not talk.status & Status.MOVING
+    assert still(talk)
+    z = talk.height_mm()
+    talk.move_up(5.0)
+    talk.live(1.0, beat=True)
+    assert talk.height_mm() - z == pytest.approx(5.0, abs=0.05)
+    assert not talk.status & Status.HELD

@@ -42,7 +42,8 @@ def _computed(expressions: Expressions, call: Function) -> Read:
     location = "p" in function.types or "t" in function.types
     readers = [_reader(expressions, item, location=location) for item in call.arguments]
     machine, compute, check = expressions.machine, function.compute, function.check
-    passed: set[tuple[type, ...]] = set()  # what `check` let through once it always lets through
+    # What `check` has let through once it always lets through: it only looks at types.
+    passed: set[tuple[type, ...]] = set()
 
     def run(context: Context) -> Value:
         arguments = [read(context) for read in readers]
@@ -52,7 +53,19 @@ def _computed(expressions: Expressions, call: Function) -> Read:
             passed.add(types)
         return compute(machine, arguments)
 
-    return run
+    if len(readers) != 1:
+        return run
+    only = readers[0]
+    passed_alone: set[type] = set()
+
+    def run_with_one(context: Context) -> Value:
+        argument = only(context)
+        if argument.__class__ not in passed_alone:
+            check((argument,))
+            passed_alone.add(argument.__class__)
+        return compute(machine, (argument,))
+
+    return run_with_one
 
 
 def _reader(

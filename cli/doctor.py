@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 COLOURS = {"PASS": "green", "WARN": "yellow", "FAIL": "red", "SKIP": "dim"}
 # A FAIL of one of these, and there was nothing that could have been tried.
-NOBODY_THERE = ("address", "hello", "hub")
+NOBODY_THERE = ("address", "hello", "bus")
 
 
 def doctor(as_json: JsonOption = False, cell: CellOption = None) -> None:
@@ -107,9 +107,9 @@ def _look(cell: "Cell") -> "list[Line]":
     if found is not None and (is_up or found.robot is not None or section is None):
         return bus_lines(cell, scales, found)
     if is_up:
-        return [trouble("hub", "FAIL", "the cell is up, and its hub does not answer", "hub")]
+        return [trouble("bus", "FAIL", "the cell is up, and its hub does not answer", "bus")]
     if section is None:
-        nobody = trouble("hub", "FAIL", "no hub answers: the cell is not up", "cell.down")
+        nobody = trouble("bus", "FAIL", "no hub answers: the cell is not up", "bus.down")
         return [nobody, *unused_lines(cell)]
     from cli.doctor_link import visit
 

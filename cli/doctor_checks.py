@@ -194,18 +194,19 @@ class RoleHeard:
 
 def check_role(heard: RoleHeard) -> Line:
     """Judge one role by its health."""
+    check = f"process {heard.role}"
     if heard.age_s is None:
-        return trouble(heard.role, "FAIL", "no health", "role.silent")
+        return trouble(check, "FAIL", "no health", "role.silent")
     found = f"heard {1e3 * heard.age_s:.0f} ms ago"
     if heard.rate_hz is not None:
         found += f", {heard.rate_hz:.0f} steps/s"
     if not heard.is_fresh:
-        return trouble(heard.role, "FAIL", found, "role.silent")
+        return trouble(check, "FAIL", found, "role.silent")
     if heard.fault:
-        return trouble(heard.role, "FAIL", heard.fault, "role.fault")
+        return trouble(check, "FAIL", heard.fault, "role.fault")
     if not heard.same_config:
-        return trouble(heard.role, "WARN", found + ", not this cell file", "role.config")
-    return passed(heard.role, found)
+        return trouble(check, "WARN", found + ", not this cell file", "role.config")
+    return passed(check, found)
 
 
 def check_stream(

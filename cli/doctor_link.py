@@ -22,14 +22,23 @@ from services.gateway.reports import HealthReport, JointReport, PoseReport
 from services.gateway.round_trips import Rate, RoundTrips, Spread, Turns
 from services.gateway.scales import Scales
 
-CONNECT_WITHIN_S = 2.0
-HELLO_WITHIN_S = 5.0  # the program may take 4 s to be done with the client before
-REPORTS_WITHIN_S = 2.0
-WATCH_S = 4.0
 PROBE_EVERY_S = 0.1
-CONFIRM_WITHIN_S = 1.0
 RECEIVE_BYTES = 16_384
 LOOPS_SPAN = 1_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class Patience:
+    """How long a visit waits for what, and how long it watches."""
+
+    connect_s: float = 2.0
+    hello_s: float = 5.0  # the program may take 4 s to be done with the client before
+    reports_s: float = 2.0
+    watch_s: float = 4.0
+    confirm_s: float = 1.0
+
+
+PATIENCE = Patience()
 
 
 @dataclass(slots=True)
@@ -61,16 +70,17 @@ class Visit:
     heard: Heard | None = None  # None: version or scales did not fit
 
 
-def visit(host: str, port: int, scales: Scales) -> Visit:
+def visit(host: str, port: int, scales: Scales, patience: Patience = PATIENCE) -> Visit:
     """Connect, greet, watch for some seconds, leave. Raises nothing for what the peer does."""
     found = Visit()
     started_s = time.monotonic()
-    sock = _open(host, port, found)
+    sock = _open((host, port), found, patience)
     found.opened_s = time.monotonic() - started_s
     if sock is None:
         return found
     with sock:
-        talk = _Talk(sock, Dialogue(scales, Pacing(heartbeat_after_s=0.0), last_id=_any_id()))
+        dialogue = Dialogue(scales, Pacing(heartbeat_after_s=0.0), last_id=_any_id())
+        talk = _Talk(sock, dialogue, patience)
         talk.greet(found)
         if talk.dialogue.ready:
             found.heard = talk.watch()
@@ -82,15 +92,15 @@ def _any_id() -> int:
     return 1 + secrets.randbelow(ID_MAX)
 
 
-def _open(host: str, port: int, found: Visit) -> socket.socket | None:
+def _open(where: tuple[str, int], found: Visit, patience: Patience) -> socket.socket | None:
     """Open the connection, or note why it cannot be."""
     try:
-        address = socket.getaddrinfo(host, port, socket.AF_INET, socket.SOCK_STREAM)[0][4]
+        address = socket.getaddrinfo(*where, socket.AF_INET, socket.SOCK_STREAM)[0][4]
     except OSError as error:
         found.opened, found.opened_detail = "unresolved", error.strerror or str(error)
         return None
     sock = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
-    sock.settimeout(CONNECT_WITHIN_S)
+    sock.settimeout(patience.connect_s)
     try:
         sock.connect(address)
         if sock.getsockname() == sock.getpeername():  # TCP met itself: nobody listens
@@ -117,6 +127,7 @@ class _Talk:
 
     sock: socket.socket
     dialogue: Dialogue
+    patience: Patience
     heard: Heard = field(default_factory=Heard)
     samples: Rate = field(default_factory=Rate)
     loops: Turns = field(default_factory=lambda: Turns(LOOPS_SPAN))
@@ -131,7 +142,7 @@ class _Talk:
         try:
             self.sock.sendall(self.dialogue.connected(started_ns))
             while len(data) < PACKET_CHARS:
-                left_s = HELLO_WITHIN_S - (time.monotonic_ns() - started_ns) / NS_PER_S
+                left_s = self.patience.hello_s - (time.monotonic_ns() - started_ns) / NS_PER_S
                 if left_s <= 0.0:
                     break
                 self.sock.settimeout(left_s)
@@ -155,13 +166,13 @@ class _Talk:
     def watch(self) -> Heard:
         """Listen, and every now and then send command 12 with a hold behind it."""
         try:
-            self._listen(REPORTS_WITHIN_S, lambda: self.heard.joints is not None)
-            end_ns = time.monotonic_ns() + round(WATCH_S * NS_PER_S)
+            self._listen(self.patience.reports_s, lambda: self.heard.joints is not None)
+            end_ns = time.monotonic_ns() + round(self.patience.watch_s * NS_PER_S)
             while time.monotonic_ns() < end_ns and self.heard.joints is not None:
                 self._probe()
                 self._listen(PROBE_EVERY_S)
             self._probe()
-            self._listen(CONFIRM_WITHIN_S, lambda: self.dialogue.unframed == 0)
+            self._listen(self.patience.confirm_s, lambda: self.dialogue.unframed == 0)
             self.heard.held = self.dialogue.unframed == 0
         except (OSError, RemoteProtocolError) as error:
             self.heard.broken = str(error)

@@ -135,7 +135,7 @@ def _is_upright(T: pin.SE3, near: Tolerance) -> bool:
 def _pendant(T: pin.SE3) -> str:
     """Return a frame as the pendant shows it: X, Y, Z [mm], O, A, T [deg]."""
     numbers = [*(1e3 * T.translation), *(degrees(angle) for angle in oat_from_R(T.rotation))]
-    return "(" + ", ".join(f"{number:.1f}" for number in numbers) + ")"
+    return "(" + ", ".join(f"{round(number, 1) + 0.0:.1f}" for number in numbers) + ")"
 
 
 def model_of(

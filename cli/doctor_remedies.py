@@ -51,8 +51,8 @@ REMEDIES = {
     "role.config": "it was started with another version of the cell file: restart the cell",
     "stream.silent": "its writer does not speak: see its role",
     "stream.slow": "the machine is busy, or the source is slower than the cell file says: see rates",
-    "cell.down": "`forcemesh up` starts it; then ask again",
-    "hub": "`forcemesh up` runs, but its hub does not answer: `forcemesh status`",
+    "bus.down": "`forcemesh up` starts it; then ask again",
+    "bus": "`forcemesh up` runs, but its hub does not answer: `forcemesh status`",
 }
 # fmt: on
 

@@ -1,0 +1,123 @@
+"""Pose against kinematics: right poses pass whatever rounding does, mistakes are named."""
+
+from functools import cache
+from math import radians
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cli.doctor_checks import Line
+from cli.doctor_pose import Frames, check_pose, model_of
+from cli.doctor_remedies import REMEDIES
+from common.frames import Oat, R_from_oat, oat_from_R
+from services.gateway.scales import Scales
+from sim.robot.kinematics import ArmKinematics
+
+FRAMES = Frames(
+    pin.SE3(np.eye(3), np.array([0.0, 0.0, 0.16])),
+    pin.SE3(R_from_oat(Oat(radians(30.0), 0.0, 0.0)), np.array([0.0, 0.0, 0.02])),
+)
+COARSE = Scales(position_per_mm=10, oat_per_deg=100, joint_per_deg=50)
+Q = np.radians([20.0, 35.0, -80.0, 15.0, -70.0, 40.0])  # nothing special about it
+
+
+@cache
+def arm() -> ArmKinematics:
+    """The one model."""
+    return ArmKinematics()
+
+
+def judge(T: pin.SE3, q: np.ndarray = Q, scales: Scales | None = None) -> Line:
+    """The line for a reported pose."""
+    return check_pose(T, q, scales=scales or Scales(), frames=FRAMES, arm=arm())
+
+
+def moved(x: float = 0.0, y: float = 0.0, z: float = 0.0, o: float = 0.0) -> pin.SE3:
+    """A frame: millimetres, and degrees about z."""
+    return pin.SE3(pin.exp3(np.array([0, 0, radians(o)])), np.array([x, y, z]) * 1e-3)
+
+
+def through_packet(T: pin.SE3, scales: Scales) -> pin.SE3:
+    """A pose as it comes out of a 101."""
+    oat = np.round(np.degrees(oat_from_R(T.rotation)) * scales.oat_per_deg) / scales.oat_per_deg
+    position_mm = np.round(T.translation * 1e3 * scales.position_per_mm) / scales.position_per_mm
+    return pin.SE3(R_from_oat(Oat(*np.radians(oat))), position_mm * 1e-3)
+
+
+joint_angles = st.tuples(
+    *(st.floats(low, high) for low, high in zip(arm().lower_rad, arm().upper_rad, strict=True))
+)
+
+
+@given(joint_angles, st.sampled_from([Scales(), COARSE, Scales(position_per_mm=98)]))
+@settings(max_examples=200)
+def test_a_right_pose_passes_in_every_posture_and_scale(q: tuple, scales: Scales) -> None:
+    """Both reports are rounded on their own; the tolerance knows by how much."""
+    joints = np.array(q)
+    reported = through_packet(arm().flange_pose(joints), scales)
+    units = np.round(np.degrees(joints) * scales.joint_per_deg)
+    q_reported = np.radians(units / scales.joint_per_deg)
+    assert judge(reported, q_reported, scales).word == "PASS"
+
+
+@given(joint_angles, st.floats(2.0, 500.0), st.integers(0, 2))
+def test_a_wrong_position_never_passes(q: tuple, wrong_mm: float, axis: int) -> None:
+    """Two millimetres are more than any rounding and more than any arm's own geometry."""
+    T = arm().flange_pose(np.array(q))
+    T.translation = T.translation + np.eye(3)[axis] * wrong_mm * 1e-3
+    line = judge(T, np.array(q))
+    assert line.word == "FAIL"
+    assert line.remedy
+
+
+FLANGE = arm().flange_pose(Q)
+MISTAKES = {
+    "TCP": (FLANGE * FRAMES.T_flange_tcp, "cell file's TCP", "pose.TOOL"),
+    "sensor": (FLANGE * FRAMES.T_flange_sensor, "sensor's frame", "pose.TOOL"),
+    "long tool": (FLANGE * moved(z=93.0), "TOOL (0.0, 0.0, 93.0", "pose.TOOL"),
+    "turned tool": (FLANGE * moved(o=17.0), "along the flange's axis", "pose.TOOL"),
+    "pedestal": (moved(z=360.0) * FLANGE, "BASE (0.0, 0.0, -360.0", "pose.BASE"),
+    "turned base": (moved(o=17.0) * FLANGE, "at another height or turned", "pose.BASE"),
+    "any base": (moved(100.0, 50.0, 20.0) * FLANGE, "BASE (-100.0, -50.0, -20.0", "pose.unclear"),
+    "scale": (pin.SE3(FLANGE.rotation, FLANGE.translation * 0.5), "0.5 times", "pose.scale"),
+}
+
+
+@pytest.mark.parametrize("name", MISTAKES)
+def test_a_mistake_of_frames_is_named(name: str) -> None:
+    """The numbers are those that the pendant would show."""
+    T, text, remedy = MISTAKES[name]
+    line = judge(T)
+    assert line.word == "FAIL"
+    assert text in line.found
+    assert line.remedy == REMEDIES[remedy]
+
+
+@pytest.mark.parametrize("joint", range(6))
+@pytest.mark.parametrize("kind", ["direction", "zero"])
+def test_a_joint_that_the_model_sees_otherwise_is_named(joint: int, kind: str) -> None:
+    """A wrong direction or a zero a quarter turn away shows in the pose."""
+    q = Q.copy()
+    q[joint] = -q[joint] if kind == "direction" else q[joint] - np.pi / 2
+    line = judge(arm().flange_pose(q))
+    text = "counts the other way" if kind == "direction" else "zero is -90 deg away"
+    assert f"joint {joint + 1}" in line.found
+    assert text in line.found
+    assert line.remedy == REMEDIES["pose.model"]
+
+
+def test_a_small_difference_is_a_warning() -> None:
+    """Half a millimetre: no frame that somebody has set."""
+    line = judge(moved(z=0.5) * FLANGE)
+    assert (line.word, line.remedy) == ("WARN", REMEDIES["pose.small"])
+
+
+def test_an_arm_with_other_limits_has_no_model() -> None:
+    """The joint limits of the cell file tell whether the one model is meant."""
+    low, high = (tuple(np.degrees(limit)) for limit in (arm().lower_rad, arm().upper_rad))
+    assert model_of(low, high) is not None
+    assert model_of(low, (*high[:5], 270.0)) is None
+    assert model_of((-160.0, *low[1:]), high) is None

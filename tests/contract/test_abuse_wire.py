@@ -21,7 +21,7 @@ from tests.fakes.hostile_stream import (
     Chop,
     Edit,
     Freeze,
-    Merge,
+    Gather,
     Reset,
     junk,
 )
@@ -115,25 +115,35 @@ def test_the_bounds_hold_under_the_worse_reading_of_every_open_question(
 # --- what must do no harm -------------------------------------------------------------------------
 
 HARMLESS: dict[str, Callable[[], Abuse]] = {
-    "255 bytes at once, cut anywhere": lambda: Chop(size=255),
-    "7 bytes at once": lambda: Chop(size=7),
-    "two packets at once": lambda: Merge(packets=2),
-    "packets and a half at once": lambda: Merge(packets=4),
-    "frozen for less than the watchdog": lambda: Freeze(after=400, for_ns=120 * MS),
+    "255-byte chunks": lambda: Gather(size=255),
+    "20 bytes a read": lambda: Chop(size=20),
+    "two packets merged": lambda: Gather(size=126),
+    "frozen for less than the watchdog": lambda: Freeze(after=400, for_ns=100 * MS),
 }
 
 
-@pytest.mark.parametrize("direction", [UP, DOWN])
 @pytest.mark.parametrize("name", HARMLESS)
-def test_how_bytes_are_cut_makes_no_difference(name: str, direction: str) -> None:
-    """A goal is done under one lease on one connection, and all that was said was understood."""
+def test_how_bytes_are_cut_makes_no_difference(name: str) -> None:
+    """Force feedback goes on in the controller, on one connection; all that was said is heard."""
     cell = HostileCell()
-    cell.network.standing = {direction: HARMLESS[name]}
-    cell.begin("goal")
-    assert cell.rig.advance(2.0, lambda: cell.rig.state.goal.state == "done")
+    cell.network.standing = {UP: HARMLESS[name], DOWN: HARMLESS[name]}
+    cell.begin("feedback")
+    cell.rig.advance(0.7)
+    assert cell.rig.state.hold_reason == ""
     assert len(cell.hops) == 1
-    if name != "255 bytes at once, cut anywhere":  # cut inside a packet only where 5 wait
-        assert cell.network.hop.lane(direction).abuse.bites
+    assert cell.network.hop.to_controller.abuse.bites
+    assert cell.network.hop.to_gateway.abuse.bites
+    cell.assert_nothing_misread()
+    assert len(cell.accepted) * PACKET_CHARS <= len(cell.network.hop.to_controller.passed)
+
+
+def test_one_byte_at_a_time_is_understood_by_the_program() -> None:
+    """Each byte is a TCP_RECV of its own: slow, and right."""
+    cell = HostileCell()
+    cell.rig.connect()
+    abuse = cell.network.strike(UP, Chop(size=1))
+    cell.assert_obeys_after_arming()
+    assert abuse.bites > 10 * PACKET_CHARS
     cell.assert_nothing_misread()
 
 

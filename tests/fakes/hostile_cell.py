@@ -5,6 +5,7 @@ either come from anywhere but the other's bytes; when was the arm commanded to m
 """
 
 from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -12,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from common.cell import Cell
-from common.clock import ManualClock
+from common.clock import ManualClock, MonotonicClock
 from common.convert import record_of
 from common.endpoints import Bus
 from common.messages import Feedback, Gains, RobotState, WrenchAtTcp
@@ -23,12 +24,13 @@ from services.gateway.service import Gateway
 from sim.controller.behaviour import Behaviour
 from sim.controller.compiled import Compiled, Op
 from sim.controller.machine import Machine
-from sim.controller.network import Network
+from sim.controller.network import Network, SocketNetwork
 from sim.controller.parser import load
 from sim.controller.service import ControllerSensor
 from sim.controller.wire import LockStepWire
 from tests.contract.rig import Rig, gateway_cell, pose_goal, shifted
 from tests.contract.robots import PORT, PROGRAM, Both
+from tests.fakes.hostile_proxy import HostileProxy
 from tests.fakes.hostile_stream import Hop
 from tests.fakes.hostile_wire import HostileNetwork
 
@@ -53,7 +55,6 @@ class HostileCell:
 
     def __init__(self, behaviour: Behaviour = QUICK, **overrides: object) -> None:
         """Start everything at one virtual instant."""
-        self.network = HostileNetwork()
         self._behaviour = behaviour
         self.accepted: list[Accepted] = []  # framed by the receiver
         self.taken: list[Accepted] = []  # by the robot program
@@ -61,15 +62,17 @@ class HostileCell:
         self.commands: list[np.ndarray] = []
         self.joints: list[np.ndarray] = []
         self.rig = self._make_rig(overrides)
-        self.machine.after_tick.append(lambda: self.network.pump(self.machine.now_ns))
 
     def _make_rig(self, overrides: dict[str, object]) -> Rig:
+        self.network = HostileNetwork()
         return Rig(hostile_cell(PORT, **overrides), ManualClock(), self._make)
 
     def _make(self, bus: Bus, cell: Cell) -> Service:
         self.wire = LockStepWire(self.network, PORT, News)
         self.gateway = Gateway(bus, cell, self.wire)
-        return Both(self.gateway, Runner(self._controller(bus, cell, self.network), [], bus.clock))
+        controller = self._controller(bus, cell, self.network)
+        self.machine.after_tick.append(lambda: self.network.pump(self.machine.now_ns))
+        return Both(self.gateway, Runner(controller, [], bus.clock))
 
     def _controller(self, bus: Bus, cell: Cell, network: Network) -> ControllerSensor:
         self.controller = ControllerSensor(
@@ -177,6 +180,41 @@ class HostileCell:
         for state in self.rig.states:
             if state.valid:
                 assert any(_is_sample(state, sample) for sample in left), state
+
+
+class SocketCell(HostileCell):
+    """The same on real sockets, through a proxy, in real time; the gateway with its own link."""
+
+    def __init__(self, stack: ExitStack, **overrides: object) -> None:
+        """Open everything; the stack closes it."""
+        self._stack = stack
+        super().__init__(QUICK, **({"rates.robot_hz": 20} | overrides))
+
+    def _make_rig(self, overrides: dict[str, object]) -> Rig:
+        self.sockets = SocketNetwork(port=0)
+        self.proxy = self._stack.enter_context(HostileProxy(lambda: self.sockets.bound.get(PORT)))
+        return Rig(hostile_cell(self.proxy.port, **overrides), MonotonicClock(), self._make)
+
+    def _make(self, bus: Bus, cell: Cell) -> Service:
+        self.gateway = Gateway(bus, cell)
+        self._stack.callback(self.gateway.close)
+        controller = self._controller(bus, cell, self.sockets)
+        self._stack.callback(controller.close)
+        return Both(self.gateway, Runner(controller, [], bus.clock))
+
+    @property
+    def hops(self) -> list[Hop]:
+        """Every connection that the gateway has made so far."""
+        return self.proxy.hops
+
+
+class LoneController(SocketCell):
+    """The controller and the proxy; the gateway is somebody else's process."""
+
+    def _make(self, bus: Bus, cell: Cell) -> Service:
+        controller = self._controller(bus, cell, self.sockets)
+        self._stack.callback(controller.close)
+        return controller
 
 
 def hostile_cell(port: int, **overrides: object) -> Cell:

@@ -43,24 +43,30 @@ class Chop(Abuse):
 
 
 @dataclass
-class Merge(Abuse):
-    """Packets wait for each other, at most some time: a peer that waits for an answer gets it."""
+class Gather(Abuse):
+    """Bytes wait until a chunk is full, at most some time: a peer that waits for an answer gets it.
 
-    packets: int = 2
-    wait_ns: int = 30 * MS
+    126 is two packets merged; 255 is four packets and the head of a fifth.
+    """
+
+    size: int = 2 * PACKET_CHARS
+    wait_ns: int = 100 * MS
     _since_ns: int | None = None
 
     def pass_on(self, waiting: bytearray, now_ns: int) -> list[bytes]:
-        """Write several packets at once; a bite is a piece of more than one."""
+        """Write full chunks, and the rest when it has waited; a bite is a full chunk."""
+        pieces = []
+        while len(waiting) >= self.size:
+            pieces.append(_take(waiting, self.size))
+            self.bites, self._since_ns = self.bites + 1, None
         if not waiting:
-            return []
+            self._since_ns = None
+            return pieces
         self._since_ns = now_ns if self._since_ns is None else self._since_ns
-        enough = len(waiting) >= self.packets * PACKET_CHARS
-        if not enough and now_ns - self._since_ns < self.wait_ns:
-            return []
-        self._since_ns = None
-        self.bites += len(waiting) > PACKET_CHARS
-        return list(_pieces(waiting, len(waiting)))
+        if now_ns - self._since_ns >= self.wait_ns:
+            self._since_ns = None
+            pieces.append(_take(waiting, len(waiting)))
+        return pieces
 
 
 @dataclass

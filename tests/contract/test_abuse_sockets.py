@@ -1,0 +1,138 @@
+"""The same abuses on real sockets: a proxy between the gateway's own link and the controller.
+
+Bounds are in the controller's own time, so a slow machine does not make them longer.
+"""
+
+import random
+import socket
+import subprocess
+import sys
+from collections.abc import Callable
+from contextlib import ExitStack
+from pathlib import Path
+
+import pytest
+
+from common.packet import Packet, encode
+from common.packet_table import Com
+from tests.contract.robots import PORT
+from tests.contract.test_abuse_wire import BREAKING, DOWN, MOTIONS, UP
+from tests.fakes.hostile_cell import LoneController, SocketCell
+from tests.fakes.hostile_stream import Abuse, Chop, Freeze, Gather
+
+ROOT = Path(__file__).resolve().parents[2]
+LATE_S = 0.02  # the proxy's thread and the loop that steps gateway and controller take turns
+# Loopback brings a pose later than the wire in memory: the gateway calls it stale after 250 ms.
+TO_GATEWAY_S = 0.1
+CASES = [
+    *((name, UP, MOTIONS[n % len(MOTIONS)]) for n, name in enumerate(BREAKING)),
+    ("half a packet, then silence", DOWN, "goal"),
+    ("a byte replaced", DOWN, "stream"),
+    ("a reset", DOWN, "feedback"),
+]
+
+
+@pytest.mark.parametrize(("name", "direction", "motion"), CASES)
+def test_an_abuse_ends_in_a_hold_that_only_arming_ends(
+    name: str, direction: str, motion: str
+) -> None:
+    """As in lock step; the gateway's link finds out by itself and connects again."""
+    case = BREAKING[name]
+    with ExitStack() as stack:
+        cell = SocketCell(stack)
+        cell.begin(motion)
+        abuse = cell.proxy.strike(direction, case.make(random.Random(name)))
+        cell.rig.until(lambda: abuse.bites)
+        bitten_ns = cell.machine.now_ns
+        cell.rig.advance(0.8)
+        took_s = (cell.stopped_ns(bitten_ns) - bitten_ns) / 1e9
+        assert took_s <= case.bound_s + LATE_S + (TO_GATEWAY_S if direction == DOWN else 0.0)
+        assert cell.rig.state.hold_reason
+        cell.assert_stays(3.0 if isinstance(abuse, Freeze) else 0.3)
+        cell.rig.wrench = None
+        cell.assert_obeys_after_arming()
+        assert len(cell.hops) >= 2
+        cell.assert_nothing_misread()
+
+
+@pytest.mark.parametrize(
+    "make",
+    [lambda: Chop(size=1), lambda: Gather(size=255), lambda: Gather(size=126)],
+    ids=["1-byte writes", "255-byte chunks", "two packets merged"],
+)
+def test_how_bytes_are_cut_makes_no_difference(make: Callable[[], Abuse]) -> None:
+    """Both directions at once: a goal is done, and all that was said was understood."""
+    with ExitStack() as stack:
+        cell = SocketCell(stack)
+        cell.proxy.standing = {UP: make, DOWN: make}
+        cell.begin("goal")
+        cell.assert_obeys_after_arming()
+        assert any(hop.to_controller.abuse.bites for hop in cell.hops)
+        assert any(hop.to_gateway.abuse.bites for hop in cell.hops)
+        cell.assert_nothing_misread()
+
+
+def test_a_gateway_that_vanishes_without_closing_is_missed_and_the_next_one_served() -> None:
+    """The proxy answers nothing and closes nothing; both ends find out by themselves."""
+    with ExitStack() as stack:
+        cell = SocketCell(stack)
+        cell.begin("feedback")
+        gone_ns = cell.machine.now_ns
+        cell.proxy.vanish()
+        cell.rig.advance(0.6)
+        took_s = (cell.stopped_ns(gone_ns) - gone_ns) / 1e9
+        assert took_s <= BREAKING["half a packet, then silence"].bound_s + LATE_S
+        cell.assert_stays(1.5)
+        cell.rig.wrench = None
+        cell.assert_obeys_after_arming()
+        assert len(cell.hops) >= 2
+        cell.assert_nothing_misread()
+
+
+def test_a_second_client_is_not_heard_while_the_gateway_is_connected() -> None:
+    """Hello and hold of a stranger wait in the backlog; nothing comes back, the goal is done."""
+    hello = encode(Packet(1, Com.HELLO, 1, (50, 500, 250, 100, 1000, 10)))
+    with ExitStack() as stack:
+        cell = SocketCell(stack)
+        cell.begin("goal")
+        held = cell.machine.memory.read("fm.hseq")
+        stranger = stack.enter_context(
+            socket.create_connection(("127.0.0.1", cell.sockets.bound[PORT]))
+        )
+        stranger.sendall(hello + encode(Packet(2, Com.HOLD)))
+        stranger.setblocking(False)
+        cell.rig.advance(0.3)
+        assert cell.machine.memory.read("fm.hseq") == held
+        with pytest.raises(BlockingIOError):
+            stranger.recv(1)
+        cell.assert_nothing_misread()
+
+
+@pytest.mark.processes
+def test_a_gateway_that_is_killed_while_force_feedback_runs_leaves_an_arm_that_holds() -> None:
+    """SIGKILL; and one that is started again moves nothing before a person arms."""
+    with ExitStack() as stack:
+        cell = LoneController(stack)
+
+        def start(what: str) -> subprocess.Popen[str]:
+            words = [sys.executable, "-m", "tests.fakes.hostile_gateway", str(cell.proxy.port)]
+            process = stack.enter_context(subprocess.Popen([*words, what], cwd=ROOT, text=True))
+            stack.callback(process.kill)
+            return process
+
+        gateway = start("feedback")
+        cell.rig.until(lambda: cell.machine.memory.read("fm.mode") == 1.0, within_s=30.0)
+        cell.rig.until(lambda: cell.moves)
+        cell.rig.advance(0.2)
+        killed_ns = cell.machine.now_ns
+        gateway.kill()
+        cell.rig.advance(0.6)
+        assert (cell.stopped_ns(killed_ns) - killed_ns) / 1e9 <= BREAKING[
+            "a reset"
+        ].bound_s + LATE_S
+        assert cell.machine.memory.read("fm.mode") == 0.0
+        cell.assert_stays(0.5)
+        start("idle")
+        cell.rig.until(lambda: cell.machine.memory.read("fm.link") == 1.0, within_s=30.0)
+        cell.assert_stays(1.0)
+        cell.assert_nothing_misread()

@@ -20,6 +20,7 @@ GAINS = Gains(
 )
 SETTLE_S = 0.15  # delays of all robots on the way there
 RUN_S = 0.6
+PUSHES = [(0, 1), (1, 1), (2, 1), (2, -1)]  # base axis, sign
 
 
 def unit(axis: int, size: float) -> Vec3:
@@ -49,8 +50,7 @@ def pushed(rig: Rig) -> Rig:
 # --- directions -----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("sign", [1, -1])
-@pytest.mark.parametrize("axis", range(3))
+@pytest.mark.parametrize(("axis", "sign"), PUSHES)
 def test_a_force_makes_the_arm_give_way_along_it_at_gain_times_force(
     pushed: Rig, axis: int, sign: int
 ) -> None:
@@ -64,8 +64,7 @@ def test_a_force_makes_the_arm_give_way_along_it_at_gain_times_force(
     assert np.linalg.norm(turned_rad) < 2e-4
 
 
-@pytest.mark.parametrize("sign", [1, -1])
-@pytest.mark.parametrize("axis", range(3))
+@pytest.mark.parametrize(("axis", "sign"), PUSHES)
 def test_a_torque_turns_the_tool_about_its_centre_point(pushed: Rig, axis: int, sign: int) -> None:
     """About the base axis through the TCP of the cell file: it stays, the flange swings."""
     rig = pushed

@@ -147,6 +147,7 @@ class FakeController:
     def _cycle(self, now: float, dt_s: float) -> None:
         if not self.tantrums.stalled:
             self.robot.take()
+            self.robot.correct(now)
         self.robot.move(dt_s)
         if self._armed and now - self._heard_at > self.robot.watchdog_s:
             self._lost("watchdog")
@@ -190,7 +191,7 @@ class FakeController:
         else:
             self._armed |= com not in SETTINGS
             if com == Com.WRENCH:
-                robot.correct(packet, self._heard_at)
+                robot.wrench = packet
             elif com == Com.FEEDBACK and packet.param == FeedbackSwitch.STOP:
                 robot.status &= ~FEEDBACK_BITS
             elif com != Com.HEARTBEAT:

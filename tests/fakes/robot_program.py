@@ -43,6 +43,7 @@ class RobotProgram:
     tcp: VecInt = ZERO_VEC
     limits: VecInt = ZERO_VEC
     feedback: PiFeedback | None = None  # of the run in progress
+    wrench: Packet | None = None  # the newest one, not used yet
 
     def take(self) -> None:
         """Execute the oldest command of the ring, if there is one."""
@@ -78,10 +79,11 @@ class RobotProgram:
         self.status = (self.status & ~FEEDBACK_BITS) | Status.HELD
         self.held_id = id_
 
-    def correct(self, packet: Packet, now_s: float) -> None:
-        """Force feedback: one more wrench, one more target; a broken limit ends it in hold."""
+    def correct(self, now_s: float) -> None:
+        """Force feedback: the newest wrench, once, is one more target; a broken limit is a hold."""
+        packet, self.wrench = self.wrench, None
         runs = [bool(self.status & bit) for bit in FEEDBACK_BITS]
-        if self.feedback is None or not any(runs):
+        if packet is None or self.feedback is None or not any(runs):
             return
         T = self.feedback.next_flange(
             np.array(packet.vec) * np.repeat(runs, 3) / np.repeat(self.scales[3:5], 3),
@@ -119,7 +121,7 @@ class RobotProgram:
 
     def _start_feedback(self) -> None:
         self.feedback = PiFeedback(self.arm.pose(self.joint_rad), self._pose(self.tcp))
-        self.target_rad, self.rate_rad_s = self.joint_rad.copy(), np.inf
+        self.target_rad, self.rate_rad_s, self.wrench = self.joint_rad.copy(), np.inf, None
 
     def _kept(self) -> KeptLimits:
         step, turn, speed, travel, force, _ = self.limits

@@ -8,7 +8,7 @@ from typing import Literal, get_args
 
 from rich.table import Table
 
-from cli.demo_cell import DEFAULT_SETPOINT_N, DEFAULT_TILT_DEG, demo_cell, surface_of
+from cli.demo_cell import DEFAULT_SETPOINT_N, DEFAULT_TILT_DEG, Trial, demo_cell, surface_of
 from cli.demo_play import play_virtual
 from cli.measures import Result, measure
 from cli.scenario import Plan
@@ -34,10 +34,11 @@ def run(case: Case) -> Result:
     """Play one case with the documented gain rule."""
     cell = demo_cell(
         CELL,
-        stiffness_N_m=case.stiffness_N_m,
-        delay_s=case.delay_ms / 1e3,
-        tilt_deg=DEFAULT_TILT_DEG[case.mode],
-        seed=None,
+        Trial(
+            tilt_deg=DEFAULT_TILT_DEG[case.mode],
+            stiffness_N_m=case.stiffness_N_m,
+            delay_s=case.delay_ms / 1e3,
+        ),
     )
     plan = Plan(mode=case.mode, setpoint_N=DEFAULT_SETPOINT_N[case.mode])
     trace = play_virtual(cell, plan, lambda *_: None, 0.0)

@@ -31,6 +31,8 @@ Stiffness = Annotated[float | None, typer.Option("--stiffness", rich_help_panel=
 DelayMs = Annotated[float | None, typer.Option("--delay-ms", rich_help_panel=PLATE, help="Of the controller [ms].")]
 TiltDeg = Annotated[float | None, typer.Option("--tilt-deg", rich_help_panel=PLATE, help="Of the plate; 0, in mode orientation and both 5.")]
 Seed = Annotated[int | None, typer.Option("--seed", rich_help_panel=PLATE, help="Of the sensor's noise.")]
+AsStepMs = Annotated[float | None, typer.Option("--as-step-ms", rich_help_panel=PLATE, help="Of the emulated controller: time of one AS step [ms].")]
+Pessimistic = Annotated[bool, typer.Option("--pessimistic", rich_help_panel=PLATE, help="It takes the worse reading of every open question.")]
 Virtual = Annotated[bool, typer.Option("--virtual", help="In one process, faster than time.")]
 Linger = Annotated[float, typer.Option("--linger", min=0.0, help="Keep the cell up so long after a failure [s].")]
 Out = Annotated[Path, typer.Option("--out", help="Folder for plot and picture.")]
@@ -50,6 +52,8 @@ def demo(
     delay_ms: DelayMs = None,
     tilt_deg: TiltDeg = None,
     seed: Seed = None,
+    as_step_ms: AsStepMs = None,
+    pessimistic: Pessimistic = False,
     virtual: Virtual = False,
     linger: Linger = 5.0,
     out: Out = Path("out"),
@@ -59,7 +63,13 @@ def demo(
     from rich.console import Console
     from rich.markup import escape
 
-    from cli.demo_cell import DEFAULT_SETPOINT_N, DEFAULT_TILT_DEG, check_plan, demo_cell
+    from cli.demo_cell import (
+        DEFAULT_SETPOINT_N,
+        DEFAULT_TILT_DEG,
+        Trial,
+        check_plan,
+        demo_cell,
+    )
     from cli.demo_play import live_progress, play_real, play_virtual
     from cli.scenario import Plan, ScenarioError
 
@@ -74,10 +84,14 @@ def demo(
     try:
         cell = demo_cell(
             cell_file or default_cell_file(),
-            stiffness_N_m=stiffness,
-            delay_s=None if delay_ms is None else delay_ms / 1e3,
-            tilt_deg=DEFAULT_TILT_DEG[mode] if tilt_deg is None else tilt_deg,
-            seed=seed,
+            Trial(
+                tilt_deg=DEFAULT_TILT_DEG[mode] if tilt_deg is None else tilt_deg,
+                stiffness_N_m=stiffness,
+                delay_s=None if delay_ms is None else delay_ms / 1e3,
+                seed=seed,
+                as_step_s=None if as_step_ms is None else as_step_ms / 1e3,
+                pessimistic=pessimistic,
+            ),
         )
         check_plan(cell, plan)
         with live_progress(screen, plan) as progress:

@@ -1,5 +1,6 @@
 """The cell that the demo runs: the cell file with the plate and the delay that were asked for."""
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -18,14 +19,19 @@ DEFAULT_SETPOINT_N = {"position": 0.0, "orientation": 0.0, "both": 10.0}
 LEAST_PRESS_N = 5.0
 
 
-def demo_cell(
-    path: Path,
-    *,
-    stiffness_N_m: float | None,
-    delay_s: float | None,
-    tilt_deg: float,
-    seed: int | None,
-) -> Cell:
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """What the demo puts in the place of the cell file's own; None leaves that as it is."""
+
+    tilt_deg: float = 0.0
+    stiffness_N_m: float | None = None
+    delay_s: float | None = None
+    seed: int | None = None
+    as_step_s: float | None = None
+    pessimistic: bool = False
+
+
+def demo_cell(path: Path, trial: Trial) -> Cell:
     """Load a cell file with the demo's options put in; the gain rule is told the same.
 
     The plate rests on springs at its corners, so its tilt stiffness goes with its stiffness.
@@ -33,23 +39,41 @@ def demo_cell(
     Raises:
         ConfigError: The cell file or an option is wrong.
     """
-    overrides: dict[str, object] = {"sim.tilt_deg": tilt_deg}
-    if stiffness_N_m is not None:
-        overrides["sim.stiffness_N_m"] = stiffness_N_m
-        overrides["contact.stiffness_N_m"] = stiffness_N_m
-    if delay_s is not None:
-        plain = load_cell(path)
+    overrides: dict[str, object] = {"sim.tilt_deg": trial.tilt_deg}
+    if trial.seed is not None:
+        overrides["sim.seed"] = trial.seed
+    if trial.as_step_s is not None or trial.pessimistic:
+        overrides |= _controller(load_cell(path), trial)
+    if trial.delay_s is not None:
+        plain = load_cell(path, overrides)
         own_s = 0.0 if plain.sim is None else plain.robot.delay_s - plain.sim.delay_s
-        overrides["sim.delay_s"] = delay_s
-        overrides["robot.delay_s"] = delay_s + own_s  # what a controller's program adds stays
-    if seed is not None:
-        overrides["sim.seed"] = seed
+        overrides["sim.delay_s"] = trial.delay_s
+        overrides["robot.delay_s"] = trial.delay_s + own_s  # what a program adds stays
+    if trial.stiffness_N_m is not None:
+        overrides["sim.stiffness_N_m"] = trial.stiffness_N_m
+        overrides["contact.stiffness_N_m"] = trial.stiffness_N_m
+        stiffer = plate_of(load_cell(path, overrides))
+        overrides["contact.tilt_stiffness_Nm_rad"] = stiffer.plate_tilt_stiffness_Nm_rad
     cell = load_cell(path, overrides)
-    if stiffness_N_m is not None:
-        overrides["contact.tilt_stiffness_Nm_rad"] = plate_of(cell).plate_tilt_stiffness_Nm_rad
-        cell = load_cell(path, overrides)
     plate_of(cell)
     return cell
+
+
+def _controller(plain: Cell, trial: Trial) -> dict[str, object]:
+    """Return what another speed of the emulated controller changes.
+
+    All that its program takes, and so its delay and the rate of its reports, goes with the step.
+    """
+    if plain.sim is None or plain.roles.robot != "gateway":
+        text = "--as-step-ms and --pessimistic are for a cell with an emulated controller"
+        raise ConfigError(plain.cell, [f"{text}, such as cells/demo-tcp.yaml"])
+    ratio = 1.0 if trial.as_step_s is None else trial.as_step_s / plain.sim.as_step_s
+    return {
+        "sim.as_step_s": plain.sim.as_step_s * ratio,
+        "sim.as_pessimistic": trial.pessimistic or plain.sim.as_pessimistic,
+        "robot.delay_s": plain.robot.delay_s * ratio,
+        "rates.robot_hz": plain.rates.robot_hz / ratio,
+    }
 
 
 def plate_of(cell: Cell) -> SimSettings:

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from cli.demo_cell import DEFAULT_SETPOINT_N, DEFAULT_TILT_DEG, demo_cell, surface_of
+from cli.demo_cell import DEFAULT_SETPOINT_N, DEFAULT_TILT_DEG, Trial, demo_cell, surface_of
 from cli.demo_play import play_virtual
 from cli.measures import Result, measure
 from cli.scenario import Plan, ScenarioError
@@ -20,10 +20,11 @@ def play(mode, stiffness_N_m, *, delay_ms, tilt_deg=None, press_N=30.0) -> Resul
     """Run the demo's script with the documented gain rule and return its numbers."""
     cell = demo_cell(
         CELL,
-        stiffness_N_m=stiffness_N_m,
-        delay_s=delay_ms / 1e3,
-        tilt_deg=DEFAULT_TILT_DEG[mode] if tilt_deg is None else tilt_deg,
-        seed=None,
+        Trial(
+            tilt_deg=DEFAULT_TILT_DEG[mode] if tilt_deg is None else tilt_deg,
+            stiffness_N_m=stiffness_N_m,
+            delay_s=delay_ms / 1e3,
+        ),
     )
     plan = Plan(mode=mode, press_N=press_N, setpoint_N=DEFAULT_SETPOINT_N[mode])
     trace = play_virtual(cell, plan, lambda *_: None, 0.0)
@@ -73,7 +74,7 @@ def test_mode_both_lays_the_disc_flat_on_the_plate(tilt_deg):
 
 def test_a_gain_for_a_plate_ten_times_softer_is_stopped_by_the_force_ceiling():
     """The measure can fail: far too hot a gain does not settle, and the arm is held."""
-    cell = demo_cell(CELL, stiffness_N_m=1e5, delay_s=0.01, tilt_deg=0.0, seed=None)
+    cell = demo_cell(CELL, Trial(stiffness_N_m=1e5, delay_s=0.01))
     softer = cell.contact.model_copy(update={"stiffness_N_m": 1e4})
     cell = cell.model_copy(update={"contact": softer})
 

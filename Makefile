@@ -20,10 +20,10 @@ endif
 endif
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test check format readme bench fuzz lock clean
+.PHONY: help setup demo test check format readme bench bench-tcp fuzz lock clean
 
 help: ## list these targets
-	@grep -hE '^[a-z]+:.*##' Makefile | sed -E 's/:[^#]*## */\t/' | expand -t 10
+	@grep -hE '^[a-z-]+:.*##' Makefile | sed -E 's/:[^#]*## */\t/' | expand -t 10
 
 setup: $(STAMP) ## make .venv from the lock (once; again when the lock changes)
 
@@ -54,6 +54,9 @@ readme: setup ## write the bus table of common/topics.py into README.md
 
 bench: setup ## measure what the README states
 	@$(BIN)/python -m bench $(ARGS)
+
+bench-tcp: setup ## play the demo over TCP in every combination: ARGS=--write makes docs/over-tcp.md
+	@$(BIN)/python -m bench.over_tcp $(ARGS)
 
 fuzz: setup ## look for inputs that break the readers, FUZZ_SECONDS=60 for each: ARGS=receiver
 	@$(BIN)/python -m fuzz --seconds $(FUZZ_SECONDS) $(ARGS)

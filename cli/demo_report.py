@@ -41,6 +41,8 @@ def table(result: Result, plan: Plan) -> Table:
     if result.chain_latency_us_p50 is not None and result.chain_latency_us_p99 is not None:
         p50, p99 = result.chain_latency_us_p50, result.chain_latency_us_p99
         rows.add_row("whole chain", f"{p50:.0f} / {p99:.0f} us", "sensor to robot, p50 / p99")
+    for name, number in result.robot_numbers.items():
+        rows.add_row(name, f"{number:.3g}", "from robot/health")
     return rows
 
 

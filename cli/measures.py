@@ -59,6 +59,7 @@ class Result:
     chain_latency_us_p50: float | None
     chain_latency_us_p99: float | None
     hops_us: dict[str, tuple[float, float]]  # p50, p99 from one stage to the next
+    robot_numbers: dict[str, float]  # what the robot's process measured, units in the names
 
     def as_dict(self) -> dict[str, object]:
         """Return what `--json` prints."""
@@ -85,6 +86,7 @@ def measure(trace: Trace, plan: Plan, surface: Surface, tau_s: float) -> Result:
         chain_latency_us_p50=chain[0] if chain else None,
         chain_latency_us_p99=chain[1] if chain else None,
         hops_us=hops_us(trace),
+        robot_numbers=trace.robot_numbers,
     )
 
 

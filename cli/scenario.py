@@ -46,6 +46,7 @@ class Plan:
     press_N: float = 30.0
     setpoint_N: float = 0.0
     timeout_s: float = 60.0
+    settled_for_s: float = SETTLED_FOR_S  # so long it must stay within the band
 
     def within(self, sample: "Sample") -> bool:
         """Tell whether a sample is where this job wants to settle."""
@@ -82,6 +83,7 @@ class Trace:
     work: list[Sample] = field(default_factory=list)
     settled_at_s: float | None = None
     stages: dict[str, dict[int, int]] = field(default_factory=dict)  # stage: sensor seq: age [ns]
+    robot_numbers: dict[str, float] = field(default_factory=dict)  # of its health, at the end
 
 
 class Scenario:
@@ -96,6 +98,7 @@ class Scenario:
         self._wrench = client.reader(topics.WRENCH)
         self._target = client.reader(topics.REGULATOR_TARGET)
         self._command = client.reader(topics.ROBOT_COMMAND)
+        self._robot_health = client.reader(topics.ROBOT_HEALTH)
         self._start_ns = self._clock.now_ns()
         self.trace = Trace()
 
@@ -106,6 +109,8 @@ class Scenario:
         self._ask(topics.ARM, Empty())
         self._press()
         self._work()
+        health = self._robot_health.read(self._clock.now_ns()).message
+        self.trace.robot_numbers = {} if health is None else dict(health.numbers)
         self._ask(topics.FORCE_STOP, Empty())
         return self.trace
 
@@ -162,7 +167,7 @@ class Scenario:
                 inside_since_s = None
             elif inside_since_s is None:
                 inside_since_s = sample.t_s
-            elif sample.t_s - inside_since_s >= SETTLED_FOR_S:
+            elif sample.t_s - inside_since_s >= plan.settled_for_s:
                 trace.settled_at_s = inside_since_s
                 return
             if sample.t_s > plan.timeout_s:

@@ -33,7 +33,7 @@ from services.gateway.goals import Measured, Track
 from services.gateway.guard import Guard
 
 FEEDBACK_STARTS_WITHIN_S = 1.0
-CENTRE_STEP_M = 1e-3  # a smaller way of the point of contact is not worth a command
+CENTRE_STEP_M = 3e-3  # a smaller way of the point of contact is not worth a command
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,0 +1,149 @@
+"""The main job through gateway, TCP and the program in the emulated controller: every combination.
+
+The step time of the emulated controller makes the program of force feedback go round about 15 or
+about 60 times a second; `pessimistic` takes the worse reading of every open question.
+"""
+
+from collections.abc import Callable, Iterable
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from itertools import product
+from pathlib import Path
+from typing import Annotated, get_args
+
+from rich.console import Console
+from rich.markdown import Markdown
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+from typer import Option
+from typer import run as run_typer
+
+from bench.settling import MODES, STIFFNESSES_N_M
+from cli.demo_cell import DEFAULT_SETPOINT_N, DEFAULT_TILT_DEG, Trial, demo_cell, surface_of
+from cli.demo_play import play_real, play_virtual
+from cli.measures import Result, measure
+from cli.scenario import Plan, ScenarioError, Trace
+from common.cell import Cell
+from common.messages import Host, Mode
+from services.regulator.tuning import tune
+
+HOSTS: tuple[Host, ...] = get_args(Host)
+FAST_S, SLOW_S = 0.000125, 0.0003
+STAYS_S = 5.0  # longer than the window in which the gateway counts
+
+ROOT = Path(__file__).resolve().parent.parent
+CELL = ROOT / "cells" / "demo-tcp.yaml"
+PAGE = ROOT / "docs" / "over-tcp.md"
+HEAD = """# The main job over TCP
+
+The demo of the README with the real gateway, TCP, and `controller/forcemesh.as` executed by the
+emulated controller: pressed with 30 N, then force feedback to its aim (0 N; mode both: 10 N on a
+plate tilted 5 degrees), with the gains of the documented rule. Settled means within 1 N and 0.1 N m
+for five seconds. Loop is how often the program goes round while force feedback runs, by its own
+counter in command 103; with host pc it goes round once for a new pose. Sender is how often a pose
+comes from the controller. Pessimistic is the worse reading of every question that the controller's
+manuals leave open. Played {how}; made by `{command}`.
+
+| host, mode, stiffness | AS step | settling | overshoot | loop | sender |
+|---|---|---:|---:|---:|---:|"""
+
+Play = Callable[[Cell, Plan], Trace]
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """One row of the table."""
+
+    host: Host
+    mode: Mode
+    stiffness_N_m: float
+    as_step_s: float
+    pessimistic: bool
+
+
+def in_lock_step(cell: Cell, plan: Plan) -> Trace:
+    """Play on the virtual clock: the same on every machine, to the last digit."""
+    return play_virtual(cell, plan, lambda *_: None, 0.0)
+
+
+def in_processes(cell: Cell, plan: Plan) -> Trace:
+    """Play in real processes over a real socket."""
+    return play_real(cell, plan, lambda *_: None, 0.0)
+
+
+def cases() -> list[Case]:
+    """Return every combination, the fast controller first."""
+    choices = product((FAST_S, SLOW_S), (False, True), HOSTS, MODES, STIFFNESSES_N_M)
+    return [
+        Case(host, mode, stiffness_N_m, as_step_s, pessimistic)
+        for as_step_s, pessimistic, host, mode, stiffness_N_m in choices
+    ]
+
+
+def run(case: Case, play: Play = in_lock_step) -> Result:
+    """Play one case with the documented gain rule. Raises ScenarioError if the arm was stopped."""
+    cell = demo_cell(
+        CELL,
+        Trial(
+            tilt_deg=DEFAULT_TILT_DEG[case.mode],
+            stiffness_N_m=case.stiffness_N_m,
+            as_step_s=case.as_step_s,
+            pessimistic=case.pessimistic,
+        ),
+    )
+    plan = Plan(
+        mode=case.mode,
+        host=case.host,
+        setpoint_N=DEFAULT_SETPOINT_N[case.mode],
+        settled_for_s=STAYS_S,
+    )
+    return measure(play(cell, plan), plan, surface_of(cell), tune(cell).tau_s)
+
+
+def row_of_real(case: Case) -> tuple[str, ...]:
+    """Return the same from real processes."""
+    return row(case, in_processes)
+
+
+def row(case: Case, play: Play = in_lock_step) -> tuple[str, ...]:
+    """Return what the table says of a case."""
+    name = f"{case.host}, {case.mode}, {case.stiffness_N_m:g} N/m"
+    controller = f"{case.as_step_s * 1e3:g} ms{', pessimistic' if case.pessimistic else ''}"
+    try:
+        result = run(case, play)
+    except ScenarioError as error:
+        return name, controller, "stopped", str(error), "", ""
+    settling = "not settled"
+    if result.settling_s is not None:
+        taus = result.settling_s / result.tau_s
+        settling = f"{result.settling_s * 1e3:.0f} ms, {taus:.1f} tau"
+    rates = [result.robot_numbers.get(key) for key in ("program_loop_hz", "sender_hz")]
+    loop, sender = ("unknown" if rate is None else f"{rate:.0f} /s" for rate in rates)
+    return name, controller, settling, f"{result.overshoot_pct:.1f} %", loop, sender
+
+
+def page(rows: Iterable[tuple[str, ...]], *, real: bool) -> str:
+    """Return the page of the documentation that shows every case."""
+    how = "in real processes over a real socket" if real else "in lock step on the virtual clock"
+    lines = [HEAD.format(how=how, command="make bench-tcp" + (" ARGS=--real" if real else ""))]
+    lines += ["| " + " | ".join(cells) + " |" for cells in rows]
+    return "\n".join(lines) + "\n"
+
+
+def main(
+    *,
+    real: Annotated[bool, Option(help="Real processes and sockets; about half an hour.")] = False,
+    write: Annotated[bool, Option(help="Write docs/over-tcp.md.")] = False,
+) -> None:
+    """Play every case and show, or write, the table."""
+    columns = [TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn()]
+    with Progress(*columns, console=Console(stderr=True)) as bar, ProcessPoolExecutor() as pool:
+        rows = map(row_of_real, cases()) if real else pool.map(row, cases())
+        text = page(bar.track(rows, total=len(cases())), real=real)
+    if write:
+        PAGE.write_text(text)
+    else:
+        Console().print(Markdown(text))
+
+
+if __name__ == "__main__":
+    run_typer(main)

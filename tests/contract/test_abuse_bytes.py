@@ -1,0 +1,157 @@
+"""What the program that ships takes for a packet, byte by byte, against an independent reading.
+
+There is no checksum in the protocol: a digit that becomes another digit inside the six numbers is
+a good packet with another number, and TCP's own checksum is all that stands before it. So the law
+here is equality with a reference, not "every change is seen"; where a change is seen for certain
+is stated beside it.
+"""
+
+import re
+from functools import cache
+
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+
+from common.packet import FRAME_STRIDE, PACKET_CHARS, Packet, encode
+from common.packet_table import TABLE, Com, next_id
+from sim.controller.machine import Machine
+from sim.controller.network import MemoryNetwork
+from sim.controller.parser import load
+from sim.robot.arm import SimArm
+from sim.robot.settings import SimSettings
+from tests.contract.robots import PORT, PROGRAM
+from tests.fakes.hostile_cell import QUICK, Accepted, watch_program
+
+WELL_FORMED = re.compile(rb"(?:(?:-[0-9]{5}|[0-9]{6}) ){9}")
+NO_VECTOR = {Com.FEEDBACK, Com.HOLD, Com.HEARTBEAT}
+OURS = {com for com in TABLE if com < Com.POSE}
+HELLO = Packet(700, Com.HELLO, 1, (50, 500, 250, 100, 1000, 10))
+TALK = (
+    HELLO,
+    Packet(701, Com.HOLD),
+    Packet(702, Com.LIMITS, 0, (50, 500, 100, 1000, 5000, 250)),
+    Packet(703, Com.GAINS, 1, (10, 0, 10, 0, 10, 0)),
+    Packet(704, Com.WRENCH, 0, (-99999, 999999, -1, 0, 1, -12345)),
+    Packet(705, Com.HEARTBEAT),
+    Packet(706, Com.FEEDBACK, 2),
+)
+STREAM = b"".join(encode(packet) for packet in TALK)
+NASTY = b"0123456789-+ .eE^HBxX\x00\n\xff"
+
+
+def believable(stream: bytes) -> list[str]:
+    """Return the packets that a strict reader takes, up to the first that it does not."""
+    taken: list[str] = []
+    id_ = 0
+    for at in range(0, len(stream) - PACKET_CHARS + 1, PACKET_CHARS):
+        chars = stream[at : at + PACKET_CHARS]
+        if not WELL_FORMED.fullmatch(chars):
+            break
+        frames = [int(frame) for frame in chars.split()]
+        if not taken:
+            good = frames[0] >= 1 and frames[1] == Com.HELLO and frames[2] == 1
+            good = good and chars.count(b"-") == 0
+        else:
+            com, param = frames[1], frames[2]
+            good = frames[0] == next_id(id_) and chars[0:1] + chars[7:8] + chars[14:15] == b"000"
+            good = good and com in OURS and com != Com.HELLO and param in _params(com)
+            good = good and not (com in NO_VECTOR and any(frames[3:]))
+            good = good and not (com in NO_VECTOR and b"-" in chars)
+        if not good:
+            break
+        id_ = frames[0]
+        taken.append(chars.decode("latin-1"))
+    return taken
+
+
+def _params(com: int) -> range:
+    return {Com.GAINS: range(2), Com.FEEDBACK: range(3)}.get(Com(com), range(1))
+
+
+class Ear:
+    """A controller that only listens: connection after connection on one program."""
+
+    def __init__(self) -> None:
+        self.accepted: list[Accepted] = []
+        self._network = MemoryNetwork()
+        self._machine = Machine(SimArm(SimSettings(), seed=0), self._network, behaviour=QUICK)
+        self._machine.load(load(PROGRAM))
+        watch_program(self._machine, self.accepted, [])
+        self._machine.pendant.execute("fm.main")
+        while not self._network.listeners:
+            self._pass_ms(1)
+
+    def hear(self, stream: bytes) -> tuple[list[str], bool]:
+        """Say something on a new connection; return what was accepted, and whether it ended."""
+        self.accepted.clear()
+        wire = self._network.dial(PORT)
+        wire.send(stream)
+        self._pass_ms(60)
+        ended = wire.partner is not None and wire.partner.closed
+        wire.close()
+        while not (wire.partner is not None and wire.partner.closed):
+            self._pass_ms(1)
+        self._pass_ms(5)
+        assert not self._machine.stops
+        return [packet.chars for packet in self.accepted], ended
+
+    def _pass_ms(self, count: int) -> None:
+        self._machine.advance(self._machine.now_ns + count * 1_000_000)
+
+
+@cache
+def ear() -> Ear:
+    """The one that listens to all cases: what came before must make no difference either."""
+    return Ear()
+
+
+def test_the_talk_itself_is_heard() -> None:
+    """Nothing is accepted that was not said, and all that was said is accepted."""
+    assert ear().hear(STREAM) == (believable(STREAM), False)
+    assert len(believable(STREAM)) == len(TALK)
+
+
+@settings(max_examples=120)
+@given(at=st.integers(0, len(STREAM) - 1), byte=st.sampled_from(NASTY))
+@example(at=4 * PACKET_CHARS + 21, byte=ord("E"))
+def test_a_replaced_byte_is_read_as_a_strict_reader_reads_it(at: int, byte: int) -> None:
+    """Any byte of any field; the connection ends where the strict reader stops."""
+    stream = STREAM[:at] + bytes([byte]) + STREAM[at + 1 :]
+    heard, ended = ear().hear(stream)
+    assert heard == believable(stream)
+    assert ended == (len(heard) < len(TALK))
+
+
+@settings(max_examples=60)
+@given(
+    at=st.integers(0, len(STREAM)),
+    drop=st.integers(0, 130),
+    insert=st.lists(st.sampled_from(NASTY), max_size=130).map(bytes),
+)
+def test_bytes_that_are_lost_or_put_in_are_read_as_a_strict_reader_reads_them(
+    at: int, drop: int, insert: bytes
+) -> None:
+    """Never a new start in the middle of the stream."""
+    stream = STREAM[:at] + insert + STREAM[at + drop :]
+    assert ear().hear(stream)[0] == believable(stream)
+
+
+@pytest.mark.parametrize("frame", range(9))
+@pytest.mark.parametrize("place", range(FRAME_STRIDE))
+def test_a_byte_that_no_number_holds_is_seen_in_every_place_of_every_field(
+    frame: int, place: int
+) -> None:
+    """The packets before it are heard, it and those behind it are not, the connection ends."""
+    at = 4 * PACKET_CHARS + frame * FRAME_STRIDE + place
+    stream = STREAM[:at] + b"x" + STREAM[at + 1 :]
+    assert ear().hear(stream) == (believable(STREAM)[:4], True)
+
+
+def test_a_digit_of_the_id_is_never_mistaken() -> None:
+    """IDs are consecutive: any other number in any of its six places ends the connection."""
+    for place in range(6):
+        at = 4 * PACKET_CHARS + place
+        digit = (STREAM[at] - 48 + 1) % 10 + 48
+        stream = STREAM[:at] + bytes([digit]) + STREAM[at + 1 :]
+        assert ear().hear(stream) == (believable(STREAM)[:4], True)

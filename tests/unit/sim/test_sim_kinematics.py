@@ -9,9 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from common.frames import GRAVITY_M_S2, Oat, R_from_oat, oat_from_R, rotation_between
+from common.frames import GRAVITY_M_S2, Array, Oat, R_from_oat, oat_from_R, rotation_between
+from sim.controller.values import Joints, Transformation, se3_of
 from sim.robot.engine import mujoco
 from sim.robot.kinematics import MODEL_PATH, ArmKinematics
+from tests.fakes.as_bench import AsBench, program
 
 ARM = ArmKinematics()
 HOME = np.radians([0.0, 0.0, -90.0, 0.0, -90.0, 0.0])
@@ -36,11 +38,67 @@ joints = hnp.arrays(float, 6, elements=st.floats(-0.9, 0.9)).map(
 )
 
 
+def by_pinocchio(joints_deg: Array) -> pin.SE3:
+    """The model that regulator, gateway and simulation compute with."""
+    return ARM.flange_pose(np.radians(joints_deg))
+
+
+def by_mujoco(joints_deg: Array) -> pin.SE3:
+    """The simulated arm, by its physics engine."""
+    model = mujoco.MjModel.from_xml_path(str(MODEL_PATH))
+    data = mujoco.MjData(model)
+    data.qpos[:] = np.radians(joints_deg)
+    mujoco.mj_kinematics(model, data)
+    site = data.site("flange")
+    return pin.SE3(site.xmat.reshape(3, 3).copy(), site.xpos.copy())
+
+
+def by_here_of_as(joints_deg: Array) -> pin.SE3:
+    """HERE in a program, by the encoders of an arm that stands there."""
+    bench = AsBench(program("HERE p", "HERE #j"))
+    bench.robot.arm.data.qpos[:6] = np.radians(joints_deg)
+    bench.run()
+    assert isinstance(encoders := bench.value("#j"), Joints)
+    assert encoders.values == pytest.approx(joints_deg, abs=1e-4)
+    return placed(bench.value("p"))
+
+
+def by_ppoint_of_as(joints_deg: Array) -> pin.SE3:
+    """#PPOINT in a program becomes a transformation."""
+    values = ",".join(f"{angle:g}" for angle in joints_deg)
+    return placed(AsBench(program(f"POINT #j=#PPOINT({values})", "POINT p=#j")).run().value("p"))
+
+
+def by_trans_of_as(joints_deg: Array) -> pin.SE3:
+    """TRANS with the numbers of the model: the inverse finds joints, they come to the same."""
+    T = by_pinocchio(joints_deg)
+    x, y, z = T.translation * 1e3
+    o, a, t = np.degrees(oat_from_R(T.rotation))
+    bench = AsBench(
+        program(
+            "POINT #near=#PPOINT(" + ",".join(f"{angle:g}" for angle in joints_deg) + ")",
+            f"POINT q=TRANS({x:.4f},{y:.4f},{z:.4f},{o:.5f},{a:.5f},{t:.5f})",
+            "POINT #j=q,#near",
+            "POINT p=#j",
+        )
+    )
+    return placed(bench.run().value("p"))
+
+
+def placed(value: object) -> pin.SE3:
+    """A place of AS as a pose."""
+    assert isinstance(value, Transformation)
+    return se3_of(value)
+
+
+@pytest.mark.parametrize(
+    "flange", [by_pinocchio, by_mujoco, by_here_of_as, by_ppoint_of_as, by_trans_of_as]
+)
 @pytest.mark.parametrize(("joints_deg", "flange_mm", "oat_deg"), ACCEPTANCE)
-def test_flange_stands_where_the_vendor_says(joints_deg, flange_mm, oat_deg):
+def test_flange_stands_where_the_vendor_says(flange, joints_deg, flange_mm, oat_deg):
     """Forward kinematics gives the controller's pose, to the last digit of the reference."""
-    T = ARM.flange_pose(np.radians(np.array(joints_deg, dtype=float)))
-    assert T.translation * 1e3 == pytest.approx(flange_mm, abs=6e-4)
+    T = flange(np.array(joints_deg, dtype=float))
+    assert T.translation * 1e3 == pytest.approx(flange_mm, abs=1e-3)
     R = R_from_oat(Oat(*np.radians(np.array(oat_deg, dtype=float))))
     assert np.degrees(np.linalg.norm(rotation_between(R, T.rotation))) < 1e-3
 

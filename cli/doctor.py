@@ -1,7 +1,6 @@
 """The verb `doctor`: what can be checked between this PC and the arm, and what to do about it."""
 
 import json
-from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 import typer
@@ -121,6 +120,9 @@ def _as_object(cell: "Cell | None", path: "Path", lines: "list[Line]", code: int
     return {
         "cell": None if cell is None else cell.cell,
         "cell_file": str(path),
-        "lines": [asdict(line) for line in lines],
+        "lines": [
+            {"check": row.check, "result": row.word, "found": row.found, "remedy": row.remedy}
+            for row in lines
+        ],
         "exit_code": code,
     }

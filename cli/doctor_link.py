@@ -70,9 +70,9 @@ class Visit:
     heard: Heard | None = None  # None: version or scales did not fit
 
 
-def visit(host: str, port: int, scales: Scales, patience: Patience = PATIENCE) -> Visit:
+def visit(host: str, port: int, scales: Scales, patience: Patience | None = None) -> Visit:
     """Connect, greet, watch for some seconds, leave. Raises nothing for what the peer does."""
-    found = Visit()
+    found, patience = Visit(), patience or PATIENCE
     started_s = time.monotonic()
     sock = _open((host, port), found, patience)
     found.opened_s = time.monotonic() - started_s

@@ -1,0 +1,196 @@
+"""A visit of `forcemesh doctor` to a controller, on real sockets: what it hears and leaves."""
+
+import socket
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, ExitStack, contextmanager
+
+import numpy as np
+import pytest
+
+from cli.doctor_link import Patience, Visit, visit
+from common.packet import Packet, encode
+from common.packet_table import Com, Status
+from services.gateway.scales import Scales
+from tests.fakes.controller import FakeController
+
+SHORT = Patience(connect_s=0.5, hello_s=0.5, reports_s=0.5, watch_s=1.2, confirm_s=0.5)
+SCALES = Scales()
+
+
+def see(port: int, patience: Patience = SHORT) -> Visit:
+    """Visit a port of this machine."""
+    return visit("127.0.0.1", port, SCALES, patience)
+
+
+def free_port() -> int:
+    """A port that nobody listens on."""
+    with socket.create_server(("127.0.0.1", 0)) as probe:
+        port: int = probe.getsockname()[1]
+        return port
+
+
+def test_a_visit_hears_everything_and_leaves_the_controller_as_it_was() -> None:
+    """Pose, joints, health, rates, round trip; held, not latched, nothing armed, nothing moved."""
+    with FakeController(rate_hz=50.0) as controller:
+        before = controller.robot.joint_rad.copy()
+        found = see(controller.port)
+        assert (found.opened, found.greeted) == ("open", "answered")
+        heard = found.heard
+        assert heard is not None
+        assert heard.held
+        assert heard.broken == ""
+        assert heard.pose is not None
+        assert heard.health is not None
+        assert heard.sender_hz is not None
+        assert 5.0 < heard.sender_hz <= 51.0
+        assert heard.loop_hz is not None
+        assert heard.round_trip is not None
+        assert heard.longest_gap_s is not None
+        assert heard.longest_gap_s >= 1.0 / heard.sender_hz
+        assert controller.wait_for(lambda: controller.errors == ["closed by the gateway"])
+        assert not controller.robot.status & Status.WATCHDOG_LATCHED
+        assert not controller._armed
+        assert np.array_equal(controller.robot.joint_rad, before)
+
+
+def test_a_visit_sends_nothing_but_hello_heartbeat_and_hold() -> None:
+    """And behind each heartbeat, which arms the watchdog, a hold in the same write."""
+    with FakeController() as controller:
+        see(controller.port)
+        coms = [packet.com for packet in controller.of(*Com)]
+    assert coms[0] == Com.HELLO
+    assert coms[1::2] == [Com.HEARTBEAT] * (len(coms) // 2)
+    assert coms[2::2] == [Com.HOLD] * (len(coms) // 2)
+    assert len(coms) > 5
+
+
+@contextmanager
+def nobody() -> Iterator[int]:
+    """A port that is closed."""
+    yield free_port()
+
+
+@contextmanager
+def full() -> Iterator[int]:
+    """A port whose queue is full: it answers no more, as a machine that is off."""
+    with ExitStack() as stack:
+        listener = stack.enter_context(socket.socket())
+        listener.bind(("127.0.0.1", 0))
+        listener.listen(0)
+        for _ in range(3):
+            filler = stack.enter_context(socket.socket())
+            filler.setblocking(False)
+            filler.connect_ex(listener.getsockname())
+        yield listener.getsockname()[1]
+
+
+@pytest.mark.parametrize(("place", "opened"), [(nobody, "refused"), (full, "silent")])
+def test_a_closed_port_and_no_answer_are_told_apart(
+    place: Callable[[], AbstractContextManager[int]], opened: str
+) -> None:
+    """Refused at once, or silence until the patience ends."""
+    with place() as port:
+        found = see(port)
+    assert found.opened == opened
+    assert found.heard is None
+    assert (found.opened_s >= SHORT.connect_s) == (opened == "silent")
+
+
+def test_a_name_that_does_not_resolve_and_no_way_are_told_apart() -> None:
+    """The system's own words are kept."""
+    unresolved = visit("no such host", 49152, SCALES, SHORT)
+    assert unresolved.opened == "unresolved"
+    assert unresolved.opened_detail
+    no_way = visit("255.255.255.255", 49152, SCALES, SHORT)
+    assert no_way.opened == "unreachable"
+    assert no_way.opened_detail
+
+
+def test_a_second_client_gets_no_answer() -> None:
+    """The controller serves one: the other one waits in the queue of the port."""
+    with FakeController() as controller, socket.create_connection(("127.0.0.1", controller.port)):
+        assert controller.wait_for(lambda: controller.connections == 1)
+        found = see(controller.port)
+        assert (found.opened, found.greeted, found.hello) == ("open", "silent", None)
+        assert found.greeted_s >= SHORT.hello_s
+
+
+@pytest.mark.parametrize(
+    ("answer", "greeted"), [(b"", "closed"), (b"HTTP/1.1 400 " * 10, "garbled")]
+)
+def test_another_program_on_the_port_is_no_controller(answer: bytes, greeted: str) -> None:
+    """One that closes, and one that says something else."""
+
+    def serve() -> None:
+        client, _ = listener.accept()
+        with client:
+            client.recv(63)
+            client.sendall(answer)
+
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        thread = threading.Thread(target=serve)
+        thread.start()
+        found = see(listener.getsockname()[1])
+        thread.join()
+    assert (found.opened, found.greeted, found.heard) == ("open", greeted, None)
+    assert found.greeted_detail
+
+
+def test_version_and_scales_are_told_although_they_end_the_visit() -> None:
+    """The hello is kept for the lines; nothing more is sent."""
+    other = (60, 500, 250, 100, 1000, 10)
+    with FakeController() as controller:
+        controller.tantrums.version = 2
+        found = see(controller.port)
+        assert (found.greeted, found.heard) == ("answered", None)
+        assert found.hello is not None
+        assert found.hello.param == 2
+        assert controller.wait_for(lambda: len(controller.errors) == 1)
+        controller.tantrums.version, controller.tantrums.scales = 1, other
+        found = see(controller.port)
+        assert found.hello is not None
+        assert (found.hello.vec, found.heard) == (other, None)
+        assert {packet.com for packet in controller.of(*Com)} == {Com.HELLO}
+
+
+def test_a_controller_that_greets_and_reports_nothing_has_no_rate() -> None:
+    """No sample, no pose, no round trip: unknown, not zero."""
+
+    def greet() -> None:
+        client, _ = listener.accept()
+        with client:
+            client.sendall(encode(Packet(1, Com.HELLO, 1, SCALES.vec)))
+            while client.recv(1000):
+                pass
+
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        thread = threading.Thread(target=greet)
+        thread.start()
+        heard = see(listener.getsockname()[1]).heard
+        thread.join()
+    assert heard is not None
+    assert (heard.pose, heard.sender_hz, heard.round_trip, heard.held) == (None, None, None, False)
+
+
+@pytest.mark.parametrize("how", ["drop", "garbage", "frozen"])
+def test_a_controller_that_breaks_off_is_said(how: str) -> None:
+    """Closed, no packet, or silent in the middle: what came before is kept."""
+    with FakeController(rate_hz=50.0) as controller:
+
+        def spoil() -> None:
+            controller.wait_for(lambda: len(controller.of(Com.HEARTBEAT)) > 3)
+            if how == "drop":
+                controller.drop()
+            elif how == "garbage":
+                controller.write(b"x" * 63)
+            controller.tantrums.frozen = how == "frozen"
+
+        thread = threading.Thread(target=spoil)
+        thread.start()
+        heard = see(controller.port).heard
+        thread.join()
+    assert heard is not None
+    assert heard.pose is not None
+    assert not heard.held
+    assert bool(heard.broken) == (how != "frozen")

@@ -1,8 +1,15 @@
 """Peers that vanish, intrude or starve the controller, and RUN after a hold: in lock step."""
 
+from pathlib import Path
+from typing import Any
+
 import numpy as np
 import pytest
 
+from cli.virtual import VirtualCell
+from common import topics
+from common.config import load_cell
+from common.messages import Empty, ForceStartRequest, Host
 from common.packet import Packet, encode
 from common.packet_table import Com
 from sim.controller.behaviour import Behaviour, pessimistic
@@ -10,6 +17,7 @@ from tests.contract.robots import PORT
 from tests.fakes.hostile_cell import ARM_STILL_RAD, QUICK, WATCHDOG_S, HostileCell
 from tests.fakes.hostile_stream import Rewrite, Throttle
 
+TCP_CELL = Path(__file__).resolve().parents[2] / "cells" / "demo-tcp.yaml"
 UP, DOWN = "to_controller", "to_gateway"
 SILENCE_S = WATCHDOG_S + 0.06 + 0.06  # two looks of the watchdog; from 100 mm/s to rest
 BRAKE_S = 0.07
@@ -169,6 +177,44 @@ def test_without_new_wrenches_the_gateway_ends_force_feedback_in_the_controller(
     assert (cell.stopped_ns(stopped_ns) - stopped_ns) / 1e9 <= SILENCE_S
     cell.rig.push(force_N=(0.0, 0.0, 10.0))
     cell.assert_stays(1.0)
+
+
+@pytest.mark.parametrize("host", ["pc", "controller"])
+def test_without_wrenches_the_whole_cell_holds_though_every_link_lives(host: Host) -> None:
+    """All services, gateway and program in lock step; the wrench's process dies on the approach.
+
+    Bound: the wrench's deadline in this cell, one set point already under way, the brake.
+    """
+    cell = VirtualCell(load_cell(TCP_CELL, {"sim.gap_m": 0.1}))
+    robot = cell.client.reader(topics.ROBOT_STATE)
+    cell.advance(2.0)
+    wanted = ForceStartRequest(mode="position", host=host, setpoint_N=10.0)
+    asked: list[tuple[topics.Request[Any], Any]] = [
+        (topics.TARE, Empty()),
+        (topics.ARM, Empty()),
+        (topics.FORCE_START, wanted),
+    ]
+    for request, message in asked:
+        answer = cell.client.ask(request, message)
+        assert answer.accepted, answer.text
+        cell.advance(0.6)
+    track: list[np.ndarray] = []
+
+    def look() -> bool:
+        track.append(cell.arm.q_command.copy())
+        return False
+
+    cell.advance(0.1, look)
+    assert np.abs(track[-1] - track[0]).max() > 1e-4, "it was not on its way"
+    track.clear()
+    cell.kill("wrench")
+    cell.advance(2.0, look)
+    moved = np.abs(np.diff(np.array(track), axis=0)).max(axis=1) > 1e-9
+    bound_s = cell.cell.stale_after_s(topics.WRENCH) + 0.05 + BRAKE_S
+    assert not moved[round(bound_s * 1e3) :].any()
+    state = robot.read(cell.clock.now_ns()).message
+    assert state is not None
+    assert "wrench" in state.hold_reason
 
 
 # --- a slow line ----------------------------------------------------------------------------------

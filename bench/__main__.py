@@ -11,6 +11,7 @@ from bench import emulator, latency, settling
 PARTS: dict[str, Callable[[], Table]] = {
     "settling": settling.table,
     "emulator": emulator.table,
+    "pace": emulator.pace_table,
     "latency": latency.table,
 }
 

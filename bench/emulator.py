@@ -34,6 +34,8 @@ TICK_NS = 1_000_000
 SCALES: VecInt = (50, 500, 250, 100, 1000, 10)  # per mm, degree, degree of a joint, N, N m, mm/s
 LIMITS: VecInt = (50, 1000, 500, 10_000, 5_000, 250)  # 1 mm, 2 deg, 50 mm/s, 200 mm, 50 N, 250 ms
 GAINS_I: VecInt = (500, 500, 500, 500, 500, 500)  # 0.05 mm/(N s), 0.05 deg/(N m s)
+SAMPLE = f" {Com.POSE:06d} ".encode("ascii")
+STEPS_S = (1e-4, 1.25e-4, 2.5e-4, 5e-4)
 HEARTBEAT_TICKS, WRENCH_TICKS = 100, 16  # as in the demo's cell
 
 LOOPS = {
@@ -123,8 +125,10 @@ class Client:
         self._stream = network.dial(PORT)
         self._id = 0
         self._ticks = 0
+        self.samples = 0
         self.say(Com.HELLO, PROTOCOL_VERSION, SCALES)
         self.live(500)
+        self._receive()
 
     def say(self, com: Com, param: int = 0, vec: VecInt = ZERO_VEC) -> None:
         """Send a packet with the ID that is due."""
@@ -140,17 +144,21 @@ class Client:
     def beat(self) -> None:
         """Keep the connection alive, and read what comes."""
         self._ticks += 1
-        self._stream.receive(65_536)
+        self._receive()
         if self._ticks % HEARTBEAT_TICKS == 0:
             self.say(Com.HEARTBEAT)
 
     def push(self) -> None:
         """Push up and down in turn, and read what comes."""
         self._ticks += 1
-        self._stream.receive(65_536)
+        self._receive()
         if self._ticks % WRENCH_TICKS == 0:
             up = 1 if self._ticks // 1000 % 2 else -1
             self.say(Com.WRENCH, 0, (0, 0, 500 * up, 0, 0, 100 * up))
+
+    def _receive(self) -> None:
+        data = self._stream.receive(65_536)
+        self.samples += (data or b"").count(SAMPLE)
 
     def start_feedback(self) -> None:
         """Set limits and gains, start both kinds of force feedback."""
@@ -170,10 +178,8 @@ def loop_cost(body: str) -> Cost:
     return min((_cost(machine, BUSY_S) for _ in range(REPEATS)), key=lambda cost: cost.steps_s)
 
 
-def shipped_cost(*, feedback: bool) -> Cost:
-    """Run the program that ships, a client connected, at the step time of the demo's cell."""
-    sim = load_cell(CELL).sim
-    step_s = Behaviour().step_s if sim is None else sim.as_step_s
+def shipped(step_s: float, *, feedback: bool) -> tuple[TimedMachine, Client]:
+    """Start the program that ships, connect a client, start force feedback if wanted."""
     network = MemoryNetwork()
     machine = TimedMachine(SimArm(FREE, seed=0), network, behaviour=Behaviour(step_s=step_s))
     machine.load(load(PROGRAM))
@@ -182,6 +188,14 @@ def shipped_cost(*, feedback: bool) -> Cost:
     client = Client(machine, network)
     if feedback:
         client.start_feedback()
+    return machine, client
+
+
+def shipped_cost(*, feedback: bool) -> Cost:
+    """Run the program that ships at the step time of the demo's cell."""
+    sim = load_cell(CELL).sim
+    step_s = Behaviour().step_s if sim is None else sim.as_step_s
+    machine, client = shipped(step_s, feedback=feedback)
     each = client.push if feedback else client.beat
     cost = _cost(machine, SHIPPED_S, lambda duration_s: client.live(round(duration_s * 1e3), each))
     running = machine.memory.read("fm.mode")
@@ -217,3 +231,28 @@ def table() -> Table:
         made, share = cost.steps / cost.virtual_s, 100 * cost.all_s / cost.virtual_s
         rows.add_row(name, f"{cost.steps_per_s:.0f}", f"{made:.0f}", f"{share:.1f} %")
     return rows
+
+
+def pace_table() -> Table:
+    """Return how often the program that ships reports and loops, by step time; no clock matters."""
+    rows = Table(title="forcemesh.as: a second of virtual time", title_justify="left")
+    rows.add_column("step time")
+    for column in ("samples, idle", "samples, force feedback", "turns of its loop"):
+        rows.add_column(column, justify="right")
+    for step_s in STEPS_S:
+        (idle, _), (running, turns) = pace(step_s, feedback=False), pace(step_s, feedback=True)
+        rows.add_row(f"{step_s * 1e3:g} ms", *(f"{rate:.0f}" for rate in (idle, running, turns)))
+    return rows
+
+
+def pace(step_s: float, *, feedback: bool) -> tuple[float, float]:
+    """Return samples and turns of the robot program's loop per virtual second."""
+    machine, client = shipped(step_s, feedback=feedback)
+    samples, turns = client.samples, _turns(machine)
+    client.live(round(SHIPPED_S * 1e3), client.push if feedback else client.beat)
+    return (client.samples - samples) / SHIPPED_S, (_turns(machine) - turns) / SHIPPED_S
+
+
+def _turns(machine: Machine) -> float:
+    turns = machine.memory.read("fm.loops")
+    return turns if isinstance(turns, float) else 0.0

@@ -8,12 +8,18 @@ from common.packet_table import Com, next_id
 FOLDER = Path(__file__).parent / "seeds"
 SCALES = (50, 500, 250, 100, 1000, 10)
 NUMBERS = (1000, -2000, 3000, -4000, 5000, 6000)
-MOVES = ((1, 0, NUMBERS), (2, 0, NUMBERS), (3, 0, (5, -5, 5, -5, 5, -5)))
+NEAR = (500, 23750, 18850, 0, 90000, 0)  # 10 mm aside of home
+MOVES = ((1, 0, NEAR), (2, 0, NUMBERS), (3, 0, (5, -5, 5, -5, 5, -5)))
 SETTINGS = (
     (5, 0, (10000, 10000, 10000, 2500, 0, 0)), (6, 0, (100,) * 6), (6, 1, (100,) * 6),
     (10, 0, (50, 250, 100, 1000, 5000, 250)), (11, 0, NUMBERS),
 )  # fmt: skip
 FEEDBACK = ((7, 0, (0,) * 6), (4, 0, NUMBERS), (4, 0, SCALES), (7, 2, (0,) * 6))
+# What AS's SPEED takes is less than what a packet can say.
+SPEEDS = {
+    "slow": ((5, 0, (100, 100, 100, 1, 0, 0)),),
+    "fast": ((10, 0, (50, 250, 999_999, 1000, 5000, 250)),),
+}
 BEAT, HOLD = ((12, 0, (0,) * 6),), ((8, 0, (0,) * 6),)
 
 CONVERSATIONS = {
@@ -59,6 +65,8 @@ def receiver_seeds() -> dict[str, bytes]:
         "id-skipped": b"\x08" + good[:63] + good[126:],
         "high-digits": b"\x09" + good.replace(b"000100 ", b"0001\xb20 ", 1),
         "negative-hello": b"\x0a" + good.replace(b"000050", b"-00050", 1),
+        "too-slow": b"\x0c" + conversation((*SPEEDS["slow"], *MOVES[:1])),
+        "too-fast": b"\x0d" + conversation((*SPEEDS["fast"], *MOVES[:1])),
         "noise": b"\x0b" + bytes(range(256)),
     }
 

@@ -137,11 +137,11 @@ def test_no_gain_makes_it_faster_than_the_speed_limit(pushed: Rig, mode: Mode) -
     rig.push(unit(2, 20.0), unit(2, 2.0))
     rig.advance(0.5)
     limit_m_s, limit_rad_s = rig.cell.force.speed_max_m_s, rig.cell.force.speed_max_rad_s
-    way_m, turn_rad = rig.fastest(0.1)
+    way_m, turn_rad = rig.fastest(0.3)
     if mode == "position":
-        assert 0.8 * limit_m_s < way_m / 0.1 < 1.1 * limit_m_s
+        assert 0.7 * limit_m_s < way_m / 0.3 < 1.1 * limit_m_s
     else:
-        assert 0.35 * limit_rad_s < turn_rad / 0.1 < 1.1 * limit_rad_s
+        assert 0.35 * limit_rad_s < turn_rad / 0.3 < 1.1 * limit_rad_s
 
 
 def test_no_push_no_motion(pushed: Rig) -> None:

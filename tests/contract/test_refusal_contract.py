@@ -54,7 +54,7 @@ JOINT_SPEED = pytest.mark.xfail(
     ],
 )
 def test_no_goal_is_faster_than_mechanical_times_modular_speed(name: str, kind: str) -> None:
-    """Specification e), on `robot/state`: in no window of 0.1 s the flange is faster."""
+    """Specification e), on `robot/state`: in no window of 0.3 s the flange is faster."""
     with made(name) as rig:
         fastest_m_s = fastest_of_goal(rig, kind)
         assert rig.state.goal.state == "done"
@@ -73,7 +73,7 @@ def fastest_of_goal(rig: Rig, kind: str) -> float:
     rig.track.clear()
     rig.say("goal", goal=goals[kind], speed=Speed(mechanical_m_s=0.08, modular_fraction=0.5))
     rig.until(lambda: rig.state.goal.state == "done")
-    return rig.fastest(0.1)[0] / 0.1
+    return rig.fastest(0.3)[0] / 0.3
 
 
 # --- properties of the table ----------------------------------------------------------------------

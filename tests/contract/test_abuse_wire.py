@@ -162,7 +162,7 @@ STRIKES = st.lists(
 )
 
 
-@settings(max_examples=15)
+@settings(max_examples=8)
 @given(motion=st.sampled_from(MOTIONS), chop=st.sampled_from([0, 1, 60, 255]), strikes=STRIKES)
 def test_whatever_comes_one_after_the_other_nothing_is_misread_and_the_arm_holds(
     motion: str, chop: int, strikes: list[tuple[str, str, int, int]]

@@ -32,7 +32,7 @@ def test_a_seed_keeps_what_its_target_claims(target: str, seed: Path) -> None:
 def test_what_yaml_cannot_build_is_a_mistake_in_the_cell_file(
     seed: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A day that does not exist, a number of 5000 digits, a bracket opened 2000 times."""
+    """A day that does not exist, a number of 5000 digits, a bracket opened 700 times."""
     monkeypatch.setattr(cells, "TOLERATED", ())
     cells.check((SEEDS / "cells" / seed).read_bytes())
 

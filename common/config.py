@@ -58,13 +58,15 @@ def _read_tree(path: Path, source: str) -> Any:
         if twice:
             raise ConfigError(source, twice)
         return yaml.safe_load(text)
+    except RecursionError:
+        raise ConfigError(source, ["not a cell file: lists or sections too deep"]) from None
     except FileNotFoundError:
         nearby = sorted(str(other) for other in path.parent.glob("*.yaml"))
         there = f"; there are {', '.join(nearby)}" if nearby else ""
         raise ConfigError(source, [f"no such file{there}"]) from None
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError(source, [f"cannot be read: {error}"]) from None
-    except yaml.YAMLError as error:
+    except (yaml.YAMLError, ValueError, TypeError, LookupError, AttributeError) as error:
         raise ConfigError(source, [f"not YAML: {' '.join(str(error).split())}"]) from None
 
 

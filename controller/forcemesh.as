@@ -300,15 +300,17 @@ fresh:
     IF .bad<>0 GOTO done
     WAIT (fm.bdone==.e) OR (fm.hseq+fm.wseq<>.e)
     $fm.oat=""
-    SPEED fm.v MM/S
+    BREAK ;the way counts from where the arm is
+    CALL fm.pace
     IF fm.hseq+fm.wseq<>.e GOTO done
     JMOVE #fm.j
   VALUE 5: ;speeds
     IF (MINVAL(.v[1],.v[2],.v[3])<1) OR (MAXVAL(.v[1],.v[2],.v[3])>10000) GOTO refuse
-    IF .v[4]<1 GOTO refuse
+    .s=.v[4]/fm.sv*.v[3]/10000 ;mechanical times modular; the monitor speed comes on top
+    IF (.s<0.1) OR (.s>5000) GOTO refuse
     ACCEL .v[1]/100 ALWAYS
     DECEL .v[2]/100 ALWAYS
-    fm.v=.v[4]/fm.sv*.v[3]/10000 ;mechanical times modular; the monitor speed comes on top
+    fm.v=.s
     fm.taken=.id
   VALUE 6: ;gains
     IF MINVAL(.v[1],.v[2],.v[3],.v[4],.v[5],.v[6])<0 GOTO refuse
@@ -332,6 +334,7 @@ integral:
   VALUE 10: ;limits of force feedback, and the watchdog's
     IF MINVAL(.v[1],.v[2],.v[3],.v[4],.v[5])<1 GOTO refuse
     IF (.v[6]<100) OR (.v[6]>2000) GOTO refuse
+    IF (.v[3]/fm.sv<0.1) OR (.v[3]/fm.sv>5000) GOTO refuse
     fm.lstep=.v[1]/fm.sp
     fm.lturn=.v[2]/fm.so
     fm.lspeed=.v[3]/fm.sv
@@ -407,6 +410,28 @@ odd: ;older than a hold, or the hold before it is not obeyed yet
   IF (.a*fm.lever>.s) AND (.a*fm.lever>0.1*fm.v) THEN ;0.1 s is the shortest that SPEED takes
     SPEED .a*fm.lever/fm.v S
   END
+.END
+.PROGRAM fm.pace() ;JMOVE takes MM/S for a share of the joints' full speed: give it the time
+  HERE .p
+  HERE .#a
+  DECOMPOSE .a[1]=.#a
+  DECOMPOSE .b[1]=#fm.j
+  .t=0
+  FOR .i=1 TO 6
+    .b[.i]=.b[.i]-.a[.i]
+    .t=MAXVAL(.t,ABS(.b[.i])*fm.lever)
+  END
+  .s=0
+  FOR .i=1 TO 8 ;the way of the flange is bent: the longest of eight stretches counts
+    FOR .j=1 TO 6
+      .x[.j]=.a[.j]+.i/8*.b[.j]
+    END
+    POINT .#q=#PPOINT(.x[1],.x[2],.x[3],.x[4],.x[5],.x[6])
+    POINT .c=.#q
+    .s=MAXVAL(.s,8*DISTANCE(.p,.c))
+    POINT .p=.c
+  END
+  SPEED MINVAL(3600,MAXVAL(0.1,.s/fm.v,.t/fm.v)) S ;what SPEED takes
 .END
 .PROGRAM fm.seed() ;force feedback starts from where the arm is
   HERE fm.p
@@ -744,15 +769,13 @@ lost: ;hold, close, and listen for the next
   ; or more: anything but digits would end the number for VAL before.
 .END
 .PROGRAM fm.hello(.$q) ;the first packet of a connection: only hello, and only it clears the latch
-  fm.fault=4
-  IF INSTR(.$q,"E")>0 GOTO done
+  IF INSTR(.$q,"E")>0 GOTO strange
   FOR .i=0 TO 8
     .v[.i]=VAL("1"+$MID(.$q,7*.i+1,6))-1000000
-    IF .v[.i]<0 GOTO done
-    IF $MID(.$q,7*.i+7,1)<>" " GOTO done
+    IF .v[.i]<0 GOTO strange
+    IF $MID(.$q,7*.i+7,1)<>" " GOTO strange
   END
-  IF (.v[0]<1) OR (.v[1]<>9) GOTO done
-  fm.fault=0
+  IF (.v[0]<1) OR (.v[1]<>9) GOTO strange
   fm.hseq=fm.hseq+1 ;whatever was under way is over
   fm.arm=0
   BRAKE
@@ -780,6 +803,9 @@ lost: ;hold, close, and listen for the next
   fm.lack=fm.lat
   fm.link=1
 done:
+  RETURN
+strange: ;a fault of before a good hello stays until the next motion
+  fm.fault=4
   RETURN
 .END
 .PROGRAM fm.watch() ;PC program 3, the watchdog
@@ -874,6 +900,7 @@ look:
   .beat=fm.sbeat
   IF (.quiet>30) AND fm.link THEN ;the sender hangs: nobody reads what it sends
     fm.dropw=fm.conn
+    .quiet=0 ;the next connection has its own time
   END
   IF .need==0 GOTO look
   .need=.need-1

@@ -148,6 +148,11 @@ class Connection:
         elif isinstance(event, PoseReport):
             self._pose = event
         elif self._pose is not None:
+            if event.counter != self._pose.counter:
+                raise RemoteProtocolError(
+                    f"102 belongs to sample {event.counter}, the 101 before it to sample "
+                    f"{self._pose.counter}: a packet is missing"
+                )
             self._samples.count(1, now_ns)
             self.measured = Measured(
                 T_base_flange=self._pose.T_base_flange,

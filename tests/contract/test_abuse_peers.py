@@ -69,11 +69,6 @@ def test_a_gateway_that_vanishes_while_nothing_moves_does_not_block_the_next(
     cell.assert_nothing_misread()
 
 
-@pytest.mark.xfail(
-    strict=True,
-    reason="fm.watch: .quiet stays above 30 after the drop, so the next connection is dropped too "
-    "if the watchdog looks before the sender's next beat; mend: .quiet=0 behind fm.dropw=fm.conn",
-)
 @pytest.mark.parametrize("phase_s", [0.3, 0.5])
 def test_the_connection_after_one_that_hung_is_kept(phase_s: float) -> None:
     """A new peer is not held responsible for the one before; whenever that one vanished."""
@@ -220,11 +215,6 @@ def test_without_wrenches_the_whole_cell_holds_though_every_link_lives(host: Hos
 # --- a slow line ----------------------------------------------------------------------------------
 
 
-@pytest.mark.xfail(
-    strict=True,
-    reason="Dialogue.tick sends a heartbeat every 40 ms however many packets are unframed, so on a "
-    "slow line a hold waits behind them; mend: only while self.unframed < max_unframed",
-)
 @pytest.mark.parametrize("bytes_per_s", [1400, 1000, 500])
 def test_a_hold_does_not_wait_behind_heartbeats_on_a_slow_line(bytes_per_s: int) -> None:
     """Or the arm holds by itself before; what the line does not carry must not pile up."""
@@ -244,11 +234,6 @@ def test_a_hold_does_not_wait_behind_heartbeats_on_a_slow_line(bytes_per_s: int)
     )
 
 
-@pytest.mark.xfail(
-    strict=True,
-    reason="Connection._take joins a 102 to whatever 101 came last; mend: only when "
-    "self._pose.counter == event.counter, else RemoteProtocolError. TCP itself loses no packet",
-)
 def test_a_pose_is_never_joined_to_joints_of_another_sample() -> None:
     """Whole 101 packets vanish: no state may come of a 102 alone."""
     cell = HostileCell()

@@ -39,19 +39,9 @@ def test_a_goal_out_of_reach_is_refused_and_moves_nothing(rig: Rig, kind: str) -
     rig.until(lambda: rig.state.goal.id == 6 and rig.state.goal.state == "done")
 
 
-JOINT_SPEED = pytest.mark.xfail(
-    reason="forcemesh.as: SPEED in MM/S before JMOVE is a share of the joints' full speed, which"
-    " is 2.4 times as fast here"
-)
-
-
 @pytest.mark.parametrize(
     ("name", "kind"),
-    [
-        pytest.param(name, kind, marks=JOINT_SPEED if "emulated" in name and kind != "pose" else ())
-        for name in ROBOTS
-        for kind in ("pose", "joints", "by")
-    ],
+    [(name, kind) for name in ROBOTS for kind in ("pose", "joints", "by")],
 )
 def test_no_goal_is_faster_than_mechanical_times_modular_speed(name: str, kind: str) -> None:
     """Specification e), on `robot/state`: in no window of 0.3 s the flange is faster."""

@@ -255,10 +255,6 @@ TOO_MUCH = {
 }
 
 
-@pytest.mark.xfail(
-    strict=True,
-    reason="fm.take lets a speed through that SPEED does not take (E0106): 5 and 10 need bounds",
-)
 @pytest.mark.parametrize("commands", TOO_MUCH.values(), ids=TOO_MUCH)
 def test_no_number_of_a_packet_stops_the_robot_program(commands: list[tuple[Com, VecInt]]) -> None:
     """A speed that AS does not take is refused; an error stop needs a person."""

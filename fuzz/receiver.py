@@ -27,8 +27,7 @@ TICK_NS = 1_000_000
 SETTLE_MS = 8000
 BEATS, BEAT_MS = 20, 20  # so long the brake of a hello lasts, and then a motion begins
 # A straight way between two poses in reach may leave the reach: AS stops the program there.
-# E0106: fm.take hands SPEED what it does not take; tests/unit/test_fuzz_corpus.py shows it.
-TOLERATED = {"E6007", "E6008", "E6016", "E0106"}
+TOLERATED = {"E6007", "E6008", "E6016"}
 mutate = streams.mutate
 
 

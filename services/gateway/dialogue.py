@@ -231,11 +231,11 @@ class Dialogue:
             return b""
         data = self._due_setpoint(now_ns) + self._due_centre(now_ns) + self._due_wrench(now_ns)
         silence_s = (now_ns - self._last_sent_ns) * S_PER_NS
-        beat_due = silence_s >= self._pacing.heartbeat_after_s
-        # On a slow line heartbeats would pile up, and a hold behind them.
-        if not data and beat_due and self.unframed < self._pacing.max_unframed:
-            return self._send(now_ns, commands.HEARTBEAT)
-        return data
+        if data or silence_s < self._pacing.heartbeat_after_s:
+            return data
+        if self.unframed >= self._pacing.max_unframed:  # on a slow line a hold would queue behind
+            return b""
+        return self._send(now_ns, commands.HEARTBEAT)
 
     # --- inside -----------------------------------------------------------------------------------
 

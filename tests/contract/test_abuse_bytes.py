@@ -157,11 +157,6 @@ def test_a_digit_of_the_id_is_never_mistaken() -> None:
         assert ear().hear(stream) == (believable(STREAM)[:4], True)
 
 
-@pytest.mark.xfail(
-    strict=True,
-    reason="fm.take tests no upper bound of the speeds of commands 5 and 10, nor the product of "
-    "command 5: SPEED ends fm.main with E0106; mend: GOTO refuse outside what SPEED takes",
-)
 @pytest.mark.parametrize(
     "packet",
     [

@@ -233,7 +233,7 @@ class Dialogue:
         silence_s = (now_ns - self._last_sent_ns) * S_PER_NS
         if data or silence_s < self._pacing.heartbeat_after_s:
             return data
-        if self.unframed >= self._pacing.max_unframed:  # on a slow line a hold would queue behind
+        if self.unframed > self._pacing.max_unframed:  # on a slow line a hold would queue behind
             return b""
         return self._send(now_ns, commands.HEARTBEAT)
 
@@ -256,15 +256,16 @@ class Dialogue:
         if self._setpoint is None or self.untaken >= self._pacing.max_untaken:
             return b""
         command, carry = commands.move_to_pose(self._setpoint, self.scales, self._carry)
-        data = self._send(now_ns, command)
         self._carry, self._setpoint = carry, None
-        self._untaken.append(self.last_id)
-        return data
+        return self._send_to_ring(now_ns, command)
 
     def _due_centre(self, now_ns: int) -> bytes:
         if self._centre is None or self.untaken >= self._pacing.max_untaken:
             return b""
         command, self._centre = self._centre, None
+        return self._send_to_ring(now_ns, command)
+
+    def _send_to_ring(self, now_ns: int, command: Command) -> bytes:
         data = self._send(now_ns, command)
         self._untaken.append(self.last_id)
         return data

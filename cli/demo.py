@@ -47,7 +47,7 @@ def demo(
     setpoint: Setpoint = None,
     force: Force = 30.0,
     host: HostOption = "pc",
-    law: Law = "plain",
+    _law: Law = "plain",
     stiffness: Stiffness = None,
     delay_ms: DelayMs = None,
     tilt_deg: TiltDeg = None,
@@ -63,17 +63,10 @@ def demo(
     from rich.console import Console
     from rich.markup import escape
 
-    from cli.demo_cell import (
-        DEFAULT_SETPOINT_N,
-        DEFAULT_TILT_DEG,
-        Trial,
-        check_plan,
-        demo_cell,
-    )
+    from cli.demo_cell import DEFAULT_SETPOINT_N, DEFAULT_TILT_DEG, Trial, check_plan, demo_cell
     from cli.demo_play import live_progress, play_real, play_virtual
     from cli.scenario import Plan, ScenarioError
 
-    del law  # there is one so far
     screen = Console(stderr=True)
     plan = Plan(
         mode=mode,
@@ -87,9 +80,9 @@ def demo(
             Trial(
                 tilt_deg=DEFAULT_TILT_DEG[mode] if tilt_deg is None else tilt_deg,
                 stiffness_N_m=stiffness,
-                delay_s=None if delay_ms is None else delay_ms / 1e3,
+                delay_s=_seconds(delay_ms),
                 seed=seed,
-                as_step_s=None if as_step_ms is None else as_step_ms / 1e3,
+                as_step_s=_seconds(as_step_ms),
                 pessimistic=pessimistic,
             ),
         )
@@ -101,12 +94,15 @@ def demo(
         screen.print(f"[red]demo:[/red] {escape(str(error))}", highlight=False, soft_wrap=True)
         if as_json:
             sys.stdout.write(json.dumps({"settled": False, "error": str(error)}) + "\n")
-        stopped = isinstance(error, ScenarioError)
-        raise typer.Exit(NOT_WELL if stopped else USAGE) from None
+        raise typer.Exit(NOT_WELL if isinstance(error, ScenarioError) else USAGE) from None
     result = report(screen, cell, plan, trace=trace, out=out)
     if as_json:
         sys.stdout.write(json.dumps(result.as_dict()) + "\n")
     raise typer.Exit(OK if result.settled else NOT_WELL)
+
+
+def _seconds(milliseconds: float | None) -> float | None:
+    return None if milliseconds is None else milliseconds / 1e3
 
 
 def report(screen: "Console", cell: "Cell", plan: "Plan", *, trace: "Trace", out: Path) -> "Result":

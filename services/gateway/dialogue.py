@@ -224,10 +224,8 @@ class Dialogue:
 
     def tick(self, now_ns: int, *, permitted: bool) -> bytes:
         """Return what is due now: a set point, a wrench, or a heartbeat; nothing unpermitted."""
-        if not permitted:
+        if not permitted or not self.ready:
             self._setpoint = self._wrench = self._centre = None
-            return b""
-        if not self.ready:
             return b""
         data = self._due_setpoint(now_ns) + self._due_centre(now_ns) + self._due_wrench(now_ns)
         silence_s = (now_ns - self._last_sent_ns) * S_PER_NS
@@ -293,8 +291,8 @@ class Dialogue:
             raise LocalProtocolError("the controller has not said hello yet")
         batch_packets: list[Packet] = []
         for command in batch:
-            id_ = next_id(batch_packets[-1].id if batch_packets else self.last_id)
-            batch_packets.append(command.packet(id_))
+            before = batch_packets[-1].id if batch_packets else self.last_id
+            batch_packets.append(command.packet(next_id(before)))
         data = b"".join(encode(packet) for packet in batch_packets)
         for packet in batch_packets:
             self.last_id, self._last_sent_ns = packet.id, now_ns

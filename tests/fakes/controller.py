@@ -234,7 +234,7 @@ class FakeController:
         self._outbox += encode(Packet(robot.taken_id, Com.POSE, param, robot.pose_vec()))
         self._outbox += encode(Packet(self._framed_id, Com.JOINTS, param, robot.joint_vec()))
         if self._samples % self._health_every == 0:
-            vec = (self._samples % 1000, 0, len(robot.ring), 10_000, robot.held_id, 0)
+            vec = (self._samples % 1_000_000, 0, len(robot.ring), 10_000, robot.held_id, 0)
             self._outbox += encode(Packet(robot.taken_id, Com.HEALTH, 0, vec))
         if self._samples % self.tantrums.merge == 0:
             data, self._outbox = self._outbox, b""

@@ -161,6 +161,7 @@ def test_every_command_of_the_table_is_framed(com: Com, param: int) -> None:
     """Every Param that the table knows, too; a Param more closes the connection."""
     talk = shared()
     first_words(talk, HELLO)
+    talk.live(0.07)  # the watchdog looks twice
     talk.id = 1
     vec = HARMLESS.get(com, ZERO_VEC)
     if com == Com.MOVE_POSE:
@@ -191,7 +192,7 @@ def test_the_receiver_takes_exactly_the_packets_that_the_codec_takes(
     data = bytearray(sent)
     data[place] = ord(char)
     talk.write(bytes(data))
-    talk.live(0.03)
+    talk.live(0.02)
     if is_due(bytes(data), 2) and data != sent:  # another number than the harmless one is in force
         shared.cache_clear()
     assert talk.closed != is_due(bytes(data), 2), bytes(data)

@@ -9,7 +9,7 @@ import pinocchio as pin
 import pytest
 
 from common.packet import VecInt
-from common.packet_table import Com
+from common.packet_table import Com, Status
 from sim.controller.behaviour import Behaviour, pessimistic
 from tests.fakes.controller_talk import LIMITS, PORT, QUICK, SCALES, TEXT, Talk
 
@@ -196,3 +196,24 @@ def test_a_fault_that_closed_the_connection_is_told_to_the_next_one(code: int) -
     talk.move_up(5.0)
     talk.live(1.0, beat=True)
     assert talk.fault == 0
+
+
+@pytest.mark.parametrize("component", range(6))
+@pytest.mark.parametrize("frame", ["T_flange_tcp", "T_base_shift"])
+def test_each_component_of_tool_and_base_is_looked_at(frame: str, component: int) -> None:
+    """1 mm or 1 degree of any of them would put the arm somewhere else: fault 8, nothing moves."""
+    talk = Talk()
+    talk.hello()
+    shift = np.where(np.arange(6) == component, (*[1e-3] * 3, *[np.radians(1.0)] * 3), 0.0)
+    setattr(talk.robot, frame, pin.SE3(pin.rpy.rpyToMatrix(shift[3:]), shift[:3]))
+    q, target = talk.robot.q, talk.shifted_vec(z=10.0)
+    talk.do(Com.MOVE_POSE, 0, target)
+    talk.wait(lambda: talk.fault == 8, 1.0)
+    talk.live(0.5, beat=True)
+    assert np.allclose(talk.robot.q, q, atol=1e-4)
+    setattr(talk.robot, frame, pin.SE3.Identity())
+    z = talk.height_mm()
+    talk.send(Com.HOLD)
+    talk.send(Com.MOVE_POSE, 0, target)
+    talk.wait(lambda: talk.height_mm() > z + 9.9)
+    assert talk.status & Status.HELD == 0

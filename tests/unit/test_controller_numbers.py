@@ -86,33 +86,33 @@ def test_acceleration_and_deceleration_are_each_its_own(accel: int, decel: int) 
     assert quick < 0.1
 
 
-@pytest.mark.parametrize("turn_deg", [30.0, 60.0])
-def test_a_turn_on_the_spot_takes_its_angle_times_the_lever(turn_deg: float) -> None:
+@pytest.mark.parametrize(("axis", "turn_deg"), [("x", 25.0), ("y", -25.0), ("z", 60.0)])
+def test_a_turn_on_the_spot_takes_its_angle_times_the_lever(axis: str, turn_deg: float) -> None:
     """One degree counts as 1.75 mm, whatever AS makes of MM/S without a way."""
     talk = Talk()
     talk.hello()
     talk.do(Com.SPEEDS, 0, (10_000, 10_000, 10_000, 500, 0, 0))
     T = talk.T_mm
-    goal = pin.SE3(T.rotation @ pin.utils.rotate("z", np.radians(turn_deg)), T.translation)
+    goal = pin.SE3(T.rotation @ pin.utils.rotate(axis, np.radians(turn_deg)), T.translation)
     sent = talk.send(Com.MOVE_POSE, 0, talk.pose_vec(goal))
     talk.wait(lambda: talk.taken == sent and talk.robot.queue.busy)
     took_s = talk.wait(lambda: not talk.robot.queue.busy)
-    assert took_s == pytest.approx(turn_deg * 1.75 / 50.0, rel=0.1)
+    assert took_s == pytest.approx(abs(turn_deg) * 1.75 / 50.0, rel=0.1)
     assert np.linalg.norm(rotation_between(talk.T_mm.rotation, goal.rotation)) < 1e-3
 
 
-def test_a_long_way_with_a_small_turn_keeps_the_speed_of_the_way() -> None:
+@pytest.mark.parametrize("axis", range(3))
+def test_a_long_way_with_a_small_turn_keeps_the_speed_of_the_way(axis: int) -> None:
     """The turn gets time of its own only where it takes longer."""
     talk = Talk()
     talk.hello()
     talk.do(Com.SPEEDS, 0, (10_000, 10_000, 10_000, 500, 0, 0))
     T = talk.T_mm
-    up = T.translation + np.array([0.0, 0.0, 50.0])
-    goal = pin.SE3(T.rotation @ pin.utils.rotate("z", np.radians(10.0)), up)
+    goal = T * pin.SE3(pin.utils.rotate("z", np.radians(10.0)), -50.0 * np.eye(3)[axis])
+    gone = lambda: float(np.linalg.norm(talk.T_mm.translation - T.translation))  # noqa: E731
     talk.send(Com.MOVE_POSE, 0, talk.pose_vec(goal))
-    talk.wait(lambda: talk.height_mm() - T.translation[2] > 10.0)
-    took_s = talk.wait(lambda: talk.height_mm() - T.translation[2] > 40.0)
-    assert took_s == pytest.approx(0.6, rel=0.05)
+    talk.wait(lambda: gone() > 10.0)
+    assert talk.wait(lambda: gone() > 40.0) == pytest.approx(0.6, rel=0.05)
 
 
 # --- commands 6, 4, 11, 10 ------------------------------------------------------------------------
@@ -141,6 +141,22 @@ def test_each_gain_is_of_its_own_axis_and_kind(axis: int, kind: str) -> None:
     moved[:3] = talk.T_mm.translation - start.translation
     moved[3:] = np.degrees(rotation_between(start.rotation, talk.T_mm.rotation))
     assert np.allclose(moved, expected * np.eye(6)[axis], atol=0.03 + 0.04 * abs(expected))
+
+
+def test_a_new_start_counts_from_where_the_arm_is() -> None:
+    """What was given way to before a stop, along and about every axis, is not gone again."""
+    talk = Talk()
+    talk.hello()
+    stopped = talk.T_mm
+    for _ in range(3):
+        talk.start_feedback(3, gains_i=(2_000, 2_000, 2_000, 20_000, 20_000, 20_000))
+        push(talk, 8, (0,) * 6)
+        assert np.allclose(talk.T_mm.homogeneous, stopped.homogeneous, atol=0.02)
+        push(talk, 25, PUSH)
+        assert np.abs(talk.T_mm.translation - stopped.translation).min() > 0.5
+        talk.send(Com.FEEDBACK, 2)
+        talk.live(0.2, beat=True)
+        stopped = talk.T_mm
 
 
 def test_the_tcp_of_command_11_is_what_a_moment_turns_about() -> None:

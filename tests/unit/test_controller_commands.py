@@ -190,6 +190,7 @@ def test_a_target_that_cannot_be_reached_is_taken_refused_and_moves_nothing(
     talk = ready()
     go(talk, com, vec)
     assert talk.status & Status.TARGET_REFUSED
+    assert not talk.status & (Status.ERROR | Status.MOVING)
     talk.live(0.3, beat=True)
     assert np.allclose(joints_deg(talk), HOME_DEG, atol=0.01)
     assert not talk.closed

@@ -217,3 +217,15 @@ def test_each_component_of_tool_and_base_is_looked_at(frame: str, component: int
     talk.send(Com.MOVE_POSE, 0, target)
     talk.wait(lambda: talk.height_mm() > z + 9.9)
     assert talk.status & Status.HELD == 0
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_no_pose_is_sent_when_any_coordinate_does_not_fit(axis: int) -> None:
+    """Nothing is ever clipped: 103 says 10, and nothing else comes."""
+    talk = Talk()
+    talk.hello()
+    talk.robot.T_base_shift = pin.SE3(np.eye(3), 3.0 * np.eye(3)[axis])  # a BASE 3 m away
+    talk.wait(lambda: talk.fault == 10, 1.0, beat=False)
+    before = len(talk.heard(Com.POSE)), len(talk.heard(Com.JOINTS))
+    talk.live(0.5)
+    assert (len(talk.heard(Com.POSE)), len(talk.heard(Com.JOINTS))) == before

@@ -19,12 +19,11 @@ PUSH: VecInt = (1100, -1200, 1300, 1400, -1500, 1600)  # 11 N, -12 N, ..., 1.6 N
 def timed_way(talk: Talk, speeds: VecInt, z_mm: float = 60.0) -> np.ndarray:
     """Heights above the start in mm, one each millisecond, of a motion along z."""
     talk.do(Com.SPEEDS, 0, speeds)
-    z, heights = talk.height_mm(), []
-    probe = lambda: heights.append(talk.height_mm() - z)  # noqa: E731 - it is taken away again
-    talk.machine.after_tick.append(probe)
+    z, heights = talk.height_mm(), list[float]()
+    talk.machine.after_tick.append(lambda: heights.append(talk.height_mm() - z))
     talk.send(Com.MOVE_POSE, 0, talk.shifted_vec(z=z_mm))
     talk.wait(lambda: talk.height_mm() - z > z_mm - 0.05, 20.0)
-    talk.machine.after_tick.remove(probe)
+    talk.machine.after_tick.pop()
     return np.array(heights)
 
 
@@ -115,6 +114,21 @@ def test_a_long_way_with_a_small_turn_keeps_the_speed_of_the_way(axis: int) -> N
     assert talk.wait(lambda: gone() > 40.0) == pytest.approx(0.6, rel=0.05)
 
 
+@pytest.mark.parametrize("joint", range(6))
+def test_joint_motions_take_the_time_of_the_flange_or_of_the_joint(joint: int) -> None:
+    """At 50 mm/s: the arc of the flange, or 1.75 mm for a degree of the joint if that is more."""
+    talk = Talk()
+    talk.hello()
+    q, turn = talk.robot.q, np.radians(np.where(np.arange(6) == joint, 12.0, 0.0))
+    flange = talk.robot.kinematics.flange_pose
+    ways = [flange(q + share * turn).translation for share in np.linspace(0.0, 1.0, 50)]
+    arc_mm = 1e3 * sum(float(np.linalg.norm(b - a)) for a, b in pairwise(ways))
+    talk.send(Com.MOVE_BY_JOINTS, 0, one_hot(joint, 12 * SCALES[2]))
+    talk.wait(lambda: talk.robot.queue.busy)
+    took_s = talk.wait(lambda: not talk.robot.queue.busy)
+    assert took_s == pytest.approx(max(arc_mm, 12.0 * 1.75) / 50.0, rel=0.08, abs=0.03)
+
+
 # --- commands 6, 4, 11, 10 ------------------------------------------------------------------------
 
 
@@ -141,6 +155,16 @@ def test_each_gain_is_of_its_own_axis_and_kind(axis: int, kind: str) -> None:
     moved[:3] = talk.T_mm.translation - start.translation
     moved[3:] = np.degrees(rotation_between(start.rotation, talk.T_mm.rotation))
     assert np.allclose(moved, expected * np.eye(6)[axis], atol=0.03 + 0.04 * abs(expected))
+
+
+def test_a_load_that_is_there_at_the_start_is_no_change() -> None:
+    """No axis gets a kick from its proportional gain."""
+    talk = Talk()
+    talk.hello()
+    talk.start_feedback(3, gains_p=(20_000, 20_000, 20_000, 100_000, 100_000, 100_000))
+    start = talk.T_mm
+    push(talk, 10, PUSH)
+    assert np.allclose(talk.T_mm.homogeneous, start.homogeneous, atol=1e-3)
 
 
 def test_a_new_start_counts_from_where_the_arm_is() -> None:

@@ -174,17 +174,20 @@ def test_wrenches_that_stay_away_end_force_feedback_though_beats_come(behaviour:
     comes_back_held(talk)
 
 
-def test_the_arm_stands_between_two_wrenches_and_a_gap_is_not_made_up_for(
-    behaviour: Behaviour,
-) -> None:
+def test_a_gap_between_two_wrenches_is_not_made_up_for(behaviour: Behaviour) -> None:
     """After a gap that is shorter than the limit the integral counts anew: no leap."""
     talk = feeding(behaviour)
-    talk.live(0.15, beat=True)
+    talk.send(Com.LIMITS, 0, (*LIMITS[:5], 600))
+    talk.send(Com.GAINS, 1, (0, 0, 2_000, 0, 0, 0))
+    for _ in range(10):
+        push(talk)
+    talk.live(0.3, beat=True)
     z = talk.height_mm()
     push(talk)
     push(talk)
+    talk.live(0.05, beat=True)
     assert talk.status & Status.POSITION_FEEDBACK
-    assert talk.height_mm() - z < 0.9  # 20 ms of 20 mm/s are 0.4 mm; 150 ms would be 3 mm
+    assert talk.height_mm() - z < 0.15  # 40 ms of 2 mm/s are 0.08 mm; 300 ms more would be 0.68 mm
 
 
 # --- a peer that does not read --------------------------------------------------------------------

@@ -813,6 +813,7 @@ strange: ;a fault of before a good hello stays until the next motion
   fm.lat=fm.lat+1
   fm.dropw=fm.conn
   .framed=fm.framed
+  .conn=fm.conn
   .w=fm.wn
   .mode=0
   .ask=fm.ask
@@ -833,8 +834,9 @@ strange: ;a fault of before a good hello stays until the next motion
   TIMER 9=0
 look:
   TWAIT fm.twatch
-  IF fm.framed<>.framed THEN
+  IF (fm.framed<>.framed) OR (fm.conn<>.conn) THEN ;a new connection may begin at any ID
     .framed=fm.framed
+    .conn=fm.conn
     TIMER 7=0
   END
   IF fm.mode<>.mode THEN

@@ -87,7 +87,7 @@ def _unread(text: str) -> Line | None:
     match = UNREAD.match(text)
     if match is None or keywords.instruction(match["word"]) or match["word"].upper() == "MC":
         return None
-    words = syntax.Text(match["rest"].strip())
+    words = syntax.Text((match["rest"] or "").strip())
     statement = syntax.Instruction(match["word"].upper(), (words,), unknown=True)
     return Line(match["label"], statement)
 

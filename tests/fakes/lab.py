@@ -67,11 +67,11 @@ class Lab:
 
     def p_m(self) -> np.ndarray:
         """True flange position, also when the robot's process is dead."""
-        return np.array(self.cell.robot.arm.T_base_flange.translation)
+        return np.array(self.cell.arm.T_base_flange.translation)
 
     def q_command(self) -> np.ndarray:
         """Joint angles that the controller commands its servos."""
-        return self.cell.robot.arm.q_command
+        return self.cell.arm.q_command
 
     def approach(self) -> None:
         """Move down under force feedback, in free space."""

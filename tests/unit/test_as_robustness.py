@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from functools import partial
 
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from sim.controller.errors import TEXTS, AsError, AsSyntaxError
@@ -36,6 +36,7 @@ def refusal(read: Callable[[], object]) -> Exception | None:
 
 
 @settings(max_examples=300)
+@example("\nA")
 @given(st.one_of(LINES, NOISE))
 def test_a_line_is_parsed_or_explained(line: str) -> None:
     """LineError with a code and a sentence is the only way out."""

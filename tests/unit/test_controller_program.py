@@ -265,7 +265,7 @@ def test_what_waits_in_the_ring_is_framed_at_once_taken_later_and_in_order() -> 
     """While the robot program hands a motion over, 102 runs ahead of 101, and 103 counts."""
     talk, moving = busy()
     ids = [talk.send(Com.GAINS, 0, (k,) * 6) for k in range(1, RING + 1)]
-    talk.wait(lambda: talk.framed == ids[-1], 1.0)
+    talk.wait(lambda: talk.framed == ids[-1], 1.0, beat=False)
     talk.live(0.3, beat=True)
     assert talk.taken == moving
     assert talk.last(Com.HEALTH).vec[2] == RING

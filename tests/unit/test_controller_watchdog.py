@@ -147,9 +147,6 @@ def test_nothing_is_watched_before_something_may_move(behaviour: Behaviour) -> N
     talk.wait(lambda: talk.value("fm.fault") == 1, WATCHDOG_S + 0.1, beat=False)
 
 
-@pytest.mark.xfail(
-    strict=True, reason="fm.watch compares IDs only, and they begin anew with each connection"
-)
 def test_a_new_connection_that_comes_to_the_id_of_the_last_one_is_no_silence() -> None:
     """Hello 1 and beat 2, hung up, and the same again, at any moment between two looks."""
     talk = Talk()

@@ -35,7 +35,7 @@ demo: setup ## press the simulated arm on a plate and let the force go to zero: 
 	@$(BIN)/forcemesh demo $(ARGS)
 
 test: setup ## run every test, then show the largest files and functions: ARGS="-k packet"
-	@$(BIN)/python -m pytest $(ARGS)
+	@PYTHON=$(BIN)/python tools/test.sh $(ARGS)
 	@$(BIN)/python tools/sizes.py
 
 check: setup ## lint, format, types, import contracts, sizes

@@ -140,12 +140,13 @@ class Robot:
     # Whether it keeps the cell's limits again behind the arbiter (design section 6). The simulated
     # arm has only its own joint limits; the gateway's guard is what is promised.
     guards_limits: bool = True
+    realtime: bool = False  # on a real socket, in real time
     before: Callable[[Rig], None] = nothing  # what it has been through when a test begins
 
 
 ROBOTS = {
     "sim": Robot(sim_rig, "pc", has_controller=False, guards_limits=False),
-    "gateway": Robot(gateway_rig, "controller"),
+    "gateway": Robot(gateway_rig, "controller", realtime=True),
     "emulated, pc": Robot(emulated_pc_rig, "pc"),
     "emulated, controller": Robot(emulated_controller_rig, "controller", before=ran_feedback),
 }

@@ -20,6 +20,8 @@ from tests.contract.test_abuse_wire import BREAKING, DOWN, MOTIONS, UP
 from tests.fakes.hostile_cell import LoneController, SocketCell
 from tests.fakes.hostile_stream import Abuse, Chop, Freeze, Gather
 
+pytestmark = pytest.mark.realtime
+
 ROOT = Path(__file__).resolve().parents[2]
 LATE_S = 0.02  # the proxy's thread and the loop that steps gateway and controller take turns
 CASES = [

@@ -18,6 +18,8 @@ from common.endpoints import Bus, Publisher, Reader
 from common.errors import BusError
 from common.messages import ArbiterStatus, Empty, HoldRequest, Message, Reply, WrenchAtTcp
 
+pytestmark = pytest.mark.realtime
+
 DEMO = Path(__file__).resolve().parents[2] / "cells" / "demo.yaml"
 PATIENCE_S = 20.0  # of the test, for a loaded machine
 

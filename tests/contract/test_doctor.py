@@ -14,6 +14,8 @@ from common.packet_table import Com, Status
 from services.gateway.scales import Scales
 from tests.fakes.controller import FakeController
 
+pytestmark = pytest.mark.realtime
+
 SHORT = Patience(connect_s=0.5, hello_s=0.5, reports_s=0.5, watch_s=1.2, confirm_s=0.5)
 SCALES = Scales()
 

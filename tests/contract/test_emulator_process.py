@@ -20,6 +20,8 @@ from sim.controller.parser import parse
 from sim.controller.service import ControllerSensor
 from tests.fakes.as_bench import program
 
+pytestmark = pytest.mark.realtime
+
 ROOT = Path(__file__).resolve().parents[2]
 DEADLINE_S = 30.0
 

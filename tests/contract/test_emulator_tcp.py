@@ -12,6 +12,8 @@ from sim.controller.behaviour import Behaviour, pessimistic
 from sim.controller.network import SocketNetwork
 from tests.fakes.as_bench import FAST, AsBench, program
 
+pytestmark = pytest.mark.realtime
+
 PORT = 49152
 REAL_DEADLINE_S = 20.0
 

@@ -12,6 +12,8 @@ from tests.contract.rig import Rig
 from tests.contract.robots import Both, Emulated
 from tests.fakes.gateway_cell import a_cell
 
+pytestmark = pytest.mark.realtime
+
 FRAMED = {"framed_round_trip_p50_s", "framed_round_trip_p99_s"}
 TAKEN = {"taken_round_trip_p50_s", "taken_round_trip_p99_s"}
 RATES = {"program_loop_hz", "sender_hz"}

@@ -41,7 +41,11 @@ def test_a_goal_out_of_reach_is_refused_and_moves_nothing(rig: Rig, kind: str) -
 
 @pytest.mark.parametrize(
     ("name", "kind"),
-    [(name, kind) for name in ROBOTS for kind in ("pose", "joints", "by")],
+    [
+        pytest.param(name, kind, marks=pytest.mark.realtime if robot.realtime else ())
+        for name, robot in ROBOTS.items()
+        for kind in ("pose", "joints", "by")
+    ],
 )
 def test_no_goal_is_faster_than_mechanical_times_modular_speed(name: str, kind: str) -> None:
     """Specification e), on `robot/state`: in no window of 0.3 s the flange is faster."""

@@ -28,6 +28,8 @@ from common.messages import Health, RobotState
 from common.packet_table import Status
 from tests.fakes.controller import FakeController
 
+pytestmark = pytest.mark.realtime
+
 ROOT = Path(__file__).resolve().parents[2]
 HUB = Process("services.hub", ("hub",))
 DEADLINE_S = 60.0

@@ -26,6 +26,8 @@ from common.messages import (
     Speed,
 )
 
+pytestmark = pytest.mark.realtime
+
 ROOT = Path(__file__).resolve().parents[2]
 
 

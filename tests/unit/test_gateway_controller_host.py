@@ -11,6 +11,8 @@ from common.packet_table import Com, Status
 from tests.contract.rig import pose_goal, shifted
 from tests.fakes.gateway_cell import GatewayCell, a_cell
 
+pytestmark = pytest.mark.realtime
+
 GAINS = Gains(force_p_m_per_N=(2e-6, 2e-6, 2e-6), force_i_m_per_Ns=(1e-5, 1e-5, 1e-5))
 
 

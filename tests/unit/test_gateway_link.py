@@ -13,6 +13,8 @@ from common.packet import PACKET_CHARS, Packet, encode
 from services.gateway.link import Link, LinkSettings
 from tests.fakes.controller import FakeController
 
+pytestmark = pytest.mark.realtime
+
 PATIENCE_S = 5.0
 
 

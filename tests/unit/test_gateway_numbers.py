@@ -22,6 +22,8 @@ from common.config import dump_cell, load_cell
 from common.messages import Health
 from tests.fakes.bench import Bench
 
+pytestmark = pytest.mark.realtime
+
 ROOT = Path(__file__).resolve().parents[2]
 HUB = Process("services.hub", ("hub",))
 NUMBERS = {"framed_round_trip_p50_s": 0.0123, "sender_hz": 40.0, "monitor_speed_fraction": 0.1}

@@ -9,6 +9,8 @@ from common.packet_table import Com, Status
 from tests.contract.rig import pose_goal, shifted
 from tests.fakes.gateway_cell import GatewayCell, a_cell
 
+pytestmark = pytest.mark.realtime
+
 MOTION = (Com.MOVE_POSE, Com.MOVE_JOINTS, Com.MOVE_BY_JOINTS, Com.WRENCH, Com.FEEDBACK)
 
 

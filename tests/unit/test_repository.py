@@ -94,7 +94,8 @@ def test_image_gets_the_versions_that_are_tested() -> None:
 
 
 @pytest.mark.parametrize(
-    "target", ["setup", "demo", "test", "check", "format", "bench", "bench-tcp", "fuzz", "lock", "clean"]
+    "target",
+    ["setup", "demo", "test", "check", "format", "bench", "bench-tcp", "fuzz", "lock", "clean"],
 )
 def test_make_knows_and_lists_its_targets(target: str) -> None:
     """Each command that the documentation names is there, and `make` alone tells of it."""

@@ -19,6 +19,8 @@ from common.service import refuse_unless_played_by
 from services.sensor.rdt import Command, request
 from tests.fakes.rdt_sensor import PATIENCE_S, PERIOD_S, REAL_CELL, ROOT, FakeSensor
 
+pytestmark = pytest.mark.realtime
+
 
 def test_template_cell_is_conservative_and_complete() -> None:
     """The template loads without a mistake and keeps below what the demo cell allows."""

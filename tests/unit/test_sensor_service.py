@@ -10,6 +10,8 @@ from common.clock import NS_PER_S
 from services.sensor.rdt import MONITOR_CONDITION
 from tests.fakes.rdt_sensor import PERIOD_S, FakeSensor, Rig, assert_no_numbers
 
+pytestmark = pytest.mark.realtime
+
 
 @pytest.fixture
 def sensor() -> Iterator[FakeSensor]:

@@ -15,6 +15,8 @@ from tests.fakes.rdt_sensor import (
     is_at_rate,
 )
 
+pytestmark = pytest.mark.realtime
+
 STALE_S = 0.020
 
 

@@ -1,0 +1,23 @@
+#!/usr/bin/env bash
+# Every test in two runs: what lives in real time first and alone, then all the rest on all cores.
+# Both runs happen, whatever the first one finds.
+set -uo pipefail
+python=${PYTHON:-.venv/bin/python}
+readonly REAL="realtime or processes" NONE_SELECTED=5
+failed=0
+
+run() {
+  "$python" -m pytest "$@"
+  local code=$?
+  [ $code = 0 ] || [ $code = $NONE_SELECTED ] || failed=$code
+  [ $code = $NONE_SELECTED ] || ran=1
+}
+
+ran=0
+run -m "$REAL" "$@"
+run -m "not ($REAL)" -n auto "$@"
+if [ $ran = 0 ]; then
+  echo "no test fits: $*" >&2
+  exit $NONE_SELECTED
+fi
+exit $failed

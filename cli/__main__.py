@@ -38,7 +38,7 @@ app.add_typer(payload.app, name="payload", rich_help_panel=FORCE)
 
 def _print_version(wanted: bool) -> None:
     if wanted:
-        from common.service import forcemesh_version
+        from common.version import forcemesh_version
 
         typer.echo(f"forcemesh {forcemesh_version()}")
         raise typer.Exit

@@ -99,4 +99,5 @@ def _validate(fields: dict[str, object], record_type: type[R]) -> R:
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         where = ".".join(str(part) for part in first["loc"])
-        raise MessageError(f"{record_type.__name__}.{where}: {first['msg']}") from error
+        code = "not_finite" if first["type"] == "finite_number" else "undecodable"
+        raise MessageError(f"{record_type.__name__}.{where}: {first['msg']}", code) from error

@@ -12,6 +12,7 @@ from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 from common.clock import NS_PER_S, Clock
 from common.codec import Header, decode, decode_record, encode, encode_record
 from common.errors import BusError, MessageError
+from common.faults import refusal
 from common.messages import Message, Record, Reply
 from common.topics import CLIENT, Qos, Request, Topic
 
@@ -83,6 +84,7 @@ class Reading(Generic[M]):
     age_s: float
     fault: str  # empty when the message is present, valid and fresh
     silent: bool = False  # missing or stale: its writer is not heard
+    code: str = ""  # of common/faults.py, for the fault
 
     @property
     def fresh(self) -> M | None:
@@ -120,6 +122,7 @@ class Reader(Generic[M]):
         self._source = source
         self._clock = clock
         self._last: tuple[Header, M] | None = None
+        self._broken: MessageError | None = None  # what came last could not be read
         self._received_ns = 0
         self._retired_epochs: set[int] = set()
 
@@ -133,6 +136,7 @@ class Reader(Generic[M]):
         except MessageError as error:
             self.counters.undecodable += 1
             self.counters.last_error = str(error)
+            self._broken = error
             return False
         return self._accept(header, message)
 
@@ -140,18 +144,26 @@ class Reader(Generic[M]):
         """Take what has come in and judge the newest message at this time."""
         self.poll()
         if self._last is None:
-            return Reading(None, None, float("inf"), f"{self.topic.key} missing", silent=True)
+            fault = f"{self.topic.key} missing"
+            return Reading(None, None, float("inf"), fault, silent=True, code="missing")
         header, message = self._last
         age_s = self._age_s(header, now_ns)
-        fault, is_stale = "", age_s > self.stale_after_s
-        if is_stale:
-            fault = (
-                f"{self.topic.key} stale: {age_s * 1e3:.0f} ms old, "
-                f"limit {self.stale_after_s * 1e3:.0f} ms"
-            )
-        elif not message.valid:
-            fault = f"{self.topic.key} invalid: {message.reason or 'no reason given'}"
-        return Reading(message, header, age_s, fault[:LONGEST_FAULT], silent=is_stale)
+        code, fault = self._judge(message, age_s)
+        return Reading(
+            message, header, age_s, fault[:LONGEST_FAULT], silent=code == "stale", code=code
+        )
+
+    def _judge(self, message: M, age_s: float) -> tuple[str, str]:
+        """Return code and text of what is wrong, both empty when nothing is."""
+        if age_s > self.stale_after_s:
+            age_ms, limit_ms = age_s * 1e3, self.stale_after_s * 1e3
+            return "stale", f"{self.topic.key} stale: {age_ms:.0f} ms old, limit {limit_ms:.0f} ms"
+        if self._broken is not None:  # not what it said before, nor zero: unknown
+            return self._broken.code, f"{self.topic.key} unreadable: {self._broken}"
+        if not message.valid:
+            reason = message.reason or "no reason given"
+            return message.code or "invalid", f"{self.topic.key} invalid: {reason}"
+        return "", ""
 
     def _accept(self, header: Header, message: M) -> bool:
         if header.epoch in self._retired_epochs:
@@ -167,6 +179,7 @@ class Reader(Generic[M]):
             else:
                 self.counters.superseded += header.seq - last.seq - 1
         self.counters.received += 1
+        self._broken = None
         self._last = (header, message)
         self._received_ns = self._clock.now_ns()
         return True
@@ -236,8 +249,7 @@ class Inbox(Generic[Q]):
             try:
                 yield Incoming(decode_record(call.data, self._request.message), call)
             except MessageError as error:
-                refusal = Reply(accepted=False, code="malformed", text=str(error)[:400])
-                call.answer(encode_record(refusal))
+                call.answer(encode_record(refusal("malformed", str(error))))
 
 
 @dataclass(slots=True)

@@ -39,7 +39,15 @@ class BusError(ForcemeshError):
 
 
 class MessageError(ForcemeshError):
-    """Bytes from the bus do not decode into the message of their topic."""
+    """Bytes from the bus do not decode into the message of their topic.
+
+    `code` is the row of common/faults.py that says why: undecodable or not_finite.
+    """
+
+    def __init__(self, text: str, code: str = "undecodable") -> None:
+        """Keep the code for programs, the text for people."""
+        self.code = code
+        super().__init__(text)
 
 
 class RefusedError(ForcemeshError):

@@ -4,12 +4,13 @@ Every rule answers with a `Trip` that names the rule, what was found and the num
 """
 
 from dataclasses import dataclass
-from math import degrees, hypot, isfinite, radians
+from math import degrees, hypot, radians
 
 import numpy as np
 import pinocchio as pin
 
 from common.cell import Cell
+from common.faults import tripped
 from common.frames import Array, is_finite_pose, rotation_between, rotation_from_vector
 from common.messages import Trip, Vec6
 
@@ -59,7 +60,7 @@ def check_workspace(limits: Limits, T_base_tcp: pin.SE3) -> Trip | None:
         if not low <= value <= high:
             broken = low if value < low else high
             text = f"TCP {axis} = {float(value) * 1e3:.1f} mm is outside the workspace"
-            return _trip("workspace", text, value=float(value), limit=float(broken))
+            return tripped("workspace", text, value=float(value), limit=float(broken))
     return None
 
 
@@ -70,11 +71,11 @@ def check_step(limits: Limits, T_from: pin.SE3, T_to: pin.SE3) -> Trip | None:
     distance_m = _length(T_to.translation - T_from.translation)
     if distance_m > limits.step_m:
         text = f"set point {distance_m * 1e3:.1f} mm away from the arm"
-        return _trip("step", text, value=distance_m, limit=limits.step_m)
+        return tripped("step", text, value=distance_m, limit=limits.step_m)
     angle_rad = _length(rotation_between(T_from.rotation, T_to.rotation))
     if angle_rad > limits.step_rad:
         text = f"set point {degrees(angle_rad):.1f} degrees away from the arm"
-        return _trip("step", text, value=angle_rad, limit=limits.step_rad)
+        return tripped("step", text, value=angle_rad, limit=limits.step_rad)
     return None
 
 
@@ -86,7 +87,7 @@ def check_tether(limits: Limits, p_start_m: Array, p_now_m: Array) -> Trip | Non
     if distance_m <= limits.tether_m:
         return None
     text = f"{distance_m * 1e3:.0f} mm away from where it was armed"
-    return _trip("tether", text, value=distance_m, limit=limits.tether_m)
+    return tripped("tether", text, value=distance_m, limit=limits.tether_m)
 
 
 def check_joints(limits: Limits, joint_rad: Vec6 | Array) -> Trip | None:
@@ -98,7 +99,7 @@ def check_joints(limits: Limits, joint_rad: Vec6 | Array) -> Trip | None:
         if not low <= angle <= high:
             broken = low if angle < low else high
             text = f"joint {number} = {degrees(angle):.1f} degrees is out of its range"
-            return _trip("joint", text, value=float(angle), limit=float(broken))
+            return tripped("joint", text, value=float(angle), limit=float(broken))
     return None
 
 
@@ -109,11 +110,11 @@ def check_wrench(limits: Limits, force_N: Array, torque_Nm: Array) -> Trip | Non
     force = _length(force_N)
     if force > limits.force_N:
         text = f"force {force:.1f} N is above the ceiling"
-        return _trip("force", text, value=force, limit=limits.force_N)
+        return tripped("force", text, value=force, limit=limits.force_N)
     torque = _length(torque_Nm)
     if torque > limits.torque_Nm:
         text = f"torque {torque:.2f} N m is above the ceiling"
-        return _trip("torque", text, value=torque, limit=limits.torque_Nm)
+        return tripped("torque", text, value=torque, limit=limits.torque_Nm)
     return None
 
 
@@ -144,8 +145,4 @@ def _length(vector: Array) -> float:
 
 
 def _not_finite(what: str) -> Trip:
-    return Trip(code="not_finite", text=f"{what} holds a number that is not finite")
-
-
-def _trip(code: str, text: str, *, value: float, limit: float) -> Trip:
-    return Trip(code=code, text=text, value=value if isfinite(value) else None, limit=limit)
+    return tripped("not_finite", f"{what} holds a number that is not finite")

@@ -38,6 +38,7 @@ class Message(Record):
 
     valid: bool = True
     reason: Text = ""  # why it is not valid
+    code: Text = ""  # the same as a code of common/faults.py
 
 
 class PoseRecord(Record):
@@ -104,6 +105,7 @@ class RobotState(Message):
     goal: GoalReport = GoalReport()
     accepted: Accepted | None = None
     hold_reason: Text = ""  # why the robot holds, empty while it may move
+    hold_code: Text = ""  # the same as a code of common/faults.py
     link: LinkHealth = LinkHealth()
 
 
@@ -208,6 +210,7 @@ class Trip(Record):
     """A rule that stopped the arm: its code, what was found, and the number that broke it."""
 
     code: Text
+    rule: int
     text: Text
     value: float | None = None
     limit: float | None = None
@@ -281,6 +284,7 @@ class Reply(Record):
 
     accepted: bool
     code: Text = "ok"
+    rule: int = 0
     text: Text = ""
     value: float | None = None
     limit: float | None = None

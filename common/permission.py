@@ -18,8 +18,12 @@ class Verdict:
 
     command: RobotCommand | None
     hold_reason: str  # empty when the command is to be obeyed
+    hold_code: str  # the same as a code of common/faults.py
     accepted: Accepted | None  # echo of the last command that was obeyed
     is_new: bool = False  # the command was not seen before
+
+
+NO_COMMAND_YET = Verdict(None, "no command yet", "no_lease", None)
 
 
 class CommandGate:
@@ -30,21 +34,22 @@ class CommandGate:
         self._accepted: Accepted | None = None
         self._live_lease: tuple[int, int] | None = None  # arbiter's epoch, lease
         self._dead_lease: tuple[int, int] | None = None
-        self._dead_reason = ""
+        self._dead_reason, self._dead_code = "", ""
 
     def judge(self, reading: Reading[RobotCommand], now_ns: int) -> Verdict:
         """Return what the robot may do at this time."""
         command, header = reading.fresh, reading.header
         if command is None or header is None:
-            return self._refuse(reading.fault)
+            return self._refuse(reading.fault, reading.code)
         if command.permission is None:
-            return self._refuse(command.reason or "the arbiter holds")
+            return self._refuse(command.reason or "the arbiter holds", command.code or "hold")
         if reading.age_s > command.permission.deadline_s:
             age_ms, limit_ms = reading.age_s * 1e3, command.permission.deadline_s * 1e3
-            return self._refuse(f"permission {age_ms:.0f} ms old, limit {limit_ms:.0f} ms")
+            reason = f"permission {age_ms:.0f} ms old, limit {limit_ms:.0f} ms"
+            return self._refuse(reason, "stale")
         lease = (header.epoch, command.permission.lease)
         if lease == self._dead_lease:
-            return self._hold(f"lease {lease[1]} ended: {self._dead_reason}")
+            return self._hold(f"lease {lease[1]} ended: {self._dead_reason}", self._dead_code)
         self._live_lease = lease
         previous = self._accepted
         is_new = previous is None or (previous.epoch, previous.seq) != (header.epoch, header.seq)
@@ -56,21 +61,22 @@ class CommandGate:
                 sensor_stamp_ns=header.sensor_stamp_ns,
                 sensor_seq=header.sensor_seq,
             )
-        return Verdict(command, "", self._accepted, is_new)
+        return Verdict(command, "", "", self._accepted, is_new)
 
-    def revoke(self, reason: str) -> Verdict:
+    def revoke(self, reason: str, code: str) -> Verdict:
         """End the live lease from the robot's side: it was asked for what it cannot do."""
-        return self._refuse(reason)
+        return self._refuse(reason, code)
 
-    def _refuse(self, reason: str) -> Verdict:
+    def _refuse(self, reason: str, code: str) -> Verdict:
         """Hold, and let nothing come back under the lease that was live."""
         if self._live_lease is not None:
-            self._dead_lease, self._dead_reason = self._live_lease, reason
-            self._live_lease = None
-        return self._hold(reason)
+            self._dead_lease, self._live_lease = self._live_lease, None
+            self._dead_reason, self._dead_code = reason, code
+        return self._hold(reason, code)
 
-    def _hold(self, reason: str) -> Verdict:
-        return Verdict(None, reason[:LONGEST_FAULT] or "no permission", self._accepted)
+    def _hold(self, reason: str, code: str) -> Verdict:
+        reason = reason[:LONGEST_FAULT] or "no permission"
+        return Verdict(None, reason, code or "no_lease", self._accepted)
 
 
 def chain_latency_s(accepted: Accepted) -> float | None:

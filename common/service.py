@@ -12,7 +12,6 @@ import threading
 from collections import deque
 from collections.abc import Callable
 from contextlib import AbstractContextManager, ExitStack
-from importlib.metadata import PackageNotFoundError, version
 from typing import Any, Protocol, runtime_checkable
 
 from common.bus import open_bus
@@ -24,6 +23,7 @@ from common.errors import ConfigError, ForcemeshError
 from common.messages import Health
 from common.priority import has_realtime_priority, take_realtime_priority
 from common.topics import HEALTH
+from common.version import forcemesh_version
 
 POLL_S = 0.0005
 LONGEST_PAUSE_S = 0.05  # a process that waits longer would be slow to stop
@@ -236,11 +236,3 @@ class exit_on_error:  # noqa: N801 - reads as a statement
         if isinstance(error, ForcemeshError):
             sys.stderr.write(f"{self._role}: {error}\n")
             raise SystemExit(2)
-
-
-def forcemesh_version() -> str:
-    """Return the installed version, or say that it runs from a bare checkout."""
-    try:
-        return version("forcemesh")
-    except PackageNotFoundError:
-        return "checkout"

@@ -9,6 +9,7 @@ from common.cell import Cell
 from common.clock import NS_PER_S
 from common.config import cell_hash
 from common.convert import pose_of, record_of, vec3
+from common.faults import clipped, refusal, refused, tripped
 from common.frames import Array
 from common.limits import Limits, check_step, check_tether, check_workspace, limit_speed
 from common.messages import (
@@ -26,10 +27,11 @@ from common.messages import (
     Speed,
     Trip,
 )
+from common.version import forcemesh_version
 from services.arbiter import inputs as known
-from services.arbiter.goals import goal_trip, refused
+from services.arbiter.goals import goal_trip
 from services.arbiter.inputs import Inputs
-from services.arbiter.reports import REASON_BYTES, clipped, lines, recent
+from services.arbiter.reports import lines, recent
 from services.arbiter.states import CLEARS, MAY_MOVE, after
 
 PREFLIGHT_S = 1.0  # inputs must have been good for so long before arming
@@ -58,7 +60,7 @@ class Arbiter:
         self._limits = Limits.of(cell)
         self._deadline_s = command_deadline_s
         self._T_flange_tcp = cell.tool.T_flange_tcp.pose
-        self._config_hash = cell_hash(cell)
+        self._config_hash, self._version = cell_hash(cell), forcemesh_version()
         self._speed = Speed()
         self._motion = IDLE_MOTION
         self._lease = 0
@@ -69,7 +71,7 @@ class Arbiter:
         self._last_ns = 0
         self._goal_id = 0
         self._regulator_rested = False  # seen stopped since arming and since the last goal
-        self._not_ready: list[str] = ["starting"]
+        self._not_ready: list[Trip] = [tripped("not_ready", "starting")]
 
     # --- every period ---------------------------------------------------------------------------
 
@@ -91,13 +93,13 @@ class Arbiter:
             commander=self._motion.commander,
             lease=self._lease,
             trips=self.trips,
-            not_ready=lines(self._not_ready),
+            not_ready=lines([trip.text for trip in self._not_ready]),
             clears=CLEARS[self.state],
         )
 
     def _watch_readiness(self, inputs: Inputs) -> None:
-        lines = known.missing(inputs)
-        if lines:
+        trips = known.missing(inputs)
+        if trips:
             self._good_since_ns = None
         else:
             if self._good_since_ns is None:
@@ -105,15 +107,16 @@ class Arbiter:
             self.state = after(self.state, "ready")
             good_s = (inputs.now_ns - self._good_since_ns) / NS_PER_S
             if good_s < PREFLIGHT_S:
-                lines = [f"inputs are good for {good_s:.1f} s, {PREFLIGHT_S:g} s are needed"]
-            lines += known.robot_complaints(inputs)
-            lines += known.strangers(inputs, self._config_hash)
-        self._not_ready = lines
+                text = f"inputs are good for {good_s:.1f} s, {PREFLIGHT_S:g} s are needed"
+                trips = [tripped("not_ready", text, value=good_s, limit=PREFLIGHT_S)]
+            trips += known.robot_complaints(inputs)
+            trips += known.strangers(inputs, self._config_hash, self._version)
+        self._not_ready = trips
 
     def _watch_motion(self, inputs: Inputs) -> None:
-        fault = known.fault_trip(inputs) or known.replaced_trip(inputs, self._writers)
-        if fault is not None:
-            self._stop("fault", fault)
+        faults = known.fault_trips(inputs) or known.replaced_trips(inputs, self._writers)
+        if faults:
+            self._stop("fault", *faults)
             return
         p_flange_tcp_m = vec3(np.asarray(self._T_flange_tcp.translation))
         trip = known.limit_trip(inputs, self._limits, p_flange_tcp_m)
@@ -131,7 +134,7 @@ class Arbiter:
             return None
         if target.valid or target.mode is None:
             return None
-        return Trip(code="regulator", text=f"the regulator gave up: {target.reason}"[:400])
+        return tripped("regulator", f"the regulator gave up: {target.reason}")
 
     # --- who commands -----------------------------------------------------------------------------
 
@@ -159,7 +162,7 @@ class Arbiter:
             self._motion = Motion("regulator", T_base_flange=pose_of(robot))
             return self._command("feedback", host="controller", feedback=target.feedback)
         if target.host == "controller" or target.pose is None or before is None:
-            return self._hold_for(Trip(code="regulator", text="the target holds nothing to do"))
+            return self._hold_for(tripped("regulator", "the target holds nothing to do"))
         T_wanted, T_measured = pose_of(target.pose), pose_of(robot)
         T_allowed = limit_speed(self._limits, before, T_wanted, dt_s)
         trip = (
@@ -178,7 +181,7 @@ class Arbiter:
         if goal is None or robot.goal.id != goal.id:
             return
         if robot.goal.state == "refused":
-            self.trips = (Trip(code="goal_refused", text=robot.goal.reason),)
+            self.trips = (tripped("goal_refused", robot.goal.reason),)
         if robot.goal.state in ("done", "refused"):
             self._end()
 
@@ -190,10 +193,10 @@ class Arbiter:
         self._motion = IDLE_MOTION
         self.state = after(self.state, "end")
 
-    def _stop(self, event: str, trip: Trip) -> None:
+    def _stop(self, event: str, *trips: Trip) -> None:
         """Latch. A second cause is added to the first one."""
         latched = self.state not in MAY_MOVE
-        self.trips = recent((*self.trips, trip) if latched else (trip,))
+        self.trips = recent((*self.trips, *trips) if latched else trips)
         self._motion = IDLE_MOTION
         self.state = after(self.state, event)
 
@@ -203,7 +206,7 @@ class Arbiter:
 
     def _hold_reason(self) -> str:
         cause = self.trips[-1].text if self.trips else "not armed"
-        return clipped(f"the arbiter is {self.state}: {cause}", REASON_BYTES)
+        return clipped(f"the arbiter is {self.state}: {cause}")
 
     def _command(self, kind: str, *, host: Host = "pc", **content: object) -> RobotCommand:
         permission = Permission(host=host, lease=self._lease, deadline_s=self._deadline_s)
@@ -220,13 +223,14 @@ class Arbiter:
             return Reply(accepted=True, code="already", text=f"already {self.state}")
         if after(self.state, "arm") != "ARMED":
             text = f"the arbiter is {self.state}: {CLEARS[self.state]}"
-            return Reply(accepted=False, code="state", text=text)
+            return refusal("state", text)
         trip = known.limit_trip(
             inputs, self._limits, vec3(np.asarray(self._T_flange_tcp.translation))
         )
         not_ready = known.missing(inputs) or self._not_ready
         if not_ready or robot is None:
-            return Reply(accepted=False, code="not_ready", text="; ".join(not_ready)[:400])
+            texts = "; ".join(why.text for why in not_ready)
+            return refused(not_ready[0].model_copy(update={"text": clipped(texts)}))
         if trip is not None:
             return refused(trip)
         self.state, self.trips, self._motion = after(self.state, "arm"), (), IDLE_MOTION
@@ -239,13 +243,13 @@ class Arbiter:
 
     def hold(self, reason: str) -> Reply:
         """Stop motion and hold; always accepted."""
-        self._stop("hold", Trip(code="hold", text=reason))
-        return Reply(accepted=True, text=f"{self.state}: {reason}"[:400])
+        self._stop("hold", tripped("hold", reason))
+        return Reply(accepted=True, text=clipped(f"{self.state}: {reason}"))
 
     def clear(self, inputs: Inputs) -> Reply:
         """Acknowledge a hold or a fault whose cause is gone."""
-        if self.state == "FAULT" and (fault := known.fault_trip(inputs)) is not None:
-            return refused(fault)
+        if self.state == "FAULT" and (faults := known.fault_trips(inputs)):
+            return refused(faults[0])
         self.state = after(self.state, "clear")
         self.trips = () if self.state == "IDLE" else self.trips
         return Reply(accepted=True, text=f"the arbiter is {self.state}")
@@ -263,17 +267,17 @@ class Arbiter:
         if real_m_s <= self._limits.speed_m_s:
             return None
         text = "mechanical times modular speed is above limits.speed_m_s"
-        return Trip(code="speed", text=text, value=real_m_s, limit=self._limits.speed_m_s)
+        return tripped("speed", text, value=real_m_s, limit=self._limits.speed_m_s)
 
     def move(self, request: MoveRequest, inputs: Inputs) -> Reply:
         """Give the robot a goal."""
         robot = inputs.robot.fresh
         if self.state not in MAY_MOVE or robot is None:
             text = f"the arbiter is {self.state}: {CLEARS[self.state]}"
-            return Reply(accepted=False, code="not_armed", text=text)
+            return refusal("not_armed", text)
         if self._motion.commander != "none":
             text = f"the {self._motion.commander} commands the arm; stop that first"
-            return Reply(accepted=False, code="busy", text=text)
+            return refusal("busy", text)
         trip = goal_trip(
             request,
             robot,

@@ -4,9 +4,10 @@ import numpy as np
 import pinocchio as pin
 
 from common.convert import pose_of
+from common.faults import tripped
 from common.frames import Array
 from common.limits import Limits, check_joints, check_tether, check_workspace
-from common.messages import MoveRequest, Reply, RobotState, Trip
+from common.messages import MoveRequest, RobotState, Trip
 
 
 def goal_trip(
@@ -28,19 +29,14 @@ def goal_trip(
     """
     if request.kind == "pose":
         if request.pose is None:
-            return Trip(code="malformed", text="a move to a pose needs a pose")
+            return tripped("malformed", "a move to a pose needs a pose")
         T_base_flange = pose_of(request.pose)
         return check_workspace(limits, T_base_flange * T_flange_tcp) or check_tether(
             limits, armed_at_m, np.asarray(T_base_flange.translation)
         )
     if request.joint_rad is None:
-        return Trip(code="malformed", text=f"a move of kind {request.kind} needs joint_rad")
+        return tripped("malformed", f"a move of kind {request.kind} needs joint_rad")
     joint_rad = np.array(request.joint_rad)
     if request.kind == "by":
         joint_rad = joint_rad + np.array(robot.joint_rad)
     return check_joints(limits, joint_rad)
-
-
-def refused(trip: Trip) -> Reply:
-    """Return the refusal that a tripped rule means."""
-    return Reply(accepted=False, code=trip.code, text=trip.text, value=trip.value, limit=trip.limit)

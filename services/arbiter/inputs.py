@@ -1,12 +1,14 @@
 """What the arbiter knows at one moment, and what is wrong with it. Pure."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from common.clock import NS_PER_S
 from common.convert import pose_of
 from common.endpoints import Reading
+from common.faults import FAULTS, tripped
 from common.limits import Limits, check_workspace, check_wrench
 from common.messages import (
     Health,
@@ -21,14 +23,14 @@ from common.messages import (
 Writers = dict[str, int]  # topic: epoch of the process that writes it
 
 ROBOT_ANSWERS_WITHIN_S = 0.3  # a robot that still holds after this does not accept the lease
-# The controller's bits that must be as named before anything moves, and what to do about each.
+# The controller's bits that must be as named before anything moves, and the fault when one is not.
 PRECONDITIONS = {
-    "motor_power": (True, "switch the motors on"),
-    "repeat_mode": (True, "switch to REPEAT"),
-    "teach_lock_off": (True, "switch TEACH LOCK off"),
-    "program_running": (True, "start the controller's program"),
-    "watchdog_latched": (False, "reconnect: the controller's watchdog has latched"),
-    "error": (False, "reset the controller's error"),
+    "motor_power": (True, "robot_motors"),
+    "repeat_mode": (True, "robot_teach"),
+    "teach_lock_off": (True, "robot_lock"),
+    "program_running": (True, "robot_program"),
+    "watchdog_latched": (False, "robot_latched"),
+    "error": (False, "robot_error"),
 }
 
 
@@ -44,49 +46,53 @@ class Inputs:
     health: dict[str, Reading[Health]]
 
 
-def missing(inputs: Inputs) -> list[str]:
-    """Return one line for each input that is missing, invalid or stale.
+def missing(inputs: Inputs) -> list[Trip]:
+    """Return one trip for each input that is missing, invalid or stale.
 
     The regulator's target need not be valid (it is not while nobody asks for force feedback),
     but the regulator must be heard.
     """
-    faults = [reading.fault for reading in (inputs.robot, inputs.sensor, inputs.wrench)]
+    readings: list[Reading[Any]] = [inputs.robot, inputs.sensor, inputs.wrench]
     if inputs.target.silent:
-        faults.append(inputs.target.fault)
-    faults += [reading.fault for reading in inputs.health.values()]
-    return [fault for fault in faults if fault]
+        readings.append(inputs.target)
+    lost = [reading for reading in (*readings, *inputs.health.values()) if reading.fault]
+    return [_lost(reading, is_sensor=reading is inputs.sensor) for reading in lost]
 
 
-def robot_complaints(inputs: Inputs) -> list[str]:
+def robot_complaints(inputs: Inputs) -> list[Trip]:
     """Return what the robot's status bits lack for motion."""
     robot = inputs.robot.fresh
     if robot is None:
         return []
     return [
-        remedy
-        for name, (wanted, remedy) in PRECONDITIONS.items()
+        tripped(code, FAULTS[code].remedy)
+        for name, (wanted, code) in PRECONDITIONS.items()
         if getattr(robot.status, name) is not wanted
     ]
 
 
-def strangers(inputs: Inputs, config_hash: str) -> list[str]:
-    """Return the roles that run with another cell file than this one."""
-    return [
-        f"{role} runs with another cell file ({health.fresh.config_hash}, here {config_hash})"
-        for role, health in inputs.health.items()
-        if health.fresh is not None and health.fresh.config_hash != config_hash
-    ]
+def strangers(inputs: Inputs, config_hash: str, version: str) -> list[Trip]:
+    """Return the roles that run with another cell file or another version than this one."""
+    trips = []
+    for role, reading in inputs.health.items():
+        health = reading.fresh
+        if health is not None and health.config_hash != config_hash:
+            text = f"{role} runs with another cell file ({health.config_hash}, here {config_hash})"
+            trips.append(tripped("config", text))
+        if health is not None and health.version != version:
+            text = f"{role} is of version {health.version}, here {version}"
+            trips.append(tripped("version", text))
+    return trips
 
 
-def fault_trip(inputs: Inputs) -> Trip | None:
+def fault_trips(inputs: Inputs) -> list[Trip]:
     """Return why motion must end in FAULT: an input is gone or the robot is not fit to move."""
-    lines = missing(inputs)
-    if lines:
-        return Trip(code="input", text="; ".join(lines)[:400])
-    complaints = robot_complaints(inputs)
-    if complaints:
-        return Trip(code="robot", text="; ".join(complaints)[:400])
-    return None
+    return missing(inputs) or robot_complaints(inputs)
+
+
+def _lost(reading: Reading[Any], *, is_sensor: bool) -> Trip:
+    code = reading.code if reading.code in FAULTS else "invalid"
+    return tripped("sensor_silent" if is_sensor and reading.silent else code, reading.fault)
 
 
 def writers(inputs: Inputs) -> Writers:
@@ -97,14 +103,14 @@ def writers(inputs: Inputs) -> Writers:
     return {name: header.epoch for name, header in headers if header is not None}
 
 
-def replaced_trip(inputs: Inputs, at_arming: Writers) -> Trip | None:
-    """Return the input that another process writes than when the arm was armed."""
+def replaced_trips(inputs: Inputs, at_arming: Writers) -> list[Trip]:
+    """Return the inputs that another process writes than when the arm was armed."""
     now = writers(inputs)
     replaced = [name for name, epoch in at_arming.items() if now.get(name) != epoch]
     if not replaced:
-        return None
+        return []
     text = f"another process writes {', '.join(replaced)} than when the arm was armed"
-    return Trip(code="writer", text=text)
+    return [tripped("writer", text)]
 
 
 def robot_trip(inputs: Inputs, lease_since_ns: int) -> Trip | None:
@@ -113,7 +119,7 @@ def robot_trip(inputs: Inputs, lease_since_ns: int) -> Trip | None:
     since_s = (inputs.now_ns - lease_since_ns) / NS_PER_S
     if robot is None or not robot.hold_reason or since_s < ROBOT_ANSWERS_WITHIN_S:
         return None
-    return Trip(code="robot_holds", text=f"the robot holds: {robot.hold_reason}"[:400])
+    return tripped("robot_holds", f"the robot holds: {robot.hold_reason}")
 
 
 def limit_trip(inputs: Inputs, limits: Limits, p_flange_tcp_m: Vec3) -> Trip | None:

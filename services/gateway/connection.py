@@ -4,6 +4,8 @@ from typing import Protocol
 
 from common.clock import NS_PER_S
 from common.errors import RemoteProtocolError
+from common.faults import FAULTS, tripped
+from common.messages import Trip
 from common.packet_table import Status
 from services.gateway.commands import ControllerLimits
 from services.gateway.dialogue import Dialogue
@@ -14,15 +16,9 @@ from services.gateway.round_trips import Rate, Turns
 
 LOOPS_SPAN = 1_000_000  # the loop counter of 103 goes round there
 
-# Bits without which the controller cannot obey, and bits with which it will not.
-NEEDED = {
-    Status.MOTOR_POWER: "the motors are off",
-    Status.PROGRAM_RUNNING: "the controller's program does not run",
-}
-FORBIDDEN = {
-    Status.WATCHDOG_LATCHED: "the controller's watchdog has latched",
-    Status.ERROR: "the controller reports an error",
-}
+# Bits without which the controller cannot obey, bits with which it will not, and their faults.
+NEEDED = {Status.MOTOR_POWER: "robot_motors", Status.PROGRAM_RUNNING: "robot_program"}
+FORBIDDEN = {Status.WATCHDOG_LATCHED: "robot_latched", Status.ERROR: "robot_error"}
 
 
 class Wire(Protocol):
@@ -112,12 +108,14 @@ class Connection:
             return f"the controller's pose is {age_s * 1e3:.0f} ms old, limit {limit_ms:.0f} ms"
         return ""
 
-    def unfit(self) -> str:
-        """Return which status bit keeps the controller from obeying, empty when none does."""
+    def unfit(self) -> Trip | None:
+        """Return which status bits keep the controller from obeying."""
         status = Status(0) if self.measured is None else self.measured.status
-        complaints = [text for bit, text in NEEDED.items() if not status & bit]
-        complaints += [text for bit, text in FORBIDDEN.items() if status & bit]
-        return "; ".join(complaints)
+        codes = [code for bit, code in NEEDED.items() if not status & bit]
+        codes += [code for bit, code in FORBIDDEN.items() if status & bit]
+        if not codes:
+            return None
+        return tripped(codes[0], "; ".join(FAULTS[code].cause for code in codes))
 
     def numbers(self, now_ns: int) -> dict[str, float]:
         """Return what this connection has measured: times [s], rates [1/s]; no unknown ones."""

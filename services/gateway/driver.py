@@ -189,7 +189,7 @@ class Driver:
         if feedback is None or permission is None or permission.host != "controller":
             raise RefusedError("host", "force feedback needs a permission for host controller")
         if wrench.fresh is None or wrench.header is None:
-            raise RefusedError("input", wrench.fault)
+            raise RefusedError(wrench.code or "invalid", wrench.fault)
         self._streaming = False
         self._idle(now_ns)
         if running is None:

@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from common.convert import pose_of
+from common.faults import tripped
 from common.frames import Array, rotation_between
 from common.limits import Limits, check_joints, check_step, check_tether, check_workspace
 from common.messages import Goal, Speed, Trip, Vec6
@@ -51,14 +52,14 @@ class Guard:
     def setpoint(self, T_wanted: pin.SE3, T_measured: pin.SE3, now_ns: int) -> Trip | None:
         """Judge a set point; one that is let through uses up its way."""
         if self._budget is None:
-            return Trip(code="no_stream", text="no stream of set points has begun")
+            return tripped("no_stream", "no stream of set points has begun")
         trip = self._place(T_wanted) or check_step(self._limits, T_measured, T_wanted)
         if trip is not None:
             return trip
         left = self._spend(self._budget, T_wanted, now_ns)
         if left.way_m < 0.0 or left.turn_rad < 0.0:
             text = "set points run faster than the speed limit"
-            return Trip(code="speed", text=text, limit=self._limits.speed_m_s)
+            return tripped("speed", text, limit=self._limits.speed_m_s)
         self._budget = left
         return None
 
@@ -67,18 +68,18 @@ class Guard:
         real_m_s = speed.mechanical_m_s * speed.modular_fraction
         if real_m_s > self._limits.speed_m_s:
             text = "mechanical times modular speed is above limits.speed_m_s"
-            return Trip(code="speed", text=text, value=real_m_s, limit=self._limits.speed_m_s)
+            return tripped("speed", text, value=real_m_s, limit=self._limits.speed_m_s)
         if goal.kind == "pose" and goal.pose is not None:
             return self._place(pose_of(goal.pose))
         if goal.kind != "pose" and goal.joint_rad is not None:
             start = np.array(joint_rad) if goal.kind == "by" else np.zeros(6)
             return check_joints(self._limits, start + np.array(goal.joint_rad))
-        return Trip(code="malformed", text=f"a goal of kind {goal.kind} without its numbers")
+        return tripped("malformed", f"a goal of kind {goal.kind} without its numbers")
 
     def _place(self, T_wanted: pin.SE3) -> Trip | None:
         """Judge where a flange pose lies: its tool in the workspace, itself on the tether."""
         if self._armed_at_m is None:
-            return Trip(code="no_lease", text="no lease has begun")
+            return tripped("no_lease", "no lease has begun")
         trip = check_workspace(self._limits, T_wanted * self._T_flange_tcp)
         wanted_m = np.asarray(T_wanted.translation)
         return trip or check_tether(self._limits, self._armed_at_m, wanted_m)

@@ -11,7 +11,7 @@ from common.errors import ConfigError, LocalProtocolError, RefusedError
 from common.limits import Limits
 from common.messages import LinkHealth, RobotState, RobotStatus
 from common.packet_table import ID_MAX, Status
-from common.permission import CommandGate, Verdict
+from common.permission import NO_COMMAND_YET, CommandGate, Verdict
 from services.gateway.commands import ControllerLimits
 from services.gateway.connection import Connection, Wire
 from services.gateway.dialogue import Dialogue, Pacing
@@ -57,7 +57,7 @@ class Gateway:
             T_flange_tcp=cell.tool.T_flange_tcp.pose,
         )
         self._gate = CommandGate()
-        self._verdict = Verdict(None, "no command yet", None)
+        self._verdict = NO_COMMAND_YET
         self._state_period_ns = round(NS_PER_S / cell.rates.robot_hz)
         self._said_ns = 0
         self._refusals = 0
@@ -106,16 +106,19 @@ class Gateway:
         if not self._connection.is_ready:
             self._driver.disconnected()
         if self.fault or measured is None:
-            return self._gate.revoke(self.fault)
+            return self._gate.revoke(self.fault, "robot_link")
         if verdict.command is None:
             return verdict
-        if complaint := self._connection.unfit():
-            return self._gate.revoke(complaint)
+        if (unfit := self._connection.unfit()) is not None:
+            return self._gate.revoke(unfit.text, unfit.code)
         try:
             self._obey(verdict, measured, now_ns)
-        except (LocalProtocolError, RefusedError) as error:
+        except LocalProtocolError as error:
             self._refusals += 1
-            return self._gate.revoke(str(error))
+            return self._gate.revoke(str(error), "unsendable")
+        except RefusedError as error:
+            self._refusals += 1
+            return self._gate.revoke(str(error), error.code)
         return verdict
 
     def _obey(self, verdict: Verdict, measured: Measured, now_ns: int) -> None:
@@ -147,8 +150,10 @@ class Gateway:
                 RobotState(
                     valid=False,
                     reason=self.fault[:400],
+                    code="robot_link",
                     goal=self._driver.goal,
                     hold_reason=self._verdict.hold_reason[:400],
+                    hold_code=self._verdict.hold_code,
                     link=self._link_health(),
                 )
             )
@@ -164,6 +169,7 @@ class Gateway:
             goal=self._driver.goal,
             accepted=self._verdict.accepted,
             hold_reason=self._verdict.hold_reason[:400],
+            hold_code=self._verdict.hold_code,
             link=self._link_health(),
         )
 

@@ -1,6 +1,7 @@
 """The regulator on the bus: wrench and robot state in, proposed flange pose out."""
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -9,6 +10,7 @@ from common.cell import Cell
 from common.clock import NS_PER_S
 from common.convert import pose_of, record_of, vec3
 from common.endpoints import Bus, Reading
+from common.faults import refusal
 from common.messages import (
     ArbiterStatus,
     Feedback,
@@ -185,9 +187,9 @@ class Regulator:
         robot: Reading[RobotState],
     ) -> Reply:
         arbiter = self._arbiter.read(now_ns).fresh
-        refusal = self._refusal(wanted, arbiter, wrench.fault or robot.fault)
-        if refusal is not None or robot.fresh is None or arbiter is None:
-            return refusal or Reply(accepted=False, code="stale", text=robot.fault)
+        refused = self._refusal(wanted, arbiter, wrench if wrench.fault else robot)
+        if refused is not None or robot.fresh is None or arbiter is None:
+            return refused or refusal(robot.code, robot.fault)
         running = self._session
         if running is not None and running.wanted.host == wanted.host and not running.failure:
             self._session = replace(running, wanted=wanted)
@@ -198,7 +200,7 @@ class Regulator:
         return Reply(accepted=True, text=f"{wanted.mode}, set point {wanted.setpoint_N:g} N")
 
     def _refusal(
-        self, wanted: ForceStartRequest, arbiter: ArbiterStatus | None, fault: str
+        self, wanted: ForceStartRequest, arbiter: ArbiterStatus | None, worse: Reading[Any]
     ) -> Reply | None:
         state = "silent" if arbiter is None else arbiter.state
         largest_N = self._cell.force.setpoint_max_N
@@ -207,24 +209,16 @@ class Regulator:
                 f"host {wanted.host} needs a cell with a controller that can run force feedback; "
                 f"this cell offers {', '.join(self._cell.robot.hosts)}"
             )
-            return Reply(accepted=False, code="host", text=text)
+            return refusal("host", text)
         if wanted.setpoint_N > largest_N:
             text = "set point above force.setpoint_max_N"
-            return Reply(
-                accepted=False,
-                code="setpoint",
-                text=text,
-                value=wanted.setpoint_N,
-                limit=largest_N,
-            )
+            return refusal("setpoint", text, value=wanted.setpoint_N, limit=largest_N)
         if state not in MOTION_STATES:
-            return Reply(
-                accepted=False, code="not_armed", text=f"the arbiter is {state}: arm first"
-            )
+            return refusal("not_armed", f"the arbiter is {state}: arm first")
         if arbiter is not None and arbiter.commander == "operator":
             text = "the operator commands the arm: wait for the move to end, or hold"
-            return Reply(accepted=False, code="busy", text=text)
-        return Reply(accepted=False, code="input", text=fault) if fault else None
+            return refusal("busy", text)
+        return refusal(worse.code, worse.fault) if worse.fault else None
 
 
 def law_settings(cell: Cell, tau_s: float) -> LawSettings:

@@ -9,6 +9,7 @@ from common.cell import Cell
 from common.clock import NS_PER_S
 from common.convert import pose_of, vec3
 from common.endpoints import Bus, Origin, Reading
+from common.faults import refusal
 from common.frames import Array, is_finite_pose, rotation_between
 from common.messages import Reply, RobotState, SensorWrench, WrenchAtTcp
 from common.payload import Payload
@@ -137,14 +138,14 @@ class WrenchService:
             f"the arm moved {moved_m * 1e3:.2f} mm and turned {np.degrees(turned_rad):.2f} degrees "
             f"within {TARE_WINDOW_S:g} s: let it rest"
         )
-        return Reply(accepted=False, code="moving", text=text, value=value, limit=limit)
+        return refusal("moving", text, value=value, limit=limit)
 
     def _tare(self, sensor: Reading[SensorWrench], robot: Reading[RobotState]) -> Reply:
         fault = self._complaint(sensor, robot)
         if fault or robot.fresh is None:
-            return Reply(accepted=False, code="input", text=fault)
+            return refusal((sensor if sensor.fault else robot).code or "invalid", fault)
         if len(self._recent) < (self._recent.maxlen or 1):
-            return Reply(accepted=False, code="wait", text="not enough samples yet, ask again")
+            return refusal("wait", "not enough samples yet, ask again")
         motion = self._motion(robot.fresh)
         if motion is not None:
             return motion

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from common.convert import vec3
+from common.faults import refusal
 from common.frames import Array
 from common.messages import Reply
 from common.payload import Payload, residual
@@ -50,4 +51,4 @@ def tare(
 
 def _contact(unit: str, change: float, limit: float) -> Reply:
     text = f"the bias would change by {change:.1f} {unit}: is the tool in contact?"
-    return Reply(accepted=False, code="contact", text=text, value=change, limit=limit)
+    return refusal("contact", text, value=change, limit=limit)

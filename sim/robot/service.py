@@ -19,7 +19,7 @@ from common.messages import (
     RobotStatus,
     Speed,
 )
-from common.permission import CommandGate, Verdict
+from common.permission import NO_COMMAND_YET, CommandGate, Verdict
 from sim.robot.arm import SimArm
 from sim.robot.motion import MotionGenerator, MotionSpeed
 from sim.robot.sensor_feed import SensorFeed
@@ -42,7 +42,7 @@ class SimRobot:
         self.arm = SimArm(sim_settings(cell, cell.sim), seed=cell.sim.seed)
         self._motion = MotionGenerator(self.arm.kinematics, self.arm.q)
         self._gate = CommandGate()
-        self._verdict = Verdict(None, "no command yet", None)
+        self._verdict = NO_COMMAND_YET
         self._goal = GoalReport()
         self._arbiter_epoch = 0
         self._target_refused = False
@@ -142,7 +142,7 @@ class SimRobot:
 
     def _refuse(self, reason: str) -> None:
         self._target_refused = True
-        self._verdict = self._gate.revoke(reason)
+        self._verdict = self._gate.revoke(reason, "robot_refuses")
         self._hold()
 
     # --- saying ---------------------------------------------------------------------------------
@@ -169,6 +169,7 @@ class SimRobot:
                 goal=self._goal,
                 accepted=self._verdict.accepted,
                 hold_reason=hold_reason,
+                hold_code=self._verdict.hold_code,
                 link=LinkHealth(connected=True, round_trip_s=0.0),
             )
         )

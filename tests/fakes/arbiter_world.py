@@ -26,6 +26,7 @@ from common.messages import (
     SensorWrench,
     WrenchAtTcp,
 )
+from common.version import forcemesh_version
 from services.arbiter.core import Arbiter
 from services.arbiter.inputs import Inputs
 
@@ -46,7 +47,7 @@ def good_messages(cell: Cell) -> dict[str, Message]:
     robot = RobotState(
         position_m=start.position_m, orientation_xyzw=start.orientation_xyzw, status=FIT
     )
-    health = Health(config_hash=cell_hash(cell))
+    health = Health(config_hash=cell_hash(cell), version=forcemesh_version())
     messages: dict[str, Message] = {
         "robot": robot, "sensor": SensorWrench(), "wrench": WrenchAtTcp(), "target": STOPPED
     }  # fmt: skip
@@ -87,9 +88,9 @@ class World:
         message = self.messages[name]
         header = Header(seq=1, epoch=self.epochs.get(name, 1), boot="virtual", stamp_ns=self.now_ns)
         if name in self.silent:
-            return Reading(message, header, 0.123, f"{name} {SPOILED}", silent=True)
+            return Reading(message, header, 0.123, f"{name} {SPOILED}", silent=True, code="stale")
         fault = "" if message.valid else f"{name} invalid: {message.reason}"
-        return Reading(message, header, 0.0, fault)
+        return Reading(message, header, 0.0, fault, code="invalid" if fault else "")
 
     def inputs(self) -> Inputs:
         """Take the snapshot that the arbiter is given."""

@@ -4,6 +4,7 @@ import pinocchio as pin
 import pytest
 
 from common.convert import pose_of, record_of
+from common.faults import FAULTS
 from common.messages import RobotCommand
 from services.arbiter.inputs import PRECONDITIONS
 from tests.fakes.arbiter_world import (
@@ -84,12 +85,13 @@ def test_arming_names_the_input_that_is_not_good(name: str) -> None:
 @pytest.mark.parametrize("bit", PRECONDITIONS)
 def test_arming_says_what_the_controller_lacks(bit: str) -> None:
     """Swept: each status bit the wrong way round, with what to do about it."""
-    wanted, remedy = PRECONDITIONS[bit]
+    wanted, code = PRECONDITIONS[bit]
     world = World().make_ready()
     world.change("robot", status=FIT.model_copy(update={bit: not wanted}))
     world.tick()
 
-    assert world.core.arm(world.inputs()).text == remedy
+    reply = world.core.arm(world.inputs())
+    assert (reply.code, reply.text) == (code, FAULTS[code].remedy)
 
 
 def test_a_process_with_another_cell_file_prevents_arming() -> None:
@@ -159,10 +161,11 @@ def test_an_input_that_calls_itself_invalid_in_motion_is_a_fault(name: str, moti
 @pytest.mark.parametrize("bit", PRECONDITIONS)
 def test_a_controller_that_is_not_fit_any_more_is_a_fault(bit: str, motion: str) -> None:
     """Swept: motors off, TEACH, an error, ... while the arm may move."""
-    wanted, remedy = PRECONDITIONS[bit]
+    wanted, code = PRECONDITIONS[bit]
     world = moving(motion)
     world.change("robot", status=FIT.model_copy(update={bit: not wanted}))
-    assert_stopped(world, world.tick(), "FAULT", remedy)
+    assert_stopped(world, world.tick(), "FAULT", FAULTS[code].remedy)
+    assert world.core.trips[0].code == code
 
 
 @pytest.mark.parametrize("name", ["robot", "sensor", "wrench", "target"])

@@ -21,6 +21,7 @@ from common.messages import (
     WrenchAtTcp,
 )
 from common.topics import HEALTH
+from common.version import forcemesh_version
 from services.arbiter.service import ArbiterService
 from tests.fakes.arbiter_world import MOVE_DOWN, good_messages, shifted
 from tests.fakes.bench import CELL, Bench
@@ -191,10 +192,12 @@ def test_a_regulator_is_let_through_with_its_own_poses(cell: Cellmates) -> None:
 
 def test_a_process_with_another_cell_file_is_named(cell: Cellmates) -> None:
     """By its health; the hash of the own file is told beside it."""
-    cell.messages["regulator/health"] = Health(config_hash="0123456789ab")
+    cell.messages["regulator/health"] = Health(
+        config_hash="0123456789ab", version=forcemesh_version()
+    )
     cell.pass_s(1.1)
     reply = cell.ask(topics.ARM, Empty())
-    assert reply.code == "not_ready"
+    assert reply.code == "config"
     assert (
         f"regulator runs with another cell file (0123456789ab, here {cell_hash(CELL)}" in reply.text
     )

@@ -203,15 +203,19 @@ def test_a_writer_that_starts_anew_may_count_from_one(line: Line) -> None:
 
 
 @given(st.binary(max_size=80))
-def test_bytes_that_are_no_message_are_counted_and_change_nothing(data: bytes) -> None:
-    """The last good message stays the last word, and the counter says why the next is missing."""
+def test_bytes_that_are_no_message_are_unknown_until_the_next_good_one(data: bytes) -> None:
+    """Neither the message before nor zero: a fault with its own code, counted."""
     line = Line()
     line.say(1)
     line.source.newest = data
     assert not line.reader.poll()
-    assert line.read().fresh == SensorWrench(counter=1)
+    reading = line.read()
+    assert (reading.fresh, reading.code) == (None, "undecodable")
+    assert reading.fault.startswith("sensor/wrench unreadable: ")
     assert line.reader.counters.undecodable == 1
     assert line.reader.counters.last_error
+    assert line.say(2)
+    assert line.read().fresh is not None
 
 
 def test_only_the_newest_is_seen() -> None:

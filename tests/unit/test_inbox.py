@@ -110,6 +110,6 @@ def test_an_answer_that_is_no_reply_is_an_error() -> None:
 
 def test_a_trip_makes_a_refusal_that_can_be_sent() -> None:
     """The longest text that a trip may hold is not too long for a reply."""
-    trip = Trip(code="c" * 500, text="t" * 500, value=1.0, limit=2.0)
+    trip = Trip(code="c" * 500, rule=1, text="t" * 500, value=1.0, limit=2.0)
 
     assert Reply(accepted=False, **trip.model_dump()).limit == 2.0

@@ -11,7 +11,7 @@ from common.clock import NS_PER_S
 from common.codec import Header
 from common.endpoints import Reading
 from common.messages import Accepted, Permission, RobotCommand, RobotState
-from common.permission import CommandGate, Verdict, chain_latency_s
+from common.permission import NO_COMMAND_YET, CommandGate, Verdict, chain_latency_s
 
 DEADLINE_S = 0.04
 NOW_NS = 5 * NS_PER_S
@@ -43,7 +43,7 @@ def test_without_a_command_the_robot_holds(gate: CommandGate) -> None:
     """Nothing heard yet: hold, and say why."""
     verdict = gate.judge(NOTHING, NOW_NS)
 
-    assert verdict == Verdict(None, "robot/command missing", None)
+    assert verdict == Verdict(None, "robot/command missing", "no_lease", None)
 
 
 def test_a_fresh_command_with_a_permission_is_obeyed_and_echoed(gate: CommandGate) -> None:
@@ -52,7 +52,7 @@ def test_a_fresh_command_with_a_permission_is_obeyed_and_echoed(gate: CommandGat
     verdict = gate.judge(reading, NOW_NS)
 
     echo = Accepted(epoch=2, seq=4, at_ns=NOW_NS, sensor_stamp_ns=NOW_NS - 3_000_000, sensor_seq=9)
-    assert verdict == Verdict(reading.message, "", echo, is_new=True)
+    assert verdict == Verdict(reading.message, "", "", echo, is_new=True)
     assert chain_latency_s(echo) == pytest.approx(0.003)
     assert chain_latency_s(Accepted(epoch=1, seq=1, at_ns=5)) is None
 
@@ -119,7 +119,7 @@ def test_a_lease_that_never_lived_cannot_be_missed(gate: CommandGate) -> None:
 def test_the_robot_itself_can_end_a_lease(gate: CommandGate) -> None:
     """Asked for what it cannot do, it holds until a person arms again."""
     gate.judge(said(), NOW_NS)
-    assert gate.revoke("out of reach").hold_reason == "out of reach"
+    assert gate.revoke("out of reach", "robot_refuses").hold_reason == "out of reach"
     assert gate.judge(said(seq=2), NOW_NS).hold_reason == "lease 1 ended: out of reach"
 
 
@@ -127,7 +127,7 @@ def test_a_hold_always_has_a_reason_that_fits_a_message(gate: CommandGate) -> No
     """However it came about, and however long the words were."""
     gate.judge(said(), NOW_NS)
     verdicts = [
-        gate.revoke("y" * 500),
+        gate.revoke("y" * 500, "robot_refuses"),
         gate.judge(said(seq=2), NOW_NS),
         gate.judge(Reading(None, None, 0.0, ""), NOW_NS),
         gate.judge(said(lease=None), NOW_NS),
@@ -154,7 +154,7 @@ class GateMachine(RuleBasedStateMachine):
         self.gate = CommandGate()
         self.model = Model()
         self.epoch, self.lease, self.seq = 1, 1, 0
-        self.verdict = Verdict(None, "nothing yet", None)
+        self.verdict = NO_COMMAND_YET
 
     def hear(self, reading: Reading[RobotCommand], *, good: bool) -> None:
         """Let the gate judge, and compare with the model."""
@@ -195,7 +195,7 @@ class GateMachine(RuleBasedStateMachine):
     @rule()
     def revoke(self) -> None:
         """The robot cannot go on."""
-        self.verdict = self.gate.revoke("cannot")
+        self.verdict = self.gate.revoke("cannot", "robot_refuses")
         if self.model.live is not None:
             self.model.dead |= {self.model.live}
             self.model.live = None

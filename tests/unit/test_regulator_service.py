@@ -158,7 +158,7 @@ def test_a_start_needs_fresh_inputs(bench: RegulatorBench, topic: Any) -> None:
     bench.silent = {topic.key}
     bench.pass_s(0.2)
     reply = bench.start()
-    assert (reply.accepted, reply.code) == (False, "input")
+    assert (reply.accepted, reply.code) == (False, "stale")
     assert f"{topic.key} stale" in reply.text
     assert_stopped(bench, "stopped")
 

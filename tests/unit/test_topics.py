@@ -28,7 +28,7 @@ each_cell = pytest.mark.parametrize("path", CELLS, ids=lambda path: path.stem)
 TEXT = "robot/state stale: 123 ms old, limit 100 ms"
 POSE = m.PoseRecord.model_validate(full(m.PoseRecord))
 FEEDBACK = m.Feedback.model_validate(full(m.Feedback))
-TRIP = m.Trip(code="workspace", text=TEXT, value=0.1234, limit=0.12)
+TRIP = m.Trip(code="workspace", rule=401, text=TEXT, value=0.1234, limit=0.12)
 # What each message looks like on a bad day. Two kinds of command exclude each other.
 REALISTIC: dict[str, m.Message] = {
     "robot/state": m.RobotState(

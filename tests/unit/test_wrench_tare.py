@@ -72,7 +72,7 @@ def test_tare_needs_inputs_and_a_full_window(bench: WrenchBench) -> None:
     bench.silent = {"sensor"}
     bench.pass_s(0.3)
     reply = bench.ask(topics.TARE, Empty())
-    assert (reply.accepted, reply.code) == (False, "input")
+    assert (reply.accepted, reply.code) == (False, "stale")
     assert "sensor/wrench stale" in reply.text
     bench.silent = set()
     bench.step(2)

@@ -216,3 +216,25 @@ def test_a_hold_stops_the_arm_voids_the_ring_and_is_named_in_103(behaviour: Beha
     talk.live(1.0, beat=True)
     assert talk.height_mm() - z == pytest.approx(5.0, abs=0.05)
     assert not talk.status & Status.HELD
+
+
+@pytest.mark.xfail(
+    strict=True,
+    reason="fm.watch looks at fm.mode, which stays on until the next wrench or command of the ring",
+)
+@pytest.mark.parametrize("pause_s", [1.0, 0.2])
+def test_wrenches_may_end_with_an_orderly_stop_and_begin_anew(
+    pause_s: float, behaviour: Behaviour
+) -> None:
+    """Command 7, Param 2, then beats only: nothing is missing, so no fault 2 and no latch."""
+    talk = Talk(behaviour)
+    talk.hello()
+    for _ in range(6):
+        talk.start_feedback(1)
+        for _ in range(6):
+            talk.send(Com.WRENCH)
+            talk.live(0.02)
+        talk.send(Com.FEEDBACK, 2)
+        talk.live(pause_s, beat=True)
+        assert talk.value("fm.fault") == 0
+        assert not talk.closed

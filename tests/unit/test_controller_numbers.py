@@ -179,7 +179,7 @@ def test_a_new_start_counts_from_where_the_arm_is() -> None:
         push(talk, 25, PUSH)
         assert np.abs(talk.T_mm.translation - stopped.translation).min() > 0.5
         talk.send(Com.FEEDBACK, 2)
-        talk.live(0.2, beat=True)
+        push(talk, 10, PUSH)
         stopped = talk.T_mm
 
 

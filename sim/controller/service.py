@@ -15,6 +15,7 @@ from sim.robot.arm import SimArm
 from sim.robot.sensor_feed import SensorFeed
 from sim.robot.service import sim_settings
 from sim.robot.settings import TICK_S
+from sim.robot.trace import wanted_trace
 
 
 class ControllerSensor:
@@ -39,6 +40,9 @@ class ControllerSensor:
             now_ns=bus.clock.now_ns(),
         )
         self.machine.after_tick.append(SensorFeed(bus, cell, self.arm).ticked)
+        trace = wanted_trace(self.arm, bus.clock)
+        if trace is not None:
+            self.machine.after_tick.append(trace.ticked)
 
     @property
     def fault(self) -> str:

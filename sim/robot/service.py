@@ -24,6 +24,7 @@ from sim.robot.arm import SimArm
 from sim.robot.motion import MotionGenerator, MotionSpeed
 from sim.robot.sensor_feed import SensorFeed
 from sim.robot.settings import TICK_S, SensorSettings, SimSettings
+from sim.robot.trace import wanted_trace
 
 MOST_TICKS_PER_STEP = 50  # a process that was held up longer loses simulated time instead
 TICK_NS = round(TICK_S * NS_PER_S)
@@ -53,6 +54,7 @@ class SimRobot:
         self._command = bus.reader(topics.ROBOT_COMMAND)
         self._state = bus.publisher(topics.ROBOT_STATE)
         self._sensor = SensorFeed(bus.playing("sensor"), cell, self.arm)
+        self._trace = wanted_trace(self.arm, bus.clock)
 
     def counters(self) -> dict[str, int]:
         """Return what was dropped or lost."""
@@ -72,6 +74,8 @@ class SimRobot:
         self.arm.command_joints(self._motion.tick(TICK_S))
         self.arm.step()
         self._sensor.ticked()
+        if self._trace is not None:
+            self._trace.ticked()
         if self.arm.ticks % self._state_ticks == 0:
             self._put_state()
 

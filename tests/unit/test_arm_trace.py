@@ -1,0 +1,37 @@
+"""The trace of the simulated arm: every tick, at once, and nothing where nobody asked for it."""
+
+import numpy as np
+
+from common.clock import ManualClock
+from sim.robot.arm import SimArm
+from sim.robot.settings import SimSettings
+from sim.robot.trace import VARIABLE, read_trace, wanted_trace
+
+
+def test_every_tick_is_in_the_file_at_once(tmp_path, monkeypatch):
+    """Time, tick, command and joints of each tick can be read while the arm still lives."""
+    path, clock, arm = tmp_path / "trace", ManualClock(), SimArm(SimSettings(), seed=0)
+    monkeypatch.setenv(VARIABLE, str(path))
+    trace = wanted_trace(arm, clock)
+    assert trace is not None
+    joints = []
+    for tick in range(1, 4):
+        arm.command_joints(arm.q_command + 1e-3)
+        arm.step()
+        clock.advance_ns(1_000_000)
+        trace.ticked()
+        joints.append(arm.q)
+        assert len(read_trace(path)) == tick
+    trace.close()
+    records = read_trace(path)
+    assert records["tick"].tolist() == [1, 2, 3]
+    assert np.diff(records["at_ns"]).tolist() == [1_000_000, 1_000_000]
+    assert records["command"][-1].tolist() == arm.q_command.tolist()
+    assert np.array_equal(records["q"], joints)
+
+
+def test_nothing_is_written_unless_asked(tmp_path, monkeypatch):
+    """A cell of a user's leaves no trace; a trace that is not there reads as empty."""
+    monkeypatch.delenv(VARIABLE, raising=False)
+    assert wanted_trace(SimArm(SimSettings(), seed=0), ManualClock()) is None
+    assert len(read_trace(tmp_path / "none")) == 0

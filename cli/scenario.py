@@ -16,7 +16,7 @@ from common.convert import pose_of
 from common.endpoints import Bus, Reader
 from common.errors import ForcemeshError
 from common.frames import Array
-from common.messages import Empty, ForceStartRequest, Host, Mode, Reply
+from common.messages import ArmRequest, Empty, ForceStartRequest, Host, Mode, Reply
 from common.topics import Q, Request
 
 SAMPLE_S = 0.001
@@ -106,7 +106,7 @@ class Scenario:
         """Play the plan; raise ScenarioError when the cell will not go along."""
         self._until_ready()
         self._ask(topics.TARE, Empty())
-        self._ask(topics.ARM, Empty())
+        self._ask(topics.ARM, ArmRequest())
         self._press()
         self._work()
         health = self._robot_health.read(self._clock.now_ns()).message

@@ -30,13 +30,18 @@ NoWait = Annotated[bool, typer.Option("--no-wait", help="Do not wait until it is
 Percent = Annotated[float | None, typer.Option(min=0.1, max=100.0, help="Percent.")]
 
 
-def arm(cell: CellOption = None) -> None:
+def arm(
+    jog: Annotated[
+        bool, typer.Option("--jog", help="For moves alone: without calibration and in contact too.")
+    ] = False,
+    cell: CellOption = None,
+) -> None:
     """Let motion begin, after the preflight."""
     from common import topics
-    from common.messages import Empty
+    from common.messages import ArmRequest
 
     with client_of(cell) as (_, bus):
-        ask(bus, topics.ARM, Empty())
+        ask(bus, topics.ARM, ArmRequest(purpose="jog" if jog else "all"))
 
 
 def hold(

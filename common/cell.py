@@ -112,6 +112,7 @@ class PayloadSection(Section):
     bias_torque_Nm: Vec3 = (0.0, 0.0, 0.0)
     gravity_direction_in_base: Vec3 = (0.0, 0.0, -1.0)
     mounting_rotation_rad: Vec3 = (0.0, 0.0, 0.0)
+    accept_uncalibrated: bool = False  # arm for force feedback although mass and centre are zero
 
 
 class FilterSection(Section):
@@ -140,6 +141,7 @@ class ForceSection(Section):
     speed_max_rad_s: float = Field(0.5, gt=0.0, le=2.0)
     approach_m_s: float = Field(0.01, gt=0.0, le=0.25)
     approach_budget_N: Positive = 10.0  # force that the first touch may add
+    idle_max_N: Positive = 2.0  # more than this left in free space: payload or bias is wrong
     touch_N: Positive = 2.0  # contact begins above, ends below half of it
     setpoint_ramp_N_s: Positive = 200.0
     setpoint_max_N: Positive = 40.0
@@ -233,6 +235,25 @@ class Cell(Section):
         if "sim" in (self.roles.robot, self.roles.sensor) and self.sim is None:
             raise ValueError("a role is played by sim, so a section `sim` is needed")
         return self
+
+    @property
+    def loop_delay_s(self) -> float:
+        """Time from a change of force to the arm's answer to it, tau [s].
+
+        Controller's delay, servo lag, wrench filter, half a control period, and the processes.
+        """
+        median_s = (self.filter.median - 1) / 2 / self.rates.sensor_hz
+        waiting_s = 0.5 / self.rates.control_hz
+        robot_s = self.robot.delay_s + self.robot.lag_s
+        return robot_s + self.filter.lowpass_s + median_s + waiting_s + self.force.chain_s
+
+    @property
+    def approach_limit_m_s(self) -> float:
+        """Fastest approach whose first touch adds no more than the force budget [m/s].
+
+        Until the arm answers, the force grows by stiffness times speed times tau.
+        """
+        return self.force.approach_budget_N / (self.contact.stiffness_N_m * self.loop_delay_s)
 
     def rate_hz(self, topic: Topic[Any]) -> float:
         """Return how often a topic comes in this cell [Hz]."""

@@ -21,6 +21,7 @@ Text = Annotated[str, Field(max_length=500)]
 Mode = Literal["position", "orientation", "both"]
 Host = Literal["pc", "controller"]
 Commander = Literal["none", "operator", "regulator"]
+Purpose = Literal["all", "jog"]  # what the arm was armed for
 
 ZERO3: Vec3 = (0.0, 0.0, 0.0)
 ZERO6: Vec6 = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -225,6 +226,7 @@ class ArbiterStatus(Message):
     state: ArbiterState = "BOOT"
     commander: Commander = "none"
     lease: int = 0
+    armed_for: Purpose = "all"
     trips: tuple[Trip, ...] = ()
     not_ready: tuple[Text, ...] = ()  # what arming would be refused for
     clears: Text = ""
@@ -236,6 +238,8 @@ class Health(Message):
     pid: int = 0
     rate_hz: float = 0.0
     lateness_p99_s: float = 0.0
+    overruns: int = 0  # periods missed by far within the last second
+    longest_gap_s: float = 0.0  # between two steps, within the last second
     counters: dict[str, int] = {}
     numbers: dict[str, float] = {}  # measured, units in the names; what is not known is left out
     version: Text = ""
@@ -245,6 +249,12 @@ class Health(Message):
 
 class Empty(Record):
     """A request that carries nothing."""
+
+
+class ArmRequest(Record):
+    """Let motion begin; for `jog`, moves alone, which is possible in contact as well."""
+
+    purpose: Purpose = "all"
 
 
 class HoldRequest(Record):

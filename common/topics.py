@@ -61,7 +61,7 @@ WRENCH_HEALTH    = Topic("wrench/health",    m.Health,          "health",  "heal
 REGULATOR_HEALTH = Topic("regulator/health", m.Health,          "health",  "health",  "regulator", ("arbiter", CLIENT),                                "report", "the same of the regulator")
 ARBITER_HEALTH   = Topic("arbiter/health",   m.Health,          "health",  "health",  "arbiter",   (CLIENT,),                                          "report", "the same of the arbiter")
 
-ARM         = Request("request/arm",         m.Empty,             "arbiter",   "let motion begin, after the preflight")
+ARM         = Request("request/arm",         m.ArmRequest,        "arbiter",   "let motion begin, after the preflight")
 HOLD        = Request("request/hold",        m.HoldRequest,       "arbiter",   "stop motion and hold; taken from anybody, always")
 CLEAR       = Request("request/clear",       m.Empty,             "arbiter",   "acknowledge a hold or a fault, back to IDLE")
 MOVE        = Request("request/move",        m.MoveRequest,       "arbiter",   "move to a pose, to joint angles, or by joint angles")

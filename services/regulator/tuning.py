@@ -50,11 +50,5 @@ def tune(cell: Cell) -> Tuning:
 
 
 def loop_delay_s(cell: Cell) -> float:
-    """Return tau [s], all that lies between a change of force and the arm's answer to it.
-
-    Controller's delay, servo lag, wrench filter, half a control period, and the processes.
-    """
-    median_s = (cell.filter.median - 1) / 2 / cell.rates.sensor_hz
-    waiting_s = 0.5 / cell.rates.control_hz
-    robot_s = cell.robot.delay_s + cell.robot.lag_s
-    return robot_s + cell.filter.lowpass_s + median_s + waiting_s + cell.force.chain_s
+    """Return tau [s], all that lies between a change of force and the arm's answer to it."""
+    return cell.loop_delay_s

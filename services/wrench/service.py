@@ -31,7 +31,7 @@ class WrenchService:
         self.fault = ""
         self._sensor_period_s = 1.0 / cell.rates.sensor_hz
         self._mounting = Mounting(cell.sensor.T_flange_sensor.pose, cell.tool.T_flange_tcp.pose)
-        self._payload = Payload(**cell.payload.model_dump())
+        self._payload = Payload(**cell.payload.model_dump(exclude={"accept_uncalibrated"}))
         self._calibration = "cell file"
         self._range_N, self._range_Nm = cell.sensor.force_range_N, cell.sensor.torque_range_Nm
         self._tare_limits = TareLimits(cell.force.tare_max_N, cell.force.tare_max_Nm)

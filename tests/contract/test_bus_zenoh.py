@@ -16,7 +16,7 @@ from common.cell import Cell
 from common.config import load_cell
 from common.endpoints import Bus, Publisher, Reader
 from common.errors import BusError
-from common.messages import ArbiterStatus, Empty, HoldRequest, Message, Reply, WrenchAtTcp
+from common.messages import ArbiterStatus, ArmRequest, HoldRequest, Message, Reply, WrenchAtTcp
 
 pytestmark = pytest.mark.realtime
 
@@ -139,7 +139,7 @@ def test_a_request_is_asked_again_while_nobody_serves_it_yet(cell: Cell) -> None
     replies: list[Reply] = []
     with open_bus(cell, topics.CLIENT) as client:
         asker = threading.Thread(
-            target=lambda: replies.append(client.ask(topics.ARM, Empty(), PATIENCE_S))
+            target=lambda: replies.append(client.ask(topics.ARM, ArmRequest(), PATIENCE_S))
         )
         asker.start()
         with (
@@ -157,7 +157,7 @@ def test_a_request_that_nobody_answers_is_an_error_in_time(cell: Cell) -> None:
     with open_bus(cell, topics.CLIENT) as client:
         started_s = time.monotonic()
         with pytest.raises(BusError, match="arbiter did not answer zenoh/request/arm"):
-            client.ask(topics.ARM, Empty(), timeout_s=0.3)
+            client.ask(topics.ARM, ArmRequest(), timeout_s=0.3)
         assert 0.25 <= time.monotonic() - started_s < PATIENCE_S
 
 
@@ -212,7 +212,7 @@ def test_a_role_gets_only_what_the_table_gives_it(cell: Cell, hub: Bus, role: st
         assert may(bus.inbox, request) == (request.server == role)
     if role != topics.CLIENT:
         with pytest.raises(BusError, match="only clients"):
-            bus.ask(topics.ARM, Empty(), timeout_s=0.1)
+            bus.ask(topics.ARM, ArmRequest(), timeout_s=0.1)
 
 
 def may(use: Callable[[Any], object], row: object) -> bool:

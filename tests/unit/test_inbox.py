@@ -14,7 +14,7 @@ from common.config import load_cell
 from common.endpoints import Bus
 from common.errors import BusError, MessageError
 from common.memory import MemoryCall, MemoryTransport
-from common.messages import Empty, HoldRequest, Reply, Trip
+from common.messages import ArmRequest, HoldRequest, Reply, Trip
 from common.topics import CLIENT
 
 CELL = load_cell(Path(__file__).resolve().parents[2] / "cells" / "demo.yaml")
@@ -80,7 +80,7 @@ def test_the_answer_comes_back_to_who_asked() -> None:
             incoming.reply(answer)
 
     transport.advance = live
-    assert bus_of(CLIENT, transport).ask(topics.ARM, Empty()) == answer
+    assert bus_of(CLIENT, transport).ask(topics.ARM, ArmRequest()) == answer
 
 
 def test_an_answer_that_never_comes_is_an_error_that_names_the_server() -> None:
@@ -90,7 +90,7 @@ def test_an_answer_that_never_comes_is_an_error_that_names_the_server() -> None:
     dead.advance = lambda _timeout_s, _until: None
     for transport in (nobody, dead):
         with pytest.raises(BusError, match="arbiter did not answer demo/request/arm within 2 s"):
-            bus_of(CLIENT, transport).ask(topics.ARM, Empty())
+            bus_of(CLIENT, transport).ask(topics.ARM, ArmRequest())
 
 
 def test_an_answer_that_is_no_reply_is_an_error() -> None:
@@ -105,7 +105,7 @@ def test_an_answer_that_is_no_reply_is_an_error() -> None:
 
     transport.advance = live
     with pytest.raises(MessageError):
-        bus_of(CLIENT, transport).ask(topics.ARM, Empty())
+        bus_of(CLIENT, transport).ask(topics.ARM, ArmRequest())
 
 
 def test_a_trip_makes_a_refusal_that_can_be_sent() -> None:

@@ -158,6 +158,10 @@ class LimitsSection(Section):
     step_deg: float = Field(10.0, gt=0.0, le=90.0)
     speed_m_s: float = Field(0.25, gt=0.0, le=2.0)
     speed_deg_s: float = Field(60.0, gt=0.0, le=360.0)
+    accel_m_s2: float = Field(2.0, gt=0.0, le=20.0)  # of commanded set points
+    accel_deg_s2: float = Field(480.0, gt=0.0, le=5000.0)
+    tracking_m: float = Field(0.01, gt=0.0, le=0.2)  # between commanded and measured pose
+    tracking_deg: float = Field(5.0, gt=0.0, le=90.0)
     tether_m: float = Field(1.0, gt=0.0, le=5.0)
     force_N: float = Field(50.0, gt=0.0, le=1000.0)
     torque_Nm: float = Field(10.0, gt=0.0, le=100.0)

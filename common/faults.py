@@ -65,6 +65,7 @@ FAULTS: dict[str, Fault] = {fault.code: fault for fault in (
     Fault(310, "goal_refused",      "HOLD",    "the robot did not take or not reach a goal; it stays armed", "choose another way or pose"),
     Fault(311, "unsendable",        "HOLD",    "a command does not fit into a packet of the controller", "see the scales in the section gateway of the cell file"),
     Fault(312, "robot_refuses",     "HOLD",    "the simulated robot cannot do what it was asked", "choose another pose"),
+    Fault(313, "link_slow",         "FAULT",   "packets lie on their way to the controller longer than its watchdog waits", "use a wired line of its own to the controller"),
     # --- 4xx: limits -------------------------------------------------------------------------------
     Fault(401, "workspace",         "HOLD",    "outside the workspace", "stay inside limits.workspace_min_m .. workspace_max_m, or move the box"),
     Fault(402, "joint",             "HOLD",    "a joint would leave its range", "choose another pose"),

@@ -38,11 +38,12 @@ FAULTS: dict[str, Fault] = {fault.code: fault for fault in (
     Fault(103, "invalid",           "FAULT",   "the writer of a topic says that it cannot answer", "mend what its reason names"),
     Fault(104, "undecodable",       "FAULT",   "bytes on a topic are not its message: another version, or a stranger writes", "run one version everywhere; look who is on the bus"),
     Fault(105, "writer",            "FAULT",   "another process writes a topic than when the arm was armed: it was restarted, or a second one runs", "stop the second one, if there is one"),
-    Fault(106, "two_writers",       "FAULT",   "two processes write one topic at the same time", "stop one of them"),
+    Fault(106, "two_writers",       "FAULT",   "two processes write one topic at the same time", "stop one of them, restart the other"),
     Fault(107, "overrun",           "FAULT",   "a process misses its period again and again", "free the processor; give the services real-time priority"),
     Fault(108, "config",            "REFUSAL", "a process runs with another cell file", "restart it with this cell file"),
     Fault(109, "version",           "REFUSAL", "a process is of another version", "run one version everywhere"),
     Fault(110, "not_ready",         "REFUSAL", "the inputs have not been good for a whole second yet", "wait, and mend what is named"),
+    Fault(111, "bad_messages",      "FAULT",   "messages of a topic come twice, out of order or unreadable more often than well", "look who is on the bus, and at what lies between"),
     # --- 2xx: sensor and wrench --------------------------------------------------------------------
     Fault(201, "sensor_silent",     "FAULT",   "the sensor says nothing: cable, power, address", "look at cable and power; `forcemesh doctor`"),
     Fault(202, "sensor_fault",      "FAULT",   "the sensor reports a fault of its own", "see the sensor's manual for its status"),
@@ -96,6 +97,8 @@ FAULTS: dict[str, Fault] = {fault.code: fault for fault in (
     Fault(515, "contact",           "REFUSAL", "the tool seems to be in contact", "move it free"),
     Fault(516, "approach_speed",    "REFUSAL", "the approach is too fast for the stiffness: it must not exceed force budget / (stiffness x reaction time)", "lower force.approach_m_s"),
     Fault(517, "payload",           "REFUSAL", "the payload is not calibrated for this tool, or what is left of it in free space is too much", "calibrate, or tare in free space"),
+    Fault(518, "preempted",         "HOLD",    "somebody of a higher rank took the arm over; it stays armed", "wait until the arm is free, then ask again"),
+    Fault(519, "handover",          "HOLD",    "the arm did not come to rest, so the next commander did not begin", "look what keeps it moving, arm again"),
 )}
 # fmt: on
 

@@ -145,15 +145,36 @@ class ForceSection(Section):
     touch_N: Positive = 2.0  # contact begins above, ends below half of it
     setpoint_ramp_N_s: Positive = 200.0
     setpoint_max_N: Positive = 40.0
+    # Opt-in: above 80 % of a ceiling the tool goes back along its axis by so much, then holds.
+    retreat_m: float = Field(0.0, ge=0.0, le=0.002)
+    retreat_m_s: float = Field(0.01, gt=0.0, le=0.01)
     tare_max_N: Positive = 10.0  # a larger change of bias is taken for contact
     tare_max_Nm: Positive = 1.0
 
 
-class LimitsSection(Section):
-    """What the arbiter and, again, the robot's own process let through at most."""
+class PlaneSection(Section):
+    """A wall in base axes: the TCP must stay on the side that the normal points to."""
 
-    workspace_min_m: Vec3
+    point_m: Vec3  # any point of the wall
+    normal: Vec3  # its length does not matter
+
+    @model_validator(mode="after")
+    def _normal_points_somewhere(self) -> "PlaneSection":
+        if not any(abs(part) > 1e-6 for part in self.normal):
+            raise ValueError("the normal has no length, so the plane has no sides")
+        return self
+
+
+class LimitsSection(Section):
+    """What the arbiter and, again, the robot's own process let through at most.
+
+    The upper bounds here are ceilings of the code: a cell file above them is not loaded.
+    """
+
+    workspace_min_m: Vec3  # of the TCP
     workspace_max_m: Vec3
+    planes: tuple[PlaneSection, ...] = Field((), max_length=16)  # walls inside the box
+    joint_speed_share: Fraction = 0.5  # of robot.joint_speed_max_deg_s, as measured
     step_m: float = Field(0.02, gt=0.0, le=0.2)
     step_deg: float = Field(10.0, gt=0.0, le=90.0)
     speed_m_s: float = Field(0.25, gt=0.0, le=2.0)

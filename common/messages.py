@@ -20,7 +20,8 @@ Text = Annotated[str, Field(max_length=500)]
 
 Mode = Literal["position", "orientation", "both"]
 Host = Literal["pc", "controller"]
-Commander = Literal["none", "operator", "regulator"]
+Commander = Literal["none", "regulator", "program", "operator"]
+Asker = Literal["operator", "program"]  # who may ask for motion
 Purpose = Literal["all", "jog"]  # what the arm was armed for
 
 ZERO3: Vec3 = (0.0, 0.0, 0.0)
@@ -70,6 +71,7 @@ class Accepted(Record):
 
     epoch: int
     seq: int
+    turn: int = 0  # of its permission
     at_ns: int  # robot's monotonic clock
     sensor_stamp_ns: int | None = None
     sensor_seq: int | None = None
@@ -190,8 +192,9 @@ class Permission(Record):
     """Leave to move, and for how long: without it the robot does nothing and holds."""
 
     host: Host
-    lease: int
+    lease: int  # a new one each time that a person arms
     deadline_s: float
+    turn: int = 0  # a new one each time that somebody's command ends; at most one owner each
 
 
 class RobotCommand(Message):
@@ -217,7 +220,9 @@ class Trip(Record):
     limit: float | None = None
 
 
-ArbiterState = Literal["BOOT", "IDLE", "ARMED", "ACTIVE", "HOLDING", "FAULT"]
+ArbiterState = Literal[
+    "BOOT", "IDLE", "ARMED", "SETTLING", "ACTIVE", "STOPPING", "HOLDING", "FAULT"
+]
 
 
 class ArbiterStatus(Message):
@@ -225,7 +230,9 @@ class ArbiterStatus(Message):
 
     state: ArbiterState = "BOOT"
     commander: Commander = "none"
+    next_commander: Commander = "none"  # who begins when the arm is at rest
     lease: int = 0
+    turn: int = 0  # of who commands under this lease
     armed_for: Purpose = "all"
     trips: tuple[Trip, ...] = ()
     not_ready: tuple[Text, ...] = ()  # what arming would be refused for
@@ -270,6 +277,7 @@ class MoveRequest(Record):
     pose: PoseRecord | None = None
     joint_rad: Vec6 | None = None
     speed_m_s: float | None = Field(None, gt=0.0, le=5.0)
+    commander: Asker = "operator"
 
 
 class ForceStartRequest(Record):
@@ -278,6 +286,7 @@ class ForceStartRequest(Record):
     mode: Mode
     host: Host = "pc"
     setpoint_N: float = Field(0.0, ge=0.0)
+    commander: Asker = "operator"  # who asks; what then commands is the regulator, of lowest rank
 
 
 class GainsRequest(Record):

@@ -2,29 +2,45 @@
 
 Rule 1: every change of state is a row here; nothing else writes the state.
 Rule 2: only a person's `arm` leads towards motion, and no other event leads out of a latch.
+Rule 3: whoever takes the arm begins when it is at rest: from ARMED, or by way of SETTLING.
 """
 
 from common.messages import ArbiterState
 
 # fmt: off
 TABLE: dict[ArbiterState, dict[str, ArbiterState]] = {
-    "BOOT":    {"ready": "IDLE"},
-    "IDLE":    {"arm": "ARMED", "hold": "HOLDING"},
-    "ARMED":   {"begin": "ACTIVE", "hold": "HOLDING", "fault": "FAULT"},
-    "ACTIVE":  {"end": "ARMED",    "hold": "HOLDING", "fault": "FAULT"},
-    "HOLDING": {"clear": "IDLE",   "arm": "ARMED",    "fault": "FAULT"},
-    "FAULT":   {"clear": "IDLE"},
+    "BOOT":     {"ready": "IDLE"},
+    "IDLE":     {"arm": "ARMED", "hold": "HOLDING"},
+    "ARMED":    {"take": "SETTLING", "begin": "ACTIVE",   "hold": "HOLDING", "fault": "FAULT"},
+    "SETTLING": {"end": "ARMED",     "begin": "ACTIVE",   "hold": "HOLDING", "fault": "FAULT"},
+    "ACTIVE":   {"end": "ARMED",     "take": "SETTLING",  "soften": "STOPPING",
+                 "hold": "HOLDING",  "fault": "FAULT"},
+    "STOPPING": {"hold": "HOLDING",  "fault": "FAULT"},
+    "HOLDING":  {"clear": "IDLE",    "arm": "ARMED",      "fault": "FAULT"},
+    "FAULT":    {"clear": "IDLE"},
+}
+MEANS: dict[ArbiterState, str] = {
+    "BOOT":     "not every input has been heard yet",
+    "IDLE":     "at rest, nobody may move the arm",
+    "ARMED":    "a person has armed; the arm waits for somebody to command it",
+    "SETTLING": "somebody has taken the arm and begins when it is at rest",
+    "ACTIVE":   "somebody commands the arm",
+    "STOPPING": "a limit was met: the set points come to rest, or go back a little, and then hold",
+    "HOLDING":  "braked and held, latched",
+    "FAULT":    "braked and held, latched until the cause is mended",
 }
 CLEARS: dict[ArbiterState, str] = {
-    "BOOT":    "wait until robot, sensor, wrench and regulator are heard",
-    "IDLE":    "arm",
-    "ARMED":   "",
-    "ACTIVE":  "",
-    "HOLDING": "arm goes on; clear goes back to IDLE",
-    "FAULT":   "mend the cause, then clear, then arm",
+    "BOOT":     "wait until robot, sensor, wrench and regulator are heard",
+    "IDLE":     "arm",
+    "ARMED":    "",
+    "SETTLING": "",
+    "ACTIVE":   "",
+    "STOPPING": "",
+    "HOLDING":  "arm goes on; clear goes back to IDLE",
+    "FAULT":    "mend the cause, then clear, then arm",
 }
 # fmt: on
-MAY_MOVE = ("ARMED", "ACTIVE")
+MAY_MOVE = ("ARMED", "SETTLING", "ACTIVE", "STOPPING")
 
 
 def after(state: ArbiterState, event: str) -> ArbiterState:

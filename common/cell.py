@@ -147,7 +147,7 @@ class ForceSection(Section):
     setpoint_max_N: Positive = 40.0
     # Opt-in: above 80 % of a ceiling the tool goes back along its axis by so much, then holds.
     retreat_m: float = Field(0.0, ge=0.0, le=0.002)
-    retreat_m_s: float = Field(0.01, gt=0.0, le=0.01)
+    retreat_m_s: float = Field(0.005, gt=0.0, le=0.01)
     tare_max_N: Positive = 10.0  # a larger change of bias is taken for contact
     tare_max_Nm: Positive = 1.0
 

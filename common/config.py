@@ -117,7 +117,9 @@ def _names_at(location: tuple[int | str, ...]) -> list[str]:
     """Return the field names of the section that a location points into."""
     section: type[BaseModel] = Cell
     for part in location:
-        annotation = section.model_fields[str(part)].annotation
+        if isinstance(part, int):  # a place in a list of sections
+            continue
+        annotation = section.model_fields[part].annotation
         choices = (annotation, *get_args(annotation))
         section = next(c for c in choices if isinstance(c, type) and issubclass(c, BaseModel))
     return list(section.model_fields)

@@ -1,7 +1,7 @@
 """Cell files: every mistake at once, each with its path, its cure, and nothing half read."""
 
 from pathlib import Path
-from typing import Any
+from typing import Any, get_origin
 
 import pytest
 import yaml
@@ -35,9 +35,10 @@ def mistakes(damaged: object) -> list[str]:
 
 
 def sections(model: type[BaseModel] = Cell, path: str = "") -> dict[str, type[BaseModel]]:
-    """Return every section of a cell file by its path."""
+    """Return every section of a cell file by its path; of a list of them the first."""
     found: dict[str, type[BaseModel]] = {}
-    for name, info in model.model_fields.items():
+    for field, info in model.model_fields.items():
+        name = f"{field}.0" if get_origin(info.annotation) is tuple else field
         for kind in (info.annotation, *getattr(info.annotation, "__args__", ())):
             if isinstance(kind, type) and issubclass(kind, BaseModel):
                 found[f"{path}{name}"] = kind
@@ -124,10 +125,12 @@ def test_an_unknown_name_is_told_in_every_section(section: str) -> None:
     for wrong, hint in ((f"{name}x", f"did you mean {name}?"), ("qqqqqqqq", "known here: ")):
         damaged = tree()
         inner = damaged
-        for key in section.split(".") if section else ():
+        for key in section.removesuffix(".0").split(".") if section else ():
             if not isinstance(inner.get(key), dict):
                 inner[key] = {}
-            inner = inner[key]
+            outer, inner = inner, inner[key]
+            if section.endswith(f".{key}.0"):
+                outer[key] = [inner]
         inner[wrong] = 1
         line = f"{section}.{wrong}".lstrip(".") + f": unknown name; {hint}"
         assert [found for found in mistakes(damaged) if found.startswith(line)], mistakes(damaged)

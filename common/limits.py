@@ -9,10 +9,18 @@ from math import degrees, hypot, radians
 import numpy as np
 import pinocchio as pin
 
-from common.cell import Cell
+from common.cell import Cell, PlaneSection
 from common.faults import tripped
 from common.frames import Array, is_finite_pose, rotation_between, rotation_from_vector
 from common.messages import Trip, Vec6
+
+
+@dataclass(frozen=True, slots=True)
+class Plane:
+    """A wall in base axes; the TCP must stay on the side that the normal points to."""
+
+    point_m: Array
+    normal: Array  # of length 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,13 +31,17 @@ class Limits:
     workspace_max_m: Array
     joint_min_rad: Array
     joint_max_rad: Array
+    joint_speed_rad_s: Array
     step_m: float
     step_rad: float
     speed_m_s: float
     speed_rad_s: float
+    accel_m_s2: float
+    accel_rad_s2: float
     tether_m: float
     force_N: float
     torque_Nm: float
+    planes: tuple[Plane, ...] = ()
 
     @classmethod
     def of(cls, cell: Cell) -> "Limits":
@@ -40,18 +52,28 @@ class Limits:
             workspace_max_m=np.array(limits.workspace_max_m),
             joint_min_rad=np.radians(cell.robot.joint_min_deg),
             joint_max_rad=np.radians(cell.robot.joint_max_deg),
+            joint_speed_rad_s=limits.joint_speed_share
+            * np.radians(cell.robot.joint_speed_max_deg_s),
             step_m=limits.step_m,
             step_rad=radians(limits.step_deg),
             speed_m_s=limits.speed_m_s,
             speed_rad_s=radians(limits.speed_deg_s),
+            accel_m_s2=limits.accel_m_s2,
+            accel_rad_s2=radians(limits.accel_deg_s2),
             tether_m=limits.tether_m,
             force_N=limits.force_N,
             torque_Nm=limits.torque_Nm,
+            planes=tuple(_plane(plane) for plane in limits.planes),
         )
 
 
+def _plane(section: PlaneSection) -> Plane:
+    normal = np.array(section.normal)
+    return Plane(np.array(section.point_m), normal / _length(normal))
+
+
 def check_workspace(limits: Limits, T_base_tcp: pin.SE3) -> Trip | None:
-    """Refuse a TCP outside the box, or a pose that is not finite."""
+    """Refuse a TCP outside the box or behind a plane, or a pose that is not finite."""
     if not is_finite_pose(T_base_tcp):
         return _not_finite("the pose")
     p = T_base_tcp.translation
@@ -61,6 +83,11 @@ def check_workspace(limits: Limits, T_base_tcp: pin.SE3) -> Trip | None:
             broken = low if value < low else high
             text = f"TCP {axis} = {float(value) * 1e3:.1f} mm is outside the workspace"
             return tripped("workspace", text, value=float(value), limit=float(broken))
+    for number, plane in enumerate(limits.planes, start=1):
+        beyond_m = float((plane.point_m - p) @ plane.normal)
+        if beyond_m > 0.0:
+            text = f"TCP is {beyond_m * 1e3:.1f} mm behind plane {number}"
+            return tripped("workspace", text, value=-beyond_m, limit=0.0)
     return None
 
 
@@ -100,6 +127,19 @@ def check_joints(limits: Limits, joint_rad: Vec6 | Array) -> Trip | None:
             broken = low if angle < low else high
             text = f"joint {number} = {degrees(angle):.1f} degrees is out of its range"
             return tripped("joint", text, value=float(angle), limit=float(broken))
+    return None
+
+
+def check_joint_speed(limits: Limits, speed_rad_s: Array) -> Trip | None:
+    """Refuse joints that turn faster than the arm should. Shape (6,)."""
+    if not np.isfinite(speed_rad_s).all():
+        return _not_finite("a joint's speed")
+    for number, (speed, fastest) in enumerate(
+        zip(np.abs(speed_rad_s), limits.joint_speed_rad_s, strict=True), start=1
+    ):
+        if speed > fastest:
+            text = f"joint {number} turns with {degrees(speed):.0f} degrees/s"
+            return tripped("joint_speed", text, value=float(speed), limit=float(fastest))
     return None
 
 

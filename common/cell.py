@@ -91,6 +91,7 @@ class SensorSection(Section):
     T_flange_sensor: FrameSection
     force_range_N: Positive = 500.0
     torque_range_Nm: Positive = 20.0
+    frozen_s: float = Field(0.08, ge=0.0, le=0.1)  # one reading for so long; 0: it has no noise
     address: str = "192.168.1.1"
     port: int = Field(49152, ge=1, le=65535)
     counts_per_N: Positive = 1_000_000.0
@@ -259,6 +260,19 @@ class Cell(Section):
             raise ValueError("roles.robot is gateway, so a section `gateway` is needed")
         if "sim" in (self.roles.robot, self.roles.sensor) and self.sim is None:
             raise ValueError("a role is played by sim, so a section `sim` is needed")
+        return self
+
+    @model_validator(mode="after")
+    def _a_sensor_without_noise_is_not_frozen(self) -> "Cell":
+        sim = self.sim if self.roles.sensor == "sim" else None
+        if sim is None or self.sensor.frozen_s == 0.0:
+            return self
+        in_force = sim.noise_force_N > sim.quantum_force_N
+        if not in_force and sim.noise_torque_Nm <= sim.quantum_torque_Nm:
+            text = (
+                "the simulated sensor has no noise above its quanta and would be taken for frozen"
+            )
+            raise ValueError(f"sensor.frozen_s: {text}: set it to 0")
         return self
 
     @property

@@ -839,8 +839,9 @@ look:
     .conn=fm.conn
     TIMER 7=0
   END
-  IF fm.mode<>.mode THEN
-    .mode=fm.mode
+  .m=fm.mode*ABS(fm.hseq+fm.wseq+fm.stopn==fm.ffe) ;a stop needs no wrench any more
+  IF .m<>.mode THEN
+    .mode=.m
     TIMER 8=0
     .lim=1 ;the first wrench comes when the PC has read that force feedback runs
   END

@@ -218,10 +218,6 @@ def test_a_hold_stops_the_arm_voids_the_ring_and_is_named_in_103(behaviour: Beha
     assert not talk.status & Status.HELD
 
 
-@pytest.mark.xfail(
-    strict=True,
-    reason="fm.watch looks at fm.mode, which stays on until the next wrench or command of the ring",
-)
 @pytest.mark.parametrize("pause_s", [1.0, 0.2])
 def test_wrenches_may_end_with_an_orderly_stop_and_begin_anew(
     pause_s: float, behaviour: Behaviour

@@ -21,6 +21,7 @@ from common.config import cell_hash, load_cell
 from common.endpoints import Bus, Publisher, Reader
 from common.errors import ConfigError, ForcemeshError
 from common.messages import Health
+from common.overruns import Overruns, allowed_gap_s
 from common.priority import has_realtime_priority, take_realtime_priority
 from common.topics import HEALTH
 from common.version import forcemesh_version
@@ -69,6 +70,14 @@ class Measuring(Protocol):
         """Return what is known of it, units in the names."""
 
 
+@runtime_checkable
+class Metered(Protocol):
+    """A transport that knows how long its puts take."""
+
+    def longest_put_s(self, since_ns: int) -> float:
+        """Return how long the longest put took that began after a monotonic time [s]."""
+
+
 Connect = Callable[[Cell, str], AbstractContextManager[Bus]]
 
 
@@ -78,18 +87,21 @@ class HealthReporter:
     def __init__(self, bus: Bus, cell: Cell, publisher: Publisher[Health]) -> None:
         """Prepare what does not change."""
         self._clock = bus.clock
+        self._transport = bus.transport
         self._publisher = publisher
         self._period_ns = round(NS_PER_S / cell.rates.health_hz)
         self._next_ns = 0
         self._steps = 0
         self._since_ns = bus.clock.now_ns()
         self._lateness_s: deque[float] = deque(maxlen=LATENESS_WINDOW)
+        self._overruns = Overruns(allowed_gap_s(cell, bus.role))
         self._version, self._config_hash = forcemesh_version(), cell_hash(cell)
 
     def stepped(self, now_ns: int, lateness_s: float, service: Service) -> None:
         """Count a step, and report when it is time."""
         self._steps += 1
         self._lateness_s.append(lateness_s)
+        self._overruns.stepped(now_ns)
         if now_ns < self._next_ns:
             return
         self._next_ns = now_ns + self._period_ns
@@ -100,14 +112,23 @@ class HealthReporter:
                 pid=os.getpid(),
                 rate_hz=self._steps / elapsed_s,
                 lateness_p99_s=late[int(0.99 * (len(late) - 1))],
+                overruns=self._overruns.count,
+                longest_gap_s=self._overruns.longest_s,
                 counters={"realtime": int(has_realtime_priority()), **service.counters()},
-                numbers=service.numbers(now_ns) if isinstance(service, Measuring) else {},
+                numbers=self._numbers(now_ns, service),
                 fault=service.fault,
                 version=self._version,
                 config_hash=self._config_hash,
             )
         )
         self._steps, self._since_ns = 0, now_ns
+
+    def _numbers(self, now_ns: int, service: Service) -> dict[str, float]:
+        """Return what the service measures, and how long the bus kept it at most since before."""
+        numbers = service.numbers(now_ns) if isinstance(service, Measuring) else {}
+        if isinstance(self._transport, Metered):
+            numbers = {**numbers, "put_max_s": self._transport.longest_put_s(self._since_ns)}
+        return numbers
 
 
 class Runner:

@@ -7,7 +7,6 @@ import pinocchio as pin
 
 from common.cell import Cell
 from common.clock import NS_PER_S
-from common.config import cell_hash
 from common.convert import pose_of, record_of, vec3
 from common.faults import clipped, refusal, refused, tripped
 from common.frames import Array
@@ -20,6 +19,7 @@ from common.messages import (
     Host,
     MoveRequest,
     Permission,
+    Purpose,
     RegulatorTarget,
     Reply,
     RobotCommand,
@@ -27,14 +27,12 @@ from common.messages import (
     Speed,
     Trip,
 )
-from common.version import forcemesh_version
 from services.arbiter import inputs as known
 from services.arbiter.goals import goal_trip
 from services.arbiter.inputs import Inputs
+from services.arbiter.preflight import Terms, complaints
 from services.arbiter.reports import lines, recent
 from services.arbiter.states import CLEARS, MAY_MOVE, after
-
-PREFLIGHT_S = 1.0  # inputs must have been good for so long before arming
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,11 +58,12 @@ class Arbiter:
         self._limits = Limits.of(cell)
         self._deadline_s = command_deadline_s
         self._T_flange_tcp = cell.tool.T_flange_tcp.pose
-        self._config_hash, self._version = cell_hash(cell), forcemesh_version()
+        self._terms = Terms.of(cell)
         self._speed = Speed()
         self._motion = IDLE_MOTION
         self._lease = 0
         self._lease_since_ns = 0
+        self._armed_for: Purpose = "all"
         self._armed_at_m: Array = np.zeros(3)
         self._writers: known.Writers = {}  # of the inputs when the arm was armed
         self._good_since_ns: int | None = None
@@ -92,26 +91,23 @@ class Arbiter:
             state=self.state,
             commander=self._motion.commander,
             lease=self._lease,
+            armed_for=self._armed_for,
             trips=self.trips,
             not_ready=lines([trip.text for trip in self._not_ready]),
             clears=CLEARS[self.state],
         )
 
     def _watch_readiness(self, inputs: Inputs) -> None:
-        trips = known.missing(inputs)
-        if trips:
+        if known.missing(inputs):
             self._good_since_ns = None
         else:
-            if self._good_since_ns is None:
-                self._good_since_ns = inputs.now_ns
+            self._good_since_ns = self._good_since_ns or inputs.now_ns
             self.state = after(self.state, "ready")
-            good_s = (inputs.now_ns - self._good_since_ns) / NS_PER_S
-            if good_s < PREFLIGHT_S:
-                text = f"inputs are good for {good_s:.1f} s, {PREFLIGHT_S:g} s are needed"
-                trips = [tripped("not_ready", text, value=good_s, limit=PREFLIGHT_S)]
-            trips += known.robot_complaints(inputs)
-            trips += known.strangers(inputs, self._config_hash, self._version)
-        self._not_ready = trips
+        self._not_ready = complaints(inputs, self._terms, self._good_s(inputs), "all")
+
+    def _good_s(self, inputs: Inputs) -> float:
+        since_ns = self._good_since_ns
+        return 0.0 if since_ns is None else (inputs.now_ns - since_ns) / NS_PER_S
 
     def _watch_motion(self, inputs: Inputs) -> None:
         faults = known.fault_trips(inputs) or known.replaced_trips(inputs, self._writers)
@@ -148,13 +144,17 @@ class Arbiter:
             self._end()
         elif self._motion.commander == "operator":
             self._watch_goal(robot)
-        elif self._motion.commander == "none" and target is not None and self._regulator_rested:
+        elif self._may_begin(target):
             self._begin(Motion("regulator", T_base_flange=pose_of(robot)))
         if self._motion.commander == "regulator" and target is not None:
             return self._pass_target(robot, target, dt_s)
         if self._motion.commander == "operator":
             return self._command("goal", goal=self._motion.goal)
         return self._command("idle")
+
+    def _may_begin(self, target: RegulatorTarget | None) -> bool:
+        free = self._motion.commander == "none" and self._armed_for == "all"
+        return free and target is not None and self._regulator_rested
 
     def _pass_target(self, robot: RobotState, target: RegulatorTarget, dt_s: float) -> RobotCommand:
         before = self._motion.T_base_flange
@@ -216,23 +216,19 @@ class Arbiter:
 
     # --- requests ---------------------------------------------------------------------------------
 
-    def arm(self, inputs: Inputs) -> Reply:
-        """Let motion begin, after the preflight."""
+    def arm(self, inputs: Inputs, purpose: Purpose = "all") -> Reply:
+        """Let motion begin, after the preflight; for `jog` no force feedback."""
         robot = inputs.robot.fresh
         if self.state in MAY_MOVE:
             return Reply(accepted=True, code="already", text=f"already {self.state}")
         if after(self.state, "arm") != "ARMED":
             text = f"the arbiter is {self.state}: {CLEARS[self.state]}"
             return refusal("state", text)
-        trip = known.limit_trip(
-            inputs, self._limits, vec3(np.asarray(self._T_flange_tcp.translation))
-        )
-        not_ready = known.missing(inputs) or self._not_ready
+        not_ready = complaints(inputs, self._terms, self._good_s(inputs), purpose)
         if not_ready or robot is None:
             texts = "; ".join(why.text for why in not_ready)
             return refused(not_ready[0].model_copy(update={"text": clipped(texts)}))
-        if trip is not None:
-            return refused(trip)
+        self._armed_for = purpose
         self.state, self.trips, self._motion = after(self.state, "arm"), (), IDLE_MOTION
         self._lease += 1
         self._regulator_rested = False

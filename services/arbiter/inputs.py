@@ -19,8 +19,11 @@ from common.messages import (
     Vec3,
     WrenchAtTcp,
 )
+from common.overruns import MOST_OVERRUNS
 
 Writers = dict[str, int]  # topic: epoch of the process that writes it
+
+COMMANDING = ("robot", "sensor", "wrench", "regulator")  # whose loops motion depends on
 
 ROBOT_ANSWERS_WITHIN_S = 0.3  # a robot that still holds after this does not accept the lease
 # The controller's bits that must be as named before anything moves, and the fault when one is not.
@@ -35,6 +38,15 @@ PRECONDITIONS = {
 
 
 @dataclass(frozen=True, slots=True)
+class Watched:
+    """What is found only by looking at the inputs for a while (watch.py)."""
+
+    faults: tuple[Trip, ...] = ()  # they end motion
+    unrest: Trip | None = None  # why the arm does not count as resting
+    residual: Trip | None = None  # what is left of the force where nothing is touched
+
+
+@dataclass(frozen=True, slots=True)
 class Inputs:
     """One snapshot of everything that the arbiter reads."""
 
@@ -44,14 +56,59 @@ class Inputs:
     wrench: Reading[WrenchAtTcp]
     target: Reading[RegulatorTarget]
     health: dict[str, Reading[Health]]
+    watched: Watched = Watched()
+
+    @property
+    def streams(self) -> dict[str, Reading[Any]]:
+        """What is judged every period in motion, by topic."""
+        return {
+            "robot/state": self.robot,
+            "sensor/wrench": self.sensor,
+            "wrench": self.wrench,
+            "regulator/target": self.target,
+        }
 
 
 def missing(inputs: Inputs) -> list[Trip]:
-    """Return one trip for each input that is missing, invalid or stale.
+    """Return one trip for each input that is missing, invalid, stale or not to be trusted.
 
     The regulator's target need not be valid (it is not while nobody asks for force feedback),
     but the regulator must be heard.
     """
+    return [
+        *_rivals(inputs),
+        *_silent_or_invalid(inputs),
+        *_overruns(inputs),
+        *inputs.watched.faults,
+    ]
+
+
+def _rivals(inputs: Inputs) -> list[Trip]:
+    health = {f"{role}/health": reading for role, reading in inputs.health.items()}
+    return [
+        tripped("two_writers", f"two processes write {topic}")
+        for topic, reading in (inputs.streams | health).items()
+        if reading.conflict
+    ]
+
+
+def _overruns(inputs: Inputs) -> list[Trip]:
+    """Judge the other loops by their health; the arbiter's own one is watched directly."""
+    found = {role: reading.fresh for role, reading in inputs.health.items()}
+    return [
+        overrun_trip(role, health.overruns, health.longest_gap_s)
+        for role, health in found.items()
+        if role in COMMANDING and health is not None and health.overruns > MOST_OVERRUNS
+    ]
+
+
+def overrun_trip(role: str, overruns: int, longest_gap_s: float) -> Trip:
+    """Return why a loop that is late again and again ends motion."""
+    text = f"{role} was late {overruns} times within a second, by {longest_gap_s * 1e3:.0f} ms"
+    return tripped("overrun", text, value=overruns, limit=MOST_OVERRUNS)
+
+
+def _silent_or_invalid(inputs: Inputs) -> list[Trip]:
     readings: list[Reading[Any]] = [inputs.robot, inputs.sensor, inputs.wrench]
     if inputs.target.silent:
         readings.append(inputs.target)
@@ -97,10 +154,8 @@ def _lost(reading: Reading[Any], *, is_sensor: bool) -> Trip:
 
 def writers(inputs: Inputs) -> Writers:
     """Return which process writes what is judged in motion."""
-    readings = (inputs.robot, inputs.sensor, inputs.wrench, inputs.target)
-    names = ("robot/state", "sensor/wrench", "wrench", "regulator/target")
-    headers = zip(names, (reading.header for reading in readings), strict=True)
-    return {name: header.epoch for name, header in headers if header is not None}
+    headers = {name: reading.header for name, reading in inputs.streams.items()}
+    return {name: header.epoch for name, header in headers.items() if header is not None}
 
 
 def replaced_trips(inputs: Inputs, at_arming: Writers) -> list[Trip]:

@@ -4,8 +4,10 @@ from common import topics
 from common.cell import Cell
 from common.clock import NS_PER_S
 from common.endpoints import Bus
+from common.messages import ArbiterState, Trip
 from services.arbiter.core import Arbiter
 from services.arbiter.inputs import Inputs
+from services.arbiter.watch import Watch
 
 
 class ArbiterService:
@@ -16,6 +18,7 @@ class ArbiterService:
         self.period_s = 1.0 / cell.rates.control_hz
         self.fault = ""
         self._core = Arbiter(cell, command_deadline_s=cell.stale_after_s(topics.ROBOT_COMMAND))
+        self._watch = Watch(cell)
         self._robot = bus.reader(topics.ROBOT_STATE)
         self._sensor = bus.reader(topics.SENSOR_WRENCH)
         self._wrench = bus.reader(topics.WRENCH)
@@ -27,7 +30,7 @@ class ArbiterService:
         self._status = bus.publisher(topics.ARBITER_STATUS)
         self._status_period_ns = round(NS_PER_S / cell.rates.status_hz)
         self._next_status_ns = 0
-        self._said = ""
+        self._said: tuple[ArbiterState, tuple[Trip, ...]] = ("BOOT", ())
         self._arms = bus.inbox(topics.ARM)
         self._holds = bus.inbox(topics.HOLD)
         self._clears = bus.inbox(topics.CLEAR)
@@ -41,7 +44,7 @@ class ArbiterService:
 
     def step(self, now_ns: int) -> None:
         """Serve requests, judge, publish command and status."""
-        inputs = Inputs(
+        seen = Inputs(
             now_ns=now_ns,
             robot=self._robot.read(now_ns),
             sensor=self._sensor.read(now_ns),
@@ -49,6 +52,7 @@ class ArbiterService:
             target=self._target.read(now_ns),
             health={role: reader.read(now_ns) for role, reader in self._health.items()},
         )
+        inputs = self._watch.see(seen)
         self._serve(inputs)
         self._command.put(self._core.tick(inputs), inputs.target.origin)
         self._report(now_ns)
@@ -57,7 +61,7 @@ class ArbiterService:
         for clear in self._clears.take_all():
             clear.reply(self._core.clear(inputs))
         for arm in self._arms.take_all():
-            arm.reply(self._core.arm(inputs))
+            arm.reply(self._core.arm(inputs, arm.request.purpose))
         for speed in self._speeds.take_all():
             speed.reply(self._core.set_speed(speed.request))
         for move in self._moves.take_all():
@@ -67,8 +71,8 @@ class ArbiterService:
             hold.reply(self._core.hold(hold.request.reason))
 
     def _report(self, now_ns: int) -> None:
-        """Publish the status at its rate, and at once when the state changes."""
-        state = self._core.state
-        if now_ns >= self._next_status_ns or state != self._said:
-            self._next_status_ns, self._said = now_ns + self._status_period_ns, state
+        """Publish the status at its rate, and at once when the state or a cause changes."""
+        news = (self._core.state, self._core.trips)
+        if now_ns >= self._next_status_ns or news != self._said:
+            self._next_status_ns, self._said = now_ns + self._status_period_ns, news
             self._status.put(self._core.status())

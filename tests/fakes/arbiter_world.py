@@ -29,6 +29,7 @@ from common.messages import (
 from common.version import forcemesh_version
 from services.arbiter.core import Arbiter
 from services.arbiter.inputs import Inputs
+from services.arbiter.watch import Watch
 
 CELL = load_cell(Path(__file__).resolve().parents[2] / "cells" / "demo.yaml")
 ROLES = ("hub", "robot", "sensor", "wrench", "regulator")
@@ -66,6 +67,7 @@ class World:
     def __post_init__(self) -> None:
         """Start the arbiter in a cell where all is well."""
         self.core = Arbiter(self.cell, command_deadline_s=DEADLINE_S)
+        self.watch = Watch(self.cell)
         self.messages = good_messages(self.cell)
 
     # --- surroundings -----------------------------------------------------------------------------
@@ -94,7 +96,7 @@ class World:
 
     def inputs(self) -> Inputs:
         """Take the snapshot that the arbiter is given."""
-        return Inputs(
+        seen = Inputs(
             now_ns=self.now_ns,
             robot=self.reading("robot"),
             sensor=self.reading("sensor"),
@@ -102,6 +104,7 @@ class World:
             target=self.reading("target"),
             health={role: self.reading(f"{role}/health") for role in ROLES},
         )
+        return self.watch.see(seen)
 
     # --- the arbiter ------------------------------------------------------------------------------
 

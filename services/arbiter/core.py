@@ -30,7 +30,7 @@ from common.messages import (
 from services.arbiter import inputs as known
 from services.arbiter.goals import goal_trip
 from services.arbiter.inputs import Inputs
-from services.arbiter.preflight import Terms, complaints
+from services.arbiter.preflight import Terms, complaints, lasting
 from services.arbiter.reports import lines, recent
 from services.arbiter.states import CLEARS, MAY_MOVE, after
 
@@ -103,7 +103,8 @@ class Arbiter:
         else:
             self._good_since_ns = self._good_since_ns or inputs.now_ns
             self.state = after(self.state, "ready")
-        self._not_ready = complaints(inputs, self._terms, self._good_s(inputs), "all")
+        found = complaints(inputs, self._terms, self._good_s(inputs), "all")
+        self._not_ready = lasting(found) if self.state in MAY_MOVE else found
 
     def _good_s(self, inputs: Inputs) -> float:
         since_ns = self._good_since_ns
@@ -219,11 +220,12 @@ class Arbiter:
     def arm(self, inputs: Inputs, purpose: Purpose = "all") -> Reply:
         """Let motion begin, after the preflight; for `jog` no force feedback."""
         robot = inputs.robot.fresh
-        if self.state in MAY_MOVE:
+        if self.state in MAY_MOVE and self._armed_for in ("all", purpose):
             return Reply(accepted=True, code="already", text=f"already {self.state}")
+        if self.state in MAY_MOVE:
+            return refusal("state", "armed for jog alone: hold, then arm for all")
         if after(self.state, "arm") != "ARMED":
-            text = f"the arbiter is {self.state}: {CLEARS[self.state]}"
-            return refusal("state", text)
+            return refusal("state", f"the arbiter is {self.state}: {CLEARS[self.state]}")
         not_ready = complaints(inputs, self._terms, self._good_s(inputs), purpose)
         if not_ready or robot is None:
             texts = "; ".join(why.text for why in not_ready)

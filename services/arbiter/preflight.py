@@ -145,3 +145,8 @@ def complaints(inputs: Inputs, terms: Terms, good_s: float, purpose: Purpose) ->
         return found
     rows = [row for row in CHECKS[1:] if purpose == "all" or not row.for_force_only]
     return [trip for row in rows for trip in row.complaints(look)]
+
+
+def lasting(trips: list[Trip]) -> list[Trip]:
+    """Return what will still be in the way when an arm that moves now has come to rest."""
+    return [trip for trip in trips if trip.code != "moving"]

@@ -215,6 +215,8 @@ class Regulator:
             return refusal("setpoint", text, value=wanted.setpoint_N, limit=largest_N)
         if state not in MOTION_STATES:
             return refusal("not_armed", f"the arbiter is {state}: arm first")
+        if arbiter is not None and arbiter.armed_for == "jog":
+            return refusal("not_armed", "armed for jog alone: hold, then arm for all")
         if arbiter is not None and arbiter.commander == "operator":
             text = "the operator commands the arm: wait for the move to end, or hold"
             return refusal("busy", text)

@@ -4,26 +4,19 @@ SI units. Angles of frames are Kawasaki's O, A, T in degrees, as on the teach pe
 """
 
 from math import radians
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
+from common.cell_sim import SimSection
+from common.cell_terms import Fraction, NotNegative, Positive, Section
 from common.messages import Host, Vec3, Vec6
 from common.topics import Topic
 
 if TYPE_CHECKING:
     import pinocchio as pin
 
-Positive = Annotated[float, Field(gt=0.0)]
-NotNegative = Annotated[float, Field(ge=0.0)]
-Fraction = Annotated[float, Field(gt=0.0, le=1.0)]
 SHORTEST_DEADLINE_PERIODS = 3.0
-
-
-class Section(BaseModel):
-    """Base of every section: unknown keys and non-finite numbers are mistakes."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
 class BusSection(Section):
@@ -144,6 +137,9 @@ class ForceSection(Section):
     approach_budget_N: Positive = 10.0  # force that the first touch may add
     idle_max_N: Positive = 2.0  # more than this left in free space: payload or bias is wrong
     touch_N: Positive = 2.0  # contact begins above, ends below half of it
+    search_m: Positive = 0.05  # longest way to the first contact
+    lost_m: Positive = 0.005  # longest way to the next one after contact was lost
+    given_J: Positive = 0.01  # work that what is pressed on may do on the tool, beyond what it got
     setpoint_ramp_N_s: Positive = 200.0
     setpoint_max_N: Positive = 40.0
     # Opt-in: above 80 % of a ceiling the tool goes back along its axis by so much, then holds.
@@ -212,29 +208,6 @@ class GatewaySection(Section):
     heartbeat_s: float = Field(0.04, gt=0.0, le=0.1)
 
 
-class SimSection(Section):
-    """The simulated arm, its controller, its sensor, its tool and the plate below it."""
-
-    seed: int = 0
-    delay_s: float = Field(0.010, ge=0.0, le=0.2)  # of the controller, whole milliseconds
-    smoothing_s: float = Field(0.008, ge=0.001, le=0.1)  # of its set points
-    as_step_s: float = Field(0.0001, ge=1e-6, le=0.01)  # of the emulated controller's programs
-    as_pessimistic: bool = False  # the worse reading of what the controller's manuals leave open
-    stiffness_N_m: float = Field(2e4, ge=1e3, le=2e5)  # of the plate
-    tilt_stiffness_Nm_rad: float | None = Field(None, gt=0.0)
-    tilt_deg: float = Field(0.0, ge=0.0, le=20.0)
-    gap_m: float = Field(0.005, ge=0.0005, le=0.1)
-    tool_mass_kg: float = Field(1.0, ge=0.05, le=7.0)
-    tool_com_m: Vec3 = (0.012, -0.008, 0.055)  # sensor axes, from the sensor's origin
-    disc_radius_m: float = Field(0.025, ge=0.005, le=0.05)
-    noise_force_N: NotNegative = 0.1
-    noise_torque_Nm: NotNegative = 0.005
-    bias_force_N: Vec3 = (1.5, -2.0, 3.0)
-    bias_torque_Nm: Vec3 = (0.05, -0.04, 0.03)
-    quantum_force_N: NotNegative = 0.01
-    quantum_torque_Nm: NotNegative = 0.0005
-
-
 class Cell(Section):
     """One robot cell."""
 
@@ -260,19 +233,9 @@ class Cell(Section):
             raise ValueError("roles.robot is gateway, so a section `gateway` is needed")
         if "sim" in (self.roles.robot, self.roles.sensor) and self.sim is None:
             raise ValueError("a role is played by sim, so a section `sim` is needed")
-        return self
-
-    @model_validator(mode="after")
-    def _a_sensor_without_noise_is_not_frozen(self) -> "Cell":
-        sim = self.sim if self.roles.sensor == "sim" else None
-        if sim is None or self.sensor.frozen_s == 0.0:
-            return self
-        in_force = sim.noise_force_N > sim.quantum_force_N
-        if not in_force and sim.noise_torque_Nm <= sim.quantum_torque_Nm:
-            text = (
-                "the simulated sensor has no noise above its quanta and would be taken for frozen"
-            )
-            raise ValueError(f"sensor.frozen_s: {text}: set it to 0")
+        noiseless = self.roles.sensor == "sim" and self.sim is not None and self.sim.noiseless
+        if noiseless and self.sensor.frozen_s > 0.0:
+            raise ValueError("sensor.frozen_s must be 0: the simulated sensor has no noise")
         return self
 
     @property

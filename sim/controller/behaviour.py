@@ -7,7 +7,7 @@ Every field is one open question. The defaults take the reading that public AS p
 import math
 from dataclasses import dataclass
 
-from common.cell import SimSection
+from common.cell_sim import SimSection
 from common.clock import NS_PER_S
 
 SHORTEST_STEP_S = 1e-6

@@ -8,6 +8,7 @@ slow reader can never hold a writer up.
 import json
 import os
 import time
+from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -15,7 +16,7 @@ from dataclasses import dataclass
 import zenoh
 
 from common.cell import Cell
-from common.clock import Clock, MonotonicClock
+from common.clock import NS_PER_S, Clock, MonotonicClock
 from common.endpoints import Bus
 from common.errors import BusError
 from common.topics import Qos
@@ -24,6 +25,7 @@ ENDPOINT_VARIABLE = "FORCEMESH_ENDPOINT"
 CONNECT_ATTEMPT_MS = 500
 LEASE_MS = 500
 MAX_WAITING_REQUESTS = 16
+PUTS_KEPT = 2048  # of which the longest is reported: more than a busy process puts in a second
 
 
 def endpoint_of(cell: Cell) -> str:
@@ -147,6 +149,11 @@ class ZenohTransport:
     def __init__(self, session: zenoh.Session) -> None:
         """Use an open session; whoever opened it closes it."""
         self._session = session
+        self._puts: deque[tuple[int, int]] = deque(maxlen=PUTS_KEPT)  # begin, duration [ns]
+
+    def longest_put_s(self, since_ns: int) -> float:
+        """Return how long the longest put took that began after a monotonic time [s]."""
+        return max((took for at, took in list(self._puts) if at >= since_ns), default=0) / NS_PER_S
 
     def publish(self, key: str, qos: Qos) -> Callable[[bytes], None]:
         """Return the function that puts bytes on a key; it never blocks on a slow reader."""
@@ -159,9 +166,11 @@ class ZenohTransport:
         )
 
         def put(data: bytes) -> None:
+            began_ns = time.monotonic_ns()
             # A session that has lost its hub drops what is put: readers see staleness.
             with suppress(zenoh.ZError):
                 publisher.put(data)
+            self._puts.append((began_ns, time.monotonic_ns() - began_ns))
 
         return put
 

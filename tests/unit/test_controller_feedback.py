@@ -252,6 +252,18 @@ def test_a_hold_ends_it_and_a_new_start_begins_where_the_arm_is() -> None:
     assert np.allclose(talk.T_mm.homogeneous, start.homogeneous, atol=0.02)
 
 
+def test_the_centre_may_change_while_it_runs_and_the_arm_stays() -> None:
+    """After a way along all three axes: the same pose, told by another point."""
+    talk = running(3, gains_i=(2000, 2000, 2000, 0, 0, 0))
+    push(talk, 50, (1000, -1500, 2000, 0, 0, 0))
+    push(talk, 5)
+    before = talk.T_mm
+    talk.send(Com.TCP, 0, (1000, -500, 4000, 0, 0, 0))
+    push(talk, 10)
+    assert np.allclose(talk.T_mm.homogeneous, before.homogeneous, atol=0.01)
+    assert np.abs(before.translation - [0.0, 475.0, 377.0]).min() > 1.0
+
+
 def test_gains_may_change_while_it_runs() -> None:
     """From the next iteration on, without a bump."""
     talk = running(1, gains_i=(0, 0, 1000, 0, 0, 0))

@@ -119,6 +119,8 @@ def test_joint_motions_take_the_time_of_the_flange_or_of_the_joint(joint: int) -
     """At 50 mm/s: the arc of the flange, or 1.75 mm for a degree of the joint if that is more."""
     talk = Talk()
     talk.hello()
+    talk.send(Com.MOVE_JOINTS, 0, (2_500, 1_250, -20_000, 2_500, -20_000, 2_500))
+    talk.live(3.5, beat=True)
     q, turn = talk.robot.q, np.radians(np.where(np.arange(6) == joint, 12.0, 0.0))
     flange = talk.robot.kinematics.flange_pose
     ways = [flange(q + share * turn).translation for share in np.linspace(0.0, 1.0, 50)]
@@ -252,9 +254,7 @@ def test_reports_are_the_pose_and_the_joints_rounded_to_a_unit(
     talk.do(Com.SPEEDS, 0, (10_000, 10_000, 10_000, 10_000, 0, 0))
     a, b, c, d, e, f = (round(angle * SCALES[2]) for angle in joints_deg)
     talk.send(Com.MOVE_JOINTS, 0, (a, b, c, d, e, f))
-    talk.wait(lambda: talk.robot.queue.busy)
-    talk.wait(lambda: not talk.robot.moving, 20.0)
-    talk.live(0.2, beat=True)
+    talk.live(3.0, beat=True)
     assert np.allclose(np.degrees(talk.robot.q), joints_deg, atol=0.01)
     assert np.abs(np.subtract(talk.last(Com.JOINTS).vec, (a, b, c, d, e, f))).max() <= 2
     units = np.degrees(talk.robot.q) * SCALES[2]

@@ -14,6 +14,8 @@ from common.frames import Array, is_finite_pose, rotation_between
 from common.messages import Reply, RobotState, SensorWrench, WrenchAtTcp
 from common.payload import Payload
 from services.wrench.compensation import Mounting, Wrench, compensate
+from services.wrench.inputs import Pairing, heard, pair
+from services.wrench.plausibility import FINE, Bounds, Complaint, History, judge
 from services.wrench.smoothing import Filter, feed
 from services.wrench.tare import TareLimits, tare
 
@@ -33,7 +35,11 @@ class WrenchService:
         self._mounting = Mounting(cell.sensor.T_flange_sensor.pose, cell.tool.T_flange_tcp.pose)
         self._payload = Payload(**cell.payload.model_dump(exclude={"accept_uncalibrated"}))
         self._calibration = "cell file"
-        self._range_N, self._range_Nm = cell.sensor.force_range_N, cell.sensor.torque_range_Nm
+        self._bounds, self._history, self._pairing = Bounds.of(cell), History(), Pairing()
+        self._apart_max_s = apart_max_s(cell)
+        self._complaint, self._complain_until_ns = FINE, 0
+        # So long a complaint is told: who has not heard it by then misses the topic itself.
+        self._complain_for_ns = round(cell.stale_after_s(topics.WRENCH) * NS_PER_S)
         self._tare_limits = TareLimits(cell.force.tare_max_N, cell.force.tare_max_Nm)
         self._empty_filter = Filter(cell.filter.median, cell.filter.lowpass_s)
         self._filter = self._empty_filter
@@ -48,44 +54,76 @@ class WrenchService:
         self.trigger = self._sensor
 
     def counters(self) -> dict[str, int]:
-        """Return what the sensor reader dropped."""
+        """Return what the sensor reader dropped, and the readings that were left out."""
         counters = self._sensor.counters
-        return {"sensor_superseded": counters.superseded, "sensor_repeated": counters.repeated}
+        return {
+            "sensor_superseded": counters.superseded,
+            "sensor_repeated": counters.repeated,
+            "sensor_spikes": self._history.spikes,
+        }
 
     def step(self, now_ns: int) -> None:
-        """Filter the newest sample; at the control rate, compensate and publish."""
+        """Filter the newest sample; at the control rate, or when a fault begins, publish."""
         sensor, robot = self._sensor.read(now_ns), self._robot.read(now_ns)
-        self._take(sensor, robot)
+        was_fine = self._complaint == FINE
+        self._complain(self._take(sensor, robot), robot, now_ns)
         for request in self._tares.take_all():
-            request.reply(self._tare(sensor, robot))
-        if now_ns >= self._next_put_ns:
+            request.reply(self._tare(robot))
+        if now_ns >= self._next_put_ns or (was_fine and self._complaint != FINE):
             # Half a sensor period early is on time: samples and periods do not line up.
             slack_ns = round(0.5 * self._sensor_period_s * NS_PER_S)
             self._next_put_ns = now_ns + round(self.period_s * NS_PER_S) - slack_ns
             self._put(sensor, robot)
 
-    def _take(self, sensor: Reading[SensorWrench], robot: Reading[RobotState]) -> None:
-        """Feed a sample that is new and good; after a gap the filter starts anew."""
-        if self._sensor_complaint(sensor) or sensor.message is None or sensor.header is None:
+    def _take(self, sensor: Reading[SensorWrench], robot: Reading[RobotState]) -> Complaint:
+        """Feed a sample that is new and good; after a gap or a fault the filter starts anew."""
+        complaint, sample = heard(sensor), sensor.fresh
+        if sample is not None and sensor.header is not None and complaint == FINE:
+            stamp_ns = sensor.header.stamp_ns
+            if stamp_ns == self._last_stamp_ns:
+                return FINE
+            dt_s = max(stamp_ns - self._last_stamp_ns, 0) / NS_PER_S if self._last_stamp_ns else 0.0
+            self._last_stamp_ns = stamp_ns
+            reading = np.array(sample.force_N + sample.torque_Nm)
+            self._history, complaint = judge(self._history, reading, dt_s, self._bounds)
+            if self._history.counts:
+                self._filter = feed(self._filter, reading, dt_s)
+                if robot.fresh is not None:
+                    self._recent.append((reading, robot.fresh))
+        else:
+            self._history = History(spikes=self._history.spikes)
+        if complaint != FINE:
             self._filter = self._empty_filter
             self._recent.clear()
-            return
-        stamp_ns = sensor.header.stamp_ns
-        if stamp_ns == self._last_stamp_ns:
-            return
-        dt_s = max(stamp_ns - self._last_stamp_ns, 0) / NS_PER_S
-        self._last_stamp_ns = stamp_ns
-        reading = np.array(sensor.message.force_N + sensor.message.torque_Nm)
-        self._filter = feed(self._filter, reading, dt_s)
-        if robot.fresh is not None:
-            self._recent.append((reading, robot.fresh))
+        self._pairing = pair(self._pairing, sensor, robot)
+        return complaint
+
+    def _complain(self, of_sensor: Complaint, robot: Reading[RobotState], now_ns: int) -> None:
+        """Say what is wrong, and go on saying it until everybody must have heard it."""
+        complaint = next((c for c in (of_sensor, self._of_pose(robot)) if c != FINE), FINE)
+        if complaint != FINE:
+            waited_for = complaint.text.endswith(" missing")
+            self._complain_until_ns = now_ns + (0 if waited_for else self._complain_for_ns)
+        if complaint != FINE or now_ns >= self._complain_until_ns:
+            self._complaint = complaint
+        self.fault = self._complaint.text
+
+    def _of_pose(self, robot: Reading[RobotState]) -> Complaint:
+        if robot.fresh is None:
+            return Complaint(robot.code, robot.fault)
+        if not is_finite_pose(pose_of(robot.fresh)):
+            return Complaint("invalid", "robot/state holds a quaternion of length zero")
+        apart_s = self._pairing.apart_s
+        if apart_s > self._apart_max_s:
+            text = f"wrench and pose are {apart_s * 1e3:.0f} ms apart"
+            return Complaint("misaligned", f"{text}, the limit is {self._apart_max_s * 1e3:.0f} ms")
+        return FINE
 
     def _put(self, sensor: Reading[SensorWrench], robot: Reading[RobotState]) -> None:
-        self.fault = self._complaint(sensor, robot)
         filtered = self._filter.output
         if self.fault or filtered is None or robot.fresh is None or sensor.fresh is None:
-            reason = self.fault or "no sample yet"
-            self._out.put(WrenchAtTcp(valid=False, reason=reason), sensor.origin)
+            why = self._complaint if self.fault else Complaint("not_ready", "no sample yet")
+            self._out.put(WrenchAtTcp(valid=False, reason=why.text, code=why.code), sensor.origin)
             return
         T_base_sensor = pose_of(robot.fresh) * self._mounting.T_flange_sensor
         at_tcp_in_base = compensate(
@@ -104,25 +142,6 @@ class WrenchService:
         header = sensor.header
         self._out.put(message, None if header is None else Origin(header.stamp_ns, header.seq))
 
-    def _complaint(self, sensor: Reading[SensorWrench], robot: Reading[RobotState]) -> str:
-        complaint = self._sensor_complaint(sensor) or robot.fault
-        if complaint or robot.fresh is None or is_finite_pose(pose_of(robot.fresh)):
-            return complaint
-        return "robot/state holds a quaternion of length zero"
-
-    def _sensor_complaint(self, sensor: Reading[SensorWrench]) -> str:
-        """Say why a sample is no measurement: then it must not reach the filter either."""
-        sample = sensor.fresh
-        if sample is None:
-            return sensor.fault
-        if sample.status != "ok":
-            return f"the sensor says {sample.status}"
-        limits = (self._range_N, self._range_Nm)
-        for vector, limit in zip((sample.force_N, sample.torque_Nm), limits, strict=True):
-            if max(abs(number) for number in vector) > limit:
-                return f"the sensor reads beyond its range of {limit:g}"
-        return ""
-
     def _motion(self, robot: RobotState) -> Reply | None:
         """Refuse when the flange moved or turned during the window."""
         poses = [pose_of(state) for _, state in self._recent]
@@ -140,10 +159,9 @@ class WrenchService:
         )
         return refusal("moving", text, value=value, limit=limit)
 
-    def _tare(self, sensor: Reading[SensorWrench], robot: Reading[RobotState]) -> Reply:
-        fault = self._complaint(sensor, robot)
-        if fault or robot.fresh is None:
-            return refusal((sensor if sensor.fault else robot).code or "invalid", fault)
+    def _tare(self, robot: Reading[RobotState]) -> Reply:
+        if self._complaint != FINE or robot.fresh is None:
+            return refusal(self._complaint.code, self._complaint.text)
         if len(self._recent) < (self._recent.maxlen or 1):
             return refusal("wait", "not enough samples yet, ask again")
         motion = self._motion(robot.fresh)
@@ -155,3 +173,12 @@ class WrenchService:
         if reply.accepted:
             self._calibration = "cell file, tared"
         return reply
+
+
+def apart_max_s(cell: Cell) -> float:
+    """Return how far wrench and pose may be apart [s]: two periods of the slower one.
+
+    Or half of the sensor's deadline, where the cell file grants its machine more time.
+    """
+    slower_s = 1.0 / min(cell.rates.robot_hz, cell.rates.sensor_hz)
+    return max(2.0 * slower_s, 0.5 * cell.stale_after_s(topics.SENSOR_WRENCH))

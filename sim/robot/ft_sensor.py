@@ -5,6 +5,7 @@ its own origin. A hanging tool pulls along gravity; an environment that pushes t
 the reading the same way. (MuJoCo's force and torque sensors have the opposite sign.)
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -13,7 +14,7 @@ import numpy as np
 from common.frames import Array
 from sim.robot.settings import SensorSettings
 
-FtStatus = Literal["ok", "saturated"]
+FtStatus = Literal["ok", "saturated", "fault"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,12 +28,18 @@ class FtSample:
 
 
 class FtSensor:
-    """Turns the true load into what the sensor would report. Call it at the sensor's rate."""
+    """Turns the true load into what the sensor would report. Call it at the sensor's rate.
+
+    In good order unless somebody sets `wiring` (what each channel really shows of the load, six by
+    six) or `disturb` (what becomes of a sample on its way; None: it never arrives).
+    """
 
     def __init__(self, settings: SensorSettings, *, seed: int) -> None:
         """Start the noise at its seed."""
         self._rng = np.random.default_rng(seed)
         self._counter = 0
+        self.wiring = np.eye(6)
+        self.disturb: Callable[[FtSample], FtSample | None] = lambda sample: sample
         s = settings
         self._noise = np.array([s.force_noise_N] * 3 + [s.torque_noise_Nm] * 3)
         self._bias = np.array([*s.force_bias_N, *s.torque_bias_Nm])
@@ -42,7 +49,7 @@ class FtSensor:
     def sample(self, *, force_N: Array, torque_Nm: Array) -> FtSample:
         """Return a reading of a true load [N, Nm], sensor axes and origin. Shapes (3,), (3,)."""
         self._counter += 1
-        value = np.concatenate((force_N, torque_Nm)) + self._bias
+        value = self.wiring @ np.concatenate((force_N, torque_Nm)) + self._bias
         value += self._noise * self._rng.standard_normal(6)
         saturated = bool((abs(value) >= self._range).any())
         np.clip(value, -self._range, self._range, out=value)

@@ -1,12 +1,17 @@
 """The role `sensor` of a simulated arm: `sensor/wrench` at the sensor's rate, whoever moves it."""
 
+import numpy as np
+
 from common import topics
 from common.cell import Cell
 from common.convert import vec3
 from common.endpoints import Bus
 from common.messages import SensorWrench
 from sim.robot.arm import SimArm
+from sim.robot.ft_sensor import FtSample
 from sim.robot.settings import TICK_S
+
+CODES = {"ok": "", "saturated": "sensor_saturated", "fault": "sensor_fault"}
 
 
 class SensorFeed:
@@ -22,12 +27,25 @@ class SensorFeed:
         """The arm has made a tick: publish if a reading is due."""
         if self._arm.ticks % self._ticks:
             return
-        sample = self._arm.sample_ft()
-        self._wrench.put(
-            SensorWrench(
-                force_N=vec3(sample.force_N),
-                torque_Nm=vec3(sample.torque_Nm),
-                status=sample.status,
-                counter=self._arm.ticks // self._ticks,
-            )
+        sample = self._arm.ft_sensor.disturb(self._arm.sample_ft())
+        if sample is not None:
+            self._wrench.put(message_of(sample, self._arm.ticks // self._ticks))
+
+
+def message_of(sample: FtSample, counter: int) -> SensorWrench:
+    """Return a sample as a driver says it: numbers that are not finite cannot be said."""
+    if not (np.isfinite(sample.force_N).all() and np.isfinite(sample.torque_Nm).all()):
+        reason = "the sensor gives numbers that are not finite"
+        return SensorWrench(
+            valid=False, reason=reason, code="not_finite", status="fault", counter=counter
         )
+    is_ok = sample.status == "ok"
+    return SensorWrench(
+        valid=is_ok,
+        reason="" if is_ok else f"the sensor says {sample.status}",
+        code=CODES[sample.status],
+        force_N=vec3(sample.force_N),
+        torque_Nm=vec3(sample.torque_Nm),
+        status=sample.status,
+        counter=counter,
+    )

@@ -4,6 +4,7 @@ import numpy as np
 import pinocchio as pin
 
 from common import topics
+from common.cell import Cell
 from common.convert import record_of
 from common.frames import GRAVITY_M_S2, Oat, R_from_oat
 from common.messages import RobotState, RobotStatus, SensorWrench, WrenchAtTcp
@@ -11,6 +12,9 @@ from services.wrench.service import WrenchService
 from tests.fakes.bench import CELL, Bench
 
 SENSOR_S = 1.0 / CELL.rates.sensor_hz
+# An ideal sensor has no noise, so it may repeat itself.
+IDEAL = CELL.model_copy(update={"sensor": CELL.sensor.model_copy(update={"frozen_s": 0.0})})
+TOLD_S = CELL.stale_after_s(topics.WRENCH)  # so long a fault is told
 DOWN = R_from_oat(Oat(0.0, np.pi, 0.0))
 BIAS_N, BIAS_NM = np.array(CELL.payload.bias_force_N), np.array(CELL.payload.bias_torque_Nm)
 MASS_KG, COM_M = CELL.payload.mass_kg, np.array(CELL.payload.com_m)
@@ -22,9 +26,9 @@ R_FLANGE_SENSOR = CELL.sensor.T_flange_sensor.pose.rotation
 class WrenchBench(Bench):
     """The service between a robot and a sensor that tests may silence or bend."""
 
-    def __init__(self) -> None:
+    def __init__(self, cell: Cell = IDEAL) -> None:
         """Start with a tool that hangs free, pointing down."""
-        super().__init__("wrench", WrenchService, step_s=SENSOR_S)
+        super().__init__("wrench", WrenchService, cell, step_s=SENSOR_S)
         self.R_base_flange, self.p_m = DOWN, np.array([0.0, 0.5, 0.35])
         self.force_N, self.torque_Nm = np.zeros(3), np.zeros(3)  # environment, base, at the TCP
         self.status = RobotStatus()
@@ -67,6 +71,6 @@ class WrenchBench(Bench):
         return message
 
     def settle(self) -> WrenchAtTcp:
-        """Let the filter settle."""
-        self.pass_s(0.1)
+        """Let the filter settle, and old faults be told."""
+        self.pass_s(TOLD_S + 0.1)
         return self.said()

@@ -7,7 +7,7 @@ from common import topics
 from common.frames import rotation_from_vector
 from common.messages import Empty, RobotStatus
 from tests.fakes.bench import CELL
-from tests.fakes.wrench_bench import WrenchBench
+from tests.fakes.wrench_bench import SENSOR_S, TOLD_S, WrenchBench
 
 
 @pytest.fixture
@@ -72,10 +72,10 @@ def test_tare_needs_inputs_and_a_full_window(bench: WrenchBench) -> None:
     bench.silent = {"sensor"}
     bench.pass_s(0.3)
     reply = bench.ask(topics.TARE, Empty())
-    assert (reply.accepted, reply.code) == (False, "stale")
+    assert (reply.accepted, reply.code) == (False, "sensor_silent")
     assert "sensor/wrench stale" in reply.text
     bench.silent = set()
-    bench.step(2)
+    bench.pass_s(TOLD_S + 2 * SENSOR_S)
     assert bench.ask(topics.TARE, Empty()).code == "wait"
 
 

@@ -1,0 +1,140 @@
+"""Tells a measurement from what no sensor in good order says. Pure: state in, state out.
+
+Not finite, saturated, frozen, jumped: each has its code in common/faults.py. A reading that does
+not count is never taken for zero force: a regulator that presses would press harder.
+"""
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from common.cell import Cell
+from common.frames import Array
+
+SATURATED_FROM = 0.95  # of the range, on any one axis: near its end a sensor is no longer linear
+FEWEST_REPEATS = 3  # a slow sensor may say its last reading once more
+WILD_APART = 10  # samples: a lone wild one is a spark on the wire, two so close are a fault
+MARGIN_OF_RANGE = 0.02  # added to the largest step: noise, and what the model leaves out
+LEVER_BEYOND_TCP_M = 0.1  # contact is at most so far from the TCP
+AXES = (("Fx", "N"), ("Fy", "N"), ("Fz", "N"), ("Mx", "N m"), ("My", "N m"), ("Mz", "N m"))
+
+
+class Complaint(NamedTuple):
+    """What is wrong, as a code of common/faults.py and in words; both empty: nothing is."""
+
+    code: str
+    text: str
+
+
+FINE = Complaint("", "")
+
+
+@dataclass(frozen=True, slots=True)
+class Bounds:
+    """What readings of this sensor, behind this tool, on this arm, can be."""
+
+    range: Array  # N, N, N, N m, N m, N m
+    step: Array  # of force [N] and torque [N m] from one sample to the next. Shape (2,)
+    step_per_s: Array  # more for each second between them. Shape (2,)
+    frozen_s: float  # the same six numbers for so long; 0: this sensor has no noise
+
+    @classmethod
+    def of(cls, cell: Cell) -> "Bounds":
+        """Take them out of a cell file.
+
+        A contact of stiffness k that is met with speed v pushes k v harder each second, and stops
+        the mass m in front of the sensor within one sample at the soonest: m v / T.
+        """
+        v, contact, sensor = cell.limits.speed_m_s, cell.contact, cell.sensor
+        T_sensor_tcp = sensor.T_flange_sensor.pose.inverse() * cell.tool.T_flange_tcp.pose
+        lever_m = float(np.linalg.norm(T_sensor_tcp.translation)) + LEVER_BEYOND_TCP_M
+        of_force = np.array([1.0, lever_m])
+        ranges = np.array([sensor.force_range_N, sensor.torque_range_Nm])
+        impact_N = contact.inertia_kg * v * cell.rates.sensor_hz
+        return cls(
+            range=np.repeat(ranges, 3),
+            step=MARGIN_OF_RANGE * ranges + impact_N * of_force,
+            step_per_s=contact.stiffness_N_m * v * of_force,
+            frozen_s=sensor.frozen_s,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class History:
+    """What must be remembered of the readings before this one."""
+
+    raw: Array | None = None  # the last reading
+    taken: Array | None = None  # the last one that counted
+    taken_s: float = 0.0  # ago
+    still_s: float = 0.0  # for how long the reading has been the very same
+    repeats: int = 0  # how often it came again
+    tame: int = WILD_APART  # readings since the last wild one
+    spikes: int = 0  # lone wild readings that were left out
+
+    @property
+    def counts(self) -> bool:
+        """Whether the last reading is a measurement."""
+        return self.taken is not None and self.taken is self.raw
+
+
+def judge(
+    before: History, reading: Array, dt_s: float, bounds: Bounds
+) -> tuple[History, Complaint]:
+    """Return what is known after one more reading, and what is wrong with the sensor.
+
+    One wild reading alone is left out; the next one tells whether it was a spark or a fault.
+
+    Args:
+        before: What was known.
+        reading: Force [N] and torque [N m], sensor axes. Shape (6,).
+        dt_s: Time since the reading before.
+        bounds: What readings can be.
+    """
+    same = before.raw is not None and bool((reading == before.raw).all())
+    after = replace(
+        before,
+        raw=reading,
+        still_s=before.still_s + dt_s if same else 0.0,
+        repeats=before.repeats + 1 if same else 0,
+        taken_s=before.taken_s + dt_s,
+    )
+    complaint = _beyond_range(reading, bounds) or _frozen(after, bounds)
+    if complaint is not None:
+        return replace(after, taken=None), complaint
+    jump = _jump(after, reading, bounds)
+    if jump is None:
+        tame = min(after.tame + 1, WILD_APART)
+        return replace(after, taken=reading, taken_s=0.0, tame=tame), FINE
+    if after.tame >= WILD_APART:
+        return replace(after, tame=0, spikes=after.spikes + 1), FINE
+    return replace(after, taken=None, tame=0), jump
+
+
+def _beyond_range(reading: Array, bounds: Bounds) -> Complaint | None:
+    for (axis, unit), value, full in zip(AXES, reading.tolist(), bounds.range, strict=True):
+        if not np.isfinite(value):
+            return Complaint("not_finite", f"{axis} of the sensor is not finite")
+        if abs(value) >= SATURATED_FROM * full:
+            text = f"{axis} reads {value:.4g} {unit}, {SATURATED_FROM:.0%} of its range"
+            return Complaint("sensor_saturated", f"{text} of {full:g} {unit} or beyond")
+    return None
+
+
+def _frozen(now: History, bounds: Bounds) -> Complaint | None:
+    if bounds.frozen_s == 0.0 or now.still_s < bounds.frozen_s or now.repeats < FEWEST_REPEATS:
+        return None
+    text = f"the sensor is frozen: the same six numbers for {now.still_s * 1e3:.0f} ms"
+    return Complaint("sensor_frozen", text)
+
+
+def _jump(now: History, reading: Array, bounds: Bounds) -> Complaint | None:
+    if now.taken is None:
+        return None
+    change = np.linalg.norm((reading - now.taken).reshape(2, 3), axis=1)
+    largest = bounds.step + bounds.step_per_s * now.taken_s
+    for length, limit, unit in zip(change, largest, ("N", "N m"), strict=True):
+        if length > limit:
+            text = f"the reading jumped by {length:.4g} {unit}, no contact here can do more than"
+            return Complaint("sensor_jump", f"{text} {limit:.4g} {unit}")
+    return None

@@ -1,0 +1,334 @@
+"""Faults of the sensor: each becomes "not valid" with its own code, in time, and never zero force.
+
+H25 not finite, H26 silent and frozen, H27 saturated, H33 wrench and pose apart in time.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import msgpack
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from cli.virtual import VirtualCell
+from common import topics
+from common.codec import Header
+from common.config import cell_from_tree
+from common.endpoints import Reading
+from common.errors import ConfigError
+from common.faults import FAULTS
+from common.messages import Empty, MoveRequest, SensorWrench
+from services.wrench.inputs import Pairing, heard, pair
+from services.wrench.plausibility import FINE, WILD_APART, Bounds, History, judge
+from sim.robot.ft_sensor import FtSample
+from tests.fakes.bench import CELL
+from tests.fakes.lab import Lab
+from tests.fakes.wrench_bench import SENSOR_S, TOLD_S, WrenchBench
+
+BOUNDS = Bounds.of(CELL)
+REST = np.array([1.0, -2.0, 12.0, 0.1, 0.2, 0.3])
+LARGEST = BOUNDS.step + BOUNDS.step_per_s * SENSOR_S
+FREEZE_AT_MOST_S = 0.1
+Disturb = Callable[[FtSample], FtSample | None]
+
+
+def noise(rng: np.random.Generator) -> np.ndarray:
+    """Return the noise of one sample of the simulated sensor."""
+    assert CELL.sim is not None
+    sigma = np.repeat([CELL.sim.noise_force_N, CELL.sim.noise_torque_Nm], 3)
+    return sigma * rng.standard_normal(6)
+
+
+def codes(readings: list[np.ndarray], bounds: Bounds = BOUNDS) -> list[str]:
+    """Return what is said of each reading of a stream."""
+    history, said = History(), []
+    for reading in readings:
+        history, complaint = judge(history, reading, SENSOR_S, bounds)
+        assert history.counts or complaint != FINE or history.spikes
+        said.append(complaint.code)
+    return said
+
+
+# --- pure -----------------------------------------------------------------------------------------
+
+
+@given(st.integers(0, 5), st.sampled_from([np.nan, np.inf, -np.inf]))
+def test_a_number_that_is_not_finite_is_told_with_its_axis(axis: int, value: float) -> None:
+    """H25: the very sample, also the first one ever."""
+    bad = REST.copy()
+    bad[axis] = value
+    assert codes([bad]) == ["not_finite"]
+    assert codes([REST, bad, REST + 0.01]) == ["", "not_finite", ""]
+
+
+@given(st.integers(0, 5), st.sampled_from([-1.0, 1.0]), st.floats(0.0, 1e300))
+def test_from_95_percent_of_the_range_on_a_reading_does_not_count(axis, sign, beyond) -> None:
+    """H27: any axis alone, either sign; just below it counts."""
+    for share, code in ((0.95 + beyond, "sensor_saturated"), (0.949, "")):
+        reading = REST.copy()
+        reading[axis] = sign * share * BOUNDS.range[axis]
+        assert codes([reading]) == [code]
+
+
+@given(hnp.arrays(float, 6, elements=st.floats(-5.0, 5.0)), st.integers(2, 40))
+def test_a_reading_that_stands_still_is_frozen_in_time(reading, lively) -> None:
+    """H26: within 100 ms of the last change, and any change of one number thaws it."""
+    rng = np.random.default_rng(lively)
+    alive = [reading + noise(rng) for _ in range(lively)]
+    frozen_for = round(FREEZE_AT_MOST_S / SENSOR_S)
+    said = codes([*alive, *([alive[-1]] * frozen_for)])
+    assert set(said[:lively]) == {""}
+    assert said[-1] == "sensor_frozen"
+    assert said.index("sensor_frozen") > lively + 0.5 * CELL.sensor.frozen_s / SENSOR_S
+    assert codes([*alive, *([alive[-1]] * frozen_for), alive[-1] + 1e-9])[-1] == ""
+
+
+def test_a_quantised_sensor_at_rest_is_not_frozen() -> None:
+    """Ten minutes of the simulated sensor, and of one whose quanta are as large as its noise."""
+    rng = np.random.default_rng(1)
+    quanta = np.repeat([0.1, 0.005], 3)
+    longest = repeats = 0
+    before = np.zeros(6)
+    for row in rng.standard_normal((300_000, 6)):
+        now = np.round(row)  # noise of one quantum
+        repeats = repeats + 1 if (now == before).all() else 0
+        longest, before = max(longest, repeats), now
+    assert longest * SENSOR_S < 0.5 * CELL.sensor.frozen_s
+    assert set(
+        codes([REST + quanta * np.round(row) for row in rng.standard_normal((2000, 6))])
+    ) == {""}
+
+
+def test_a_sensor_without_noise_says_so_in_the_cell_file() -> None:
+    """With 0 nothing is taken for frozen; a noiseless simulated sensor must say it."""
+    ideal = CELL.sensor.model_copy(update={"frozen_s": 0.0})
+    bounds = Bounds.of(CELL.model_copy(update={"sensor": ideal}))
+    assert set(codes([REST] * 1000, bounds)) == {""}
+    tree: dict[str, Any] = CELL.model_dump(mode="json")
+    tree["sim"] |= {"noise_force_N": 0.0, "noise_torque_Nm": 0.0}
+    with pytest.raises(ConfigError, match=r"frozen_s must be 0"):
+        cell_from_tree(tree, "a cell")
+    tree["sensor"]["frozen_s"] = 0.0
+    assert cell_from_tree(tree, "a cell").sensor.frozen_s == 0.0
+
+
+@given(hnp.arrays(float, 3, elements=st.floats(-1.0, 1.0)), st.booleans())
+def test_a_step_that_no_contact_can_make_is_a_fault_within_two_samples(way, torque) -> None:
+    """In any direction; a smaller one is an impact and counts."""
+    length = float(np.linalg.norm(way))
+    if length < 0.1:
+        return
+    unit = np.concatenate((np.zeros(3), way) if torque else (way, np.zeros(3))) / length
+    limit = LARGEST[int(torque)]
+    wide = Bounds(1e6 * np.ones(6), BOUNDS.step, BOUNDS.step_per_s, BOUNDS.frozen_s)
+    for share, said in ((1.5, ["", "", "sensor_jump"]), (0.9, ["", "", ""])):
+        step = share * limit * unit
+        assert codes([REST, REST + step, REST + step + 1e-3], wide) == said
+
+
+def test_a_lone_spark_is_left_out_and_counted_and_a_second_one_soon_after_is_a_fault() -> None:
+    """The sample before it and after it count; the spark reaches no filter."""
+    spark = REST + np.array([2.0 * LARGEST[0], 0, 0, 0, 0, 0])
+    history = History()
+    for number in range(3 * WILD_APART):
+        wild = number % (WILD_APART + 2) == 5
+        reading = spark if wild else REST + 0.01 * number
+        history, complaint = judge(history, reading, SENSOR_S, BOUNDS)
+        assert complaint == FINE
+        assert history.counts is not wild
+    assert history.spikes == 3
+    assert codes([REST, spark, REST + 0.01, REST, spark])[-1] == "sensor_jump"
+
+
+@given(st.lists(hnp.arrays(float, 6, elements=st.floats(allow_nan=True)), max_size=20))
+def test_every_reading_counts_or_is_told_or_is_one_spark(readings) -> None:
+    """Whatever a driver gives: nothing raises, and no two readings in a row vanish unsaid."""
+    history, unsaid = History(), 0
+    for reading in readings:
+        history, complaint = judge(history, reading, SENSOR_S, BOUNDS)
+        unsaid = 0 if history.counts or complaint != FINE else unsaid + 1
+        assert unsaid <= 1
+        assert complaint == FINE or complaint.code in FAULTS
+
+
+# --- on the bus -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), -float("inf")])
+@pytest.mark.parametrize("field", ["force_N", "torque_Nm"])
+def test_raw_numbers_that_are_not_finite_are_told_at_once(field: str, value: float) -> None:
+    """H25: a driver that is not ours writes them into the bytes; told with the first sample."""
+    bench = WrenchBench()
+    bench.settle()
+    bench.sensor = {field: (0.5, 12345.0, 0.5)}
+    put = bench.transport.publish
+
+    def bent(key: str, qos: Any) -> Callable[[bytes], None]:
+        send = put(key, qos)
+
+        def change(data: bytes) -> None:
+            fields = msgpack.unpackb(data)
+            if fields.get(field) == [0.5, 12345.0, 0.5]:
+                fields[field] = [0.5, value, 0.5]
+            send(msgpack.packb(fields))
+
+        return change
+
+    bench.transport.publish = bent  # type: ignore[method-assign]
+    bench.replace_writer(topics.SENSOR_WRENCH)
+    bench.step()
+    assert (bench.said().valid, bench.said().code) == (False, "not_finite")
+
+
+def test_a_pose_too_old_for_its_wrench_is_told_as_misaligned() -> None:
+    """H33: poses come as often as ever, but 60 ms late; silence of the robot is named otherwise."""
+    bench = WrenchBench()
+    bench.settle()
+    waiting: list[tuple[int, bytes]] = []
+    put = bench.transport.publish
+
+    def late(key: str, qos: Any) -> Callable[[bytes], None]:
+        send = put(key, qos)
+
+        def delay(data: bytes) -> None:
+            now_ns = bench.clock.now_ns()
+            waiting.append((now_ns + 60_000_000, data))
+            while waiting and waiting[0][0] <= now_ns:
+                send(waiting.pop(0)[1])
+
+        return delay
+
+    bench.transport.publish = late  # type: ignore[method-assign]
+    bench.replace_writer(topics.ROBOT_STATE)
+    bench.transport.publish = put  # type: ignore[method-assign]
+    bench.pass_s(0.07)
+    said = bench.said()
+    assert (said.valid, said.code) == (False, "misaligned")
+    assert "60 ms apart, the limit is 50 ms" in said.reason
+
+
+@given(st.lists(st.tuples(st.booleans(), st.integers(0, 200)), min_size=1, max_size=30))
+@settings(max_examples=50)
+def test_only_what_comes_late_is_misaligned(stream: list[tuple[bool, int]]) -> None:
+    """Whoever is silent is never called late: the gap is that of the last one that came."""
+    pairing, stamps, seqs = Pairing(), [0, 0], [1, 1]
+    for is_robot, late_ms in stream:
+        stamps[is_robot] = max(stamps) - late_ms * 1_000_000
+        seqs[is_robot] += 1
+        sensor, robot = (
+            Reading(None, header(seq, stamp), 0.0, "")
+            for seq, stamp in zip(seqs, stamps, strict=True)
+        )
+        pairing = pair(pairing, sensor, robot)
+        apart_s = (stamps[not is_robot] - stamps[is_robot]) / 1e9
+        assert pairing.apart_s == pytest.approx(apart_s)
+
+
+def header(seq: int, stamp_ns: int) -> Any:
+    """Return a header of one clock."""
+    return Header(seq=seq, epoch=1, boot="one", stamp_ns=stamp_ns)
+
+
+# --- in the cell ----------------------------------------------------------------------------------
+
+
+def stuck() -> Disturb:
+    """Return a sensor that says its next reading for ever."""
+    kept: list[FtSample] = []
+
+    def disturb(sample: FtSample) -> FtSample:
+        kept.append(sample)
+        return kept[0]
+
+    return disturb
+
+
+def bent(**changes: Any) -> Disturb:
+    """Return a sensor that adds to its force, or says another status."""
+    added_N = np.array(changes.get("added_N", (0.0, 0.0, 0.0)))
+
+    def disturb(sample: FtSample) -> FtSample:
+        status = changes.get("status", sample.status)
+        return FtSample(sample.force_N + added_N, sample.torque_Nm, status, sample.counter)
+
+    return disturb
+
+
+FAULTY: dict[str, tuple[Callable[[], Disturb], str, float]] = {
+    "saturated bit": (lambda: bent(status="saturated"), "sensor_saturated", 0.010),
+    "near its range": (lambda: bent(added_N=(480.0, 0.0, 0.0)), "sensor_saturated", 0.010),
+    "own fault": (lambda: bent(status="fault"), "sensor_fault", 0.010),
+    "not finite": (lambda: bent(added_N=(np.nan, 0.0, 0.0)), "not_finite", 0.010),
+    "jump": (lambda: bent(added_N=(0.0, 250.0, 0.0)), "sensor_jump", 0.012),
+    "frozen": (stuck, "sensor_frozen", FREEZE_AT_MOST_S),
+    "silent": (
+        lambda: lambda _: None,
+        "sensor_silent",
+        CELL.stale_after_s(topics.SENSOR_WRENCH) + 0.01,
+    ),
+}
+
+
+@pytest.mark.parametrize("name", FAULTY)
+def test_every_fault_of_the_sensor_holds_the_pressing_arm_and_is_named(name: str) -> None:
+    """H25 to H27 while pressing: in time, by its code, no harder than before, and for good."""
+    make, code, in_time_s = FAULTY[name]
+    lab = Lab()
+    lab.press()
+    before_N = float(np.linalg.norm(lab.cell.arm.true_wrench().force_N))
+    lab.cell.arm.ft_sensor.disturb = make()
+    took_s = lab.seconds_until(lambda: lab.now(lab.command).permission is None, in_time_s + 0.05)
+    assert took_s <= in_time_s
+    lab.cell.advance(0.06)
+    assert lab.status.state in {"FAULT", "HOLDING"}
+    assert code in {trip.code for trip in lab.status.trips}
+    lab.cell.advance(0.3)
+    assert np.linalg.norm(lab.cell.arm.true_wrench().force_N) <= before_N + 1.0
+    lab.cell.arm.ft_sensor.disturb = lambda sample: sample
+    lab.cell.advance(1.0)
+    lab.assert_still(0.3)
+
+
+def test_a_sample_that_is_wrong_once_is_heard_by_everybody() -> None:
+    """A fault of one sample is told for as long as the topic may be silent: nobody misses it."""
+    bench = WrenchBench()
+    bench.settle()
+    bench.sensor = {"status": "fault"}
+    bench.step()
+    bench.sensor = {}
+    for _ in range(round(TOLD_S / SENSOR_S) - 1):
+        bench.step()
+        assert (bench.said().valid, bench.said().code) == (False, "sensor_fault")
+    bench.step(3)
+    assert bench.said().valid
+
+
+def test_collisions_at_the_speed_limit_are_no_faults_of_the_sensor() -> None:
+    """A move into the plate at 0.25 m/s ends by the force ceiling, or in the plate: no jump."""
+    lab = Lab()
+    lab.lift()
+    lab.cell.advance(3.0)
+
+    lab.ask(topics.MOVE, MoveRequest(kind="pose", pose=lab.target(z_m=-0.12), speed_m_s=0.25))
+    lab.cell.advance(2.0)
+    assert not [trip.code for trip in lab.status.trips if trip.code.startswith("sensor")]
+
+
+def test_a_silent_sensor_has_its_own_code() -> None:
+    """Missing and stale are silence, whatever the reader calls them."""
+    silent: Reading[SensorWrench] = Reading(None, None, 9.0, "stale", silent=True, code="stale")
+    assert heard(silent).code == "sensor_silent"
+
+
+def test_the_cell_starts_and_arms_with_the_watch_on() -> None:
+    """No false fault at rest, from the first sample on."""
+    cell = VirtualCell(CELL)
+    wrench = cell.client.reader(topics.WRENCH)
+    cell.advance(0.02)
+    for _ in range(100):
+        cell.advance(0.03)
+        assert wrench.read(cell.clock.now_ns()).fault == ""
+    assert cell.client.ask(topics.ARM, Empty()).accepted

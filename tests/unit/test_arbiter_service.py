@@ -1,11 +1,8 @@
 """The arbiter on the bus: every input judged by age, requests answered, hold before all."""
 
-from typing import Any
-
 import pytest
 
 from common import topics
-from common.codec import encode_record
 from common.config import cell_hash
 from common.endpoints import Origin
 from common.memory import MemoryCall
@@ -14,65 +11,16 @@ from common.messages import (
     Health,
     HoldRequest,
     MoveRequest,
-    Record,
     RegulatorTarget,
-    RobotCommand,
     Speed,
     WrenchAtTcp,
 )
-from common.topics import HEALTH
 from common.version import forcemesh_version
-from services.arbiter.service import ArbiterService
 from tests.fakes.arbiter_world import MOVE_DOWN, good_messages, shifted
-from tests.fakes.bench import CELL, Bench
+from tests.fakes.bench import CELL
+from tests.fakes.cellmates import Cellmates, topic_of
 
-TOPIC_OF: dict[str, topics.Topic[Any]] = {
-    "robot": topics.ROBOT_STATE,
-    "sensor": topics.SENSOR_WRENCH,
-    "wrench": topics.WRENCH,
-    "target": topics.REGULATOR_TARGET,
-}
 DEADLINE_S = CELL.deadlines.command_s
-
-
-class Cellmates(Bench):
-    """The arbiter among roles that speak every period, as long as they live."""
-
-    def __init__(self) -> None:
-        """Start with everybody alive and well."""
-        super().__init__("arbiter", ArbiterService)
-        self.messages = good_messages(CELL)
-        self.dead: set[str] = set()
-        self.before_step = self._speak
-        self.command = self.watch(topics.ROBOT_COMMAND)
-        self.status = self.watch(topics.ARBITER_STATUS)
-
-    def _speak(self) -> None:
-        for name, message in self.messages.items():
-            role = name.removesuffix("/health")
-            if name not in self.dead:
-                topic = TOPIC_OF[name] if name in TOPIC_OF else HEALTH[role]
-                self.put(topic, message, Origin(1234, 5) if name == "target" else None)
-
-    def said(self) -> RobotCommand:
-        """Return the arbiter's last command."""
-        command: RobotCommand = self.newest(topics.ROBOT_COMMAND)
-        return command
-
-    def arm(self) -> "Cellmates":
-        """Wait out the preflight and arm."""
-        self.pass_s(1.1)
-        assert self.ask(topics.ARM, Empty()).accepted
-        self.pass_s(0.4)
-        assert self.newest(topics.ARBITER_STATUS).state == "ARMED"
-        return self
-
-    def ask_at_once(self, *requests: tuple[topics.Request[Any], Record]) -> None:
-        """Let several requests come in within one period."""
-        for request, message in requests:
-            waiting = self.transport.serve(f"{CELL.cell}/{request.key}").waiting
-            waiting.append(MemoryCall(encode_record(message)))
-        self.step()
 
 
 @pytest.fixture
@@ -106,8 +54,7 @@ def test_a_role_that_falls_silent_ends_the_permission_within_its_deadline(
 ) -> None:
     """Swept: each topic in turn; not before its deadline, and at most a period after it."""
     cell.arm()
-    role = name.removesuffix("/health")
-    topic = TOPIC_OF[name] if name in TOPIC_OF else HEALTH[role]
+    topic = topic_of(name)
     stale_s = CELL.stale_after_s(topic)
     cell.dead.add(name)
     cell.pass_s(stale_s - cell.step_s)
@@ -117,6 +64,7 @@ def test_a_role_that_falls_silent_ends_the_permission_within_its_deadline(
     status = cell.newest(topics.ARBITER_STATUS)
     assert status.state == "FAULT"
     assert f"{topic.key} stale" in status.trips[0].text
+    assert status.trips[0].code == ("sensor_silent" if name == "sensor" else "stale")
 
     cell.dead.clear()
     cell.pass_s(2.0)

@@ -9,47 +9,21 @@ from hypothesis import strategies as st
 
 from common import topics
 from common.clock import ManualClock
-from common.codec import Header, encode
+from common.codec import encode
 from common.config import load_cell
-from common.endpoints import Bus, Origin, Reader, Reading
+from common.endpoints import Bus, Origin
 from common.errors import BusError
-from common.memory import MemorySource, MemoryTransport
+from common.memory import MemoryTransport
 from common.messages import SensorWrench, WrenchAtTcp
 from common.topics import CLIENT, REQUESTS, ROLES, TOPICS, Request, Topic
+from tests.fakes.line import STALE_S, Line
 
 CELL = load_cell(Path(__file__).resolve().parents[2] / "cells" / "demo.yaml")
-STALE_S = 0.1
 MS = 1_000_000
 LONGEST_REASON = "y" * 500
 
 each_topic = pytest.mark.parametrize("topic", TOPICS, ids=lambda topic: topic.key)
 each_request = pytest.mark.parametrize("request_row", REQUESTS, ids=lambda row: row.key)
-
-
-class Line:
-    """A reader with its clock, and hands to say anything to it."""
-
-    def __init__(self) -> None:
-        """Start with nothing said."""
-        self.clock = ManualClock()
-        self.source = MemorySource()
-        self.reader = Reader(topics.SENSOR_WRENCH, self.source, self.clock, STALE_S)
-
-    def header(self, seq: int, **changes: Any) -> Header:
-        """Return a header written right now on the reader's own host."""
-        stamp_ns = self.clock.now_ns()
-        fields = {"seq": seq, "epoch": 1, "boot": self.clock.boot, "stamp_ns": stamp_ns}
-        return Header.model_validate(fields | changes)
-
-    def say(self, seq: int, message: SensorWrench | None = None, **changes: Any) -> bool:
-        """Put a message into the channel and poll; tell whether it was accepted."""
-        message = SensorWrench(counter=seq) if message is None else message
-        self.source.newest = encode(self.header(seq, **changes), message)
-        return self.reader.poll()
-
-    def read(self) -> Reading[SensorWrench]:
-        """Judge right now."""
-        return self.reader.read(self.clock.now_ns())
 
 
 @pytest.fixture

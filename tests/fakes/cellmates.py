@@ -1,0 +1,88 @@
+"""The arbiter's process on a virtual clock, among roles that the test lets speak."""
+
+from typing import Any
+
+from common import topics
+from common.cell import Cell
+from common.clock import NS_PER_S
+from common.codec import encode_record
+from common.endpoints import Bus, Origin, Publisher
+from common.memory import MemoryCall
+from common.messages import ArbiterStatus, ArmRequest, Record, RobotCommand
+from common.topics import HEALTH
+from services.arbiter.service import ArbiterService
+from tests.fakes.arbiter_world import good_messages
+from tests.fakes.bench import CELL, Bench
+
+TOPIC_OF: dict[str, topics.Topic[Any]] = {
+    "robot": topics.ROBOT_STATE,
+    "sensor": topics.SENSOR_WRENCH,
+    "wrench": topics.WRENCH,
+    "target": topics.REGULATOR_TARGET,
+}
+
+
+def topic_of(name: str) -> topics.Topic[Any]:
+    """Return the topic of a name in the list of good messages."""
+    return TOPIC_OF[name] if name in TOPIC_OF else HEALTH[name.removesuffix("/health")]
+
+
+class Cellmates(Bench):
+    """The arbiter among roles that speak every period, as long as they live."""
+
+    def __init__(self, cell: Cell = CELL) -> None:
+        """Start with everybody alive and well."""
+        super().__init__("arbiter", ArbiterService, cell)
+        self.messages = good_messages(cell)
+        self.dead: set[str] = set()
+        self.sample_age_s = 0.002  # of the sensor's sample behind a wrench
+        self.before_step = self._speak
+        self.command = self.watch(topics.ROBOT_COMMAND)
+        self.status = self.watch(topics.ARBITER_STATUS)
+
+    def _speak(self) -> None:
+        sample_ns = self.clock.now_ns() - round(self.sample_age_s * NS_PER_S)
+        origins = {"target": Origin(1234, 5), "wrench": Origin(sample_ns, 5)}
+        for name, message in self.messages.items():
+            if name not in self.dead:
+                self.put(topic_of(name), message, origins.get(name))
+
+    def change(self, name: str, **changes: Any) -> None:
+        """Change fields of what one role says."""
+        self.messages[name] = self.messages[name].model_copy(update=changes)
+
+    def rival(self, name: str) -> Publisher[Any]:
+        """Return a second process that writes what one role writes."""
+        topic = topic_of(name)
+        return Bus(topic.writer, self.cell.cell, self.transport, self.cell, self.clock).publisher(
+            topic
+        )
+
+    def told(self) -> ArbiterStatus:
+        """Return the arbiter's last status."""
+        status: ArbiterStatus = self.newest(topics.ARBITER_STATUS)
+        return status
+
+    def codes(self) -> list[str]:
+        """Return the codes of what has stopped the arm."""
+        return [trip.code for trip in self.told().trips]
+
+    def said(self) -> RobotCommand:
+        """Return the arbiter's last command."""
+        command: RobotCommand = self.newest(topics.ROBOT_COMMAND)
+        return command
+
+    def arm(self) -> "Cellmates":
+        """Wait out the preflight and arm."""
+        self.pass_s(1.1)
+        assert self.ask(topics.ARM, ArmRequest()).accepted
+        self.pass_s(0.4)
+        assert self.told().state == "ARMED"
+        return self
+
+    def ask_at_once(self, *requests: tuple[topics.Request[Any], Record]) -> None:
+        """Let several requests come in within one period."""
+        for request, message in requests:
+            waiting = self.transport.serve(f"{self.cell.cell}/{request.key}").waiting
+            waiting.append(MemoryCall(encode_record(message)))
+        self.step()

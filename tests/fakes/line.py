@@ -1,0 +1,38 @@
+"""One reader with its clock, and hands to say anything to it."""
+
+from typing import Any
+
+from common import topics
+from common.clock import ManualClock
+from common.codec import Header, encode
+from common.endpoints import Reader, Reading
+from common.memory import MemorySource
+from common.messages import SensorWrench
+
+STALE_S = 0.1
+
+
+class Line:
+    """A reader with its clock, and hands to say anything to it."""
+
+    def __init__(self) -> None:
+        """Start with nothing said."""
+        self.clock = ManualClock()
+        self.source = MemorySource()
+        self.reader = Reader(topics.SENSOR_WRENCH, self.source, self.clock, STALE_S)
+
+    def header(self, seq: int, **changes: Any) -> Header:
+        """Return a header written right now on the reader's own host."""
+        stamp_ns = self.clock.now_ns()
+        fields = {"seq": seq, "epoch": 1, "boot": self.clock.boot, "stamp_ns": stamp_ns}
+        return Header.model_validate(fields | changes)
+
+    def say(self, seq: int, message: SensorWrench | None = None, **changes: Any) -> bool:
+        """Put a message into the channel and poll; tell whether it was accepted."""
+        message = SensorWrench(counter=seq) if message is None else message
+        self.source.newest = encode(self.header(seq, **changes), message)
+        return self.reader.poll()
+
+    def read(self) -> Reading[SensorWrench]:
+        """Judge right now."""
+        return self.reader.read(self.clock.now_ns())

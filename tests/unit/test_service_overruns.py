@@ -1,0 +1,106 @@
+"""How often a loop comes far too late: counted over a second, judged by the cell's deadlines."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from common import topics
+from common.clock import ManualClock
+from common.endpoints import Bus
+from common.memory import MemoryTransport
+from common.overruns import Overruns, allowed_gap_s
+from common.service import Runner, reporter_of
+from common.topics import ROLES
+from tests.fakes.bench import CELL
+
+MS = 1_000_000
+ALLOWED_S = 0.02
+
+
+class Sleeper:
+    """A service whose steps take as long as the test says."""
+
+    period_s = 0.004
+    trigger = None
+    fault = ""
+
+    def __init__(self, clock: ManualClock) -> None:
+        """Start awake."""
+        self.clock = clock
+        self.busy_s = 0.0
+
+    def step(self, _now_ns: int) -> None:
+        """Take long."""
+        self.clock.sleep_s(self.busy_s)
+
+    def counters(self) -> dict[str, int]:
+        """Nothing to count."""
+        return {}
+
+
+@given(st.lists(st.integers(1, 60), min_size=1, max_size=200))
+def test_the_count_is_that_of_the_long_gaps_of_the_last_second(gaps_ms: list[int]) -> None:
+    """Against the plain definition, at every step; the longest gap too."""
+    overruns, now_ns, steps = Overruns(ALLOWED_S), 0, []
+    overruns.stepped(now_ns)
+    for gap_ms in gaps_ms:
+        now_ns += gap_ms * MS
+        steps.append((now_ns, gap_ms / 1e3))
+        overruns.stepped(now_ns)
+        recent = [gap_s for at_ns, gap_s in steps if now_ns - at_ns <= 1000 * MS]
+        assert overruns.count == sum(gap_s > ALLOWED_S for gap_s in recent)
+        assert overruns.longest_s == pytest.approx(max(recent))
+
+
+def test_before_the_first_gap_nothing_is_late() -> None:
+    """A loop that has just begun has missed nothing."""
+    overruns = Overruns(ALLOWED_S)
+    assert (overruns.count, overruns.longest_s) == (0, 0.0)
+    overruns.stepped(10**15)
+    assert (overruns.count, overruns.longest_s) == (0, 0.0)
+
+
+@pytest.mark.parametrize("role", ROLES)
+def test_every_loop_that_says_something_in_a_stream_may_miss_a_period_and_no_deadline(
+    role: str,
+) -> None:
+    """At least two periods, less than what makes its topic stale; the hub streams nothing."""
+    allowed_s = allowed_gap_s(CELL, role)
+    streams = [t for t in topics.TOPICS if t.writer == role and t.qos == "stream"]
+    assert (allowed_s is None) == (not streams)
+    for topic in streams:
+        assert allowed_s is not None
+        assert 2.0 / CELL.rate_hz(topic) <= allowed_s < CELL.stale_after_s(topic)
+
+
+def test_health_tells_overruns_and_the_longest_gap() -> None:
+    """From the loop that does the work, not from beside it."""
+    clock, transport = ManualClock(), MemoryTransport()
+    bus = Bus("regulator", CELL.cell, transport, CELL, clock)
+    client = Bus(topics.CLIENT, CELL.cell, transport, CELL, clock)
+    health = client.reader(topics.REGULATOR_HEALTH)
+    sleeper = Sleeper(clock)
+    runner = Runner(sleeper, [reporter_of(bus, CELL)], clock)
+
+    def live_s(duration_s: float) -> None:
+        end_ns = clock.now_ns() + round(duration_s * 1e9)
+        while clock.now_ns() < end_ns:
+            clock.advance_ns(MS)
+            if runner.due(clock.now_ns()):
+                runner.step(clock.now_ns())
+
+    live_s(2.0)
+    said = health.read(clock.now_ns()).message
+    assert said is not None
+    assert (said.overruns, said.longest_gap_s) == (0, pytest.approx(0.004, abs=0.0011))
+    sleeper.busy_s = 0.08
+    live_s(2.0)
+    said = health.read(clock.now_ns()).message
+    assert said is not None
+    assert said.overruns == pytest.approx(12, abs=1)
+    assert said.longest_gap_s == pytest.approx(0.081, abs=0.002)
+    sleeper.busy_s = 0.0
+    live_s(2.0)
+    said = health.read(clock.now_ns()).message
+    assert said is not None
+    assert said.overruns == 0

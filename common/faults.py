@@ -79,6 +79,7 @@ FAULTS: dict[str, Fault] = {fault.code: fault for fault in (
     Fault(409, "torque",            "HOLD",    "the torque is above the ceiling", "move away, check gains and lever"),
     Fault(410, "joint_speed",       "HOLD",    "a joint is faster than its limit: near a singular pose?", "choose another pose to work in"),
     Fault(411, "travel",            "HOLD",    "the tool went its whole search way without contact, or contact was lost", "bring the tool nearer, or raise the search way"),
+    Fault(412, "oscillation",       "HOLD",    "the force swings and does not settle: what is touched is stiffer than the cell file says, or the gains are too high", "lower the gains, or raise contact.stiffness_N_m to the stiffest thing that may be touched"),
     # --- 5xx: who commands -------------------------------------------------------------------------
     Fault(501, "hold",              "HOLD",    "somebody asked to hold", "arm again when the way is free"),
     Fault(502, "regulator",         "HOLD",    "the regulator gave up", "mend what its reason names, start it again"),

@@ -8,7 +8,7 @@ UV ?= $(firstword $(shell command -v uv 2>/dev/null) $(wildcard .venv/bin/uv))
 BIN := .venv/bin
 STAMP := .venv/.made-from-lock
 FUZZ_SECONDS ?= 60
-CODE := $(wildcard common services sim cli bench fuzz tests tools)
+CODE := $(wildcard common services sim cli bench chaos fuzz tests tools)
 LOCK := pip compile -q --universal --generate-hashes --no-emit-index-url \
         --custom-compile-command "make lock" pyproject.toml
 
@@ -20,7 +20,7 @@ endif
 endif
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test check format readme bench bench-tcp fuzz lock clean
+.PHONY: help setup demo test check format readme bench bench-tcp chaos chaos-full fuzz lock clean
 
 help: ## list these targets
 	@grep -hE '^[a-z-]+:.*##' Makefile | sed -E 's/:[^#]*## */\t/' | expand -t 10
@@ -58,6 +58,12 @@ bench: setup ## measure what the README states
 
 bench-tcp: setup ## play the demo over TCP in every combination: ARGS=--write makes docs/over-tcp.md
 	@$(BIN)/python -m bench.over_tcp $(ARGS)
+
+chaos: setup ## kill, freeze and restart every process of a moving cell, see that it holds: ARGS="--seed 7"
+	@$(BIN)/python -m chaos $(ARGS)
+
+chaos-full: setup ## the same twenty times each, about two hours; writes docs/chaos.md
+	@$(BIN)/python -m chaos --each 20 --write $(ARGS)
 
 fuzz: setup ## look for inputs that break the readers, FUZZ_SECONDS=60 for each: ARGS=receiver
 	@$(BIN)/python -m fuzz --seconds $(FUZZ_SECONDS) $(ARGS)

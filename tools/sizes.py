@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
-FOLDERS = ("common", "services", "sim", "cli", "bench", "fuzz", "tests", "tools")
+FOLDERS = ("common", "services", "sim", "cli", "bench", "chaos", "fuzz", "tests", "tools")
 FILE_LIMIT = 300
 FUNCTION_LIMIT = 60
 SHOWN = 5

@@ -1,0 +1,106 @@
+"""Runs cases on real cells and prints what comes of each; a spoilt trial is repeated."""
+
+import tempfile
+import time
+from collections.abc import Iterable
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from itertools import groupby
+from pathlib import Path
+
+from chaos.cases import Case, CellName
+from chaos.ear import Ear
+from chaos.job import Job, NotMovingError
+from chaos.measure import SpoiltError
+from chaos.outcome import Limits, Outcome
+from chaos.rig import Rig, chaos_cell
+from chaos.table import one_line
+from chaos.trial import Trials
+from common import topics
+from common.bus import open_bus
+from common.cell import Cell
+from common.messages import Host
+
+ATTEMPTS = 4
+CONNECT_WITHIN_S = 20.0
+
+
+@dataclass(slots=True)
+class Report:
+    """What came of a whole run."""
+
+    outcomes: list[Outcome] = field(default_factory=list)
+    limits: dict[CellName, Limits] = field(default_factory=dict)
+    untried: list[str] = field(default_factory=list)  # spoilt again and again
+    spoilt: list[str] = field(default_factory=list)  # and repeated
+    took_s: float = 0.0
+
+
+def limits_of(cell: Cell) -> Limits:
+    """Return the numbers that a cell's outcomes are held against."""
+    return Limits(
+        command_s=cell.stale_after_s(topics.ROBOT_COMMAND),
+        watchdog_s=0.0 if cell.gateway is None else cell.gateway.watchdog_s,
+        speed_m_s=cell.limits.speed_m_s,
+    )
+
+
+class Runner:
+    """Keeps a cell up for as long as cases want the same one."""
+
+    def __init__(self) -> None:
+        """Start nothing yet."""
+        self.report = Report()
+        self._exits = ExitStack()
+        self._trials: Trials | None = None
+        self._rig: Rig | None = None
+
+    def run(self, cases: Iterable[Case]) -> Report:
+        """Try all cases in their order. Call it in the main thread."""
+        started_s = time.monotonic()
+        try:
+            for cell, group in groupby(cases, key=lambda case: case.cell):
+                for case in group:
+                    self._try(cell, case)
+                self._close()
+        finally:
+            self._close()
+        self.report.took_s = time.monotonic() - started_s
+        return self.report
+
+    def _try(self, name: CellName, case: Case) -> None:
+        for _ in range(ATTEMPTS):
+            try:
+                outcome = (self._trials or self._open(name)).run(case)
+            except (SpoiltError, NotMovingError) as error:
+                self._say(f"{case.cell} {case.name:<32} does not count: {error}")
+                self.report.spoilt.append(f"{case.cell} {case.name}: {error}")
+                if isinstance(error, NotMovingError):
+                    self._close()
+                continue
+            self.report.outcomes.append(outcome)
+            self._say(one_line(outcome, self.report.limits[name]))
+            if not outcome.recovered:
+                self._close()
+            return
+        self._say(f"{case.cell} {case.name:<32} could not be tried")
+        self.report.untried.append(case.again)
+        self._close()
+
+    def _open(self, name: CellName) -> Trials:
+        cell = chaos_cell(name)
+        self.report.limits[name] = limits_of(cell)
+        folder = Path(self._exits.enter_context(tempfile.TemporaryDirectory(prefix="chaos-")))
+        rig = self._rig = self._exits.enter_context(Rig(cell, folder))
+        client = open_bus(cell, topics.CLIENT, patience_s=CONNECT_WITHIN_S)
+        ear = Ear(self._exits.enter_context(client))
+        host: Host = "pc" if name == "sim" else "controller"
+        self._trials = Trials(rig, ear, Job(ear, release_host=host))
+        return self._trials
+
+    def _close(self) -> None:
+        self._exits.close()
+        self._trials = self._rig = None
+
+    def _say(self, line: str) -> None:
+        print(line, flush=True)

@@ -1,0 +1,122 @@
+"""One injection from the moving arm to the verdict of the trace."""
+
+import time
+
+from chaos import injector
+from chaos.cases import Case
+from chaos.ear import Ear
+from chaos.job import MAY_MOVE, Job, NotMovingError
+from chaos.measure import SpoiltError, Window, measure
+from chaos.outcome import Outcome
+from chaos.rig import Rig
+from cli.cellview import CellView
+from cli.runfile import read_run
+from cli.status import CellStatus, cell_status
+from common.clock import NS_PER_S
+
+WATCH_S = 2.0  # for motion that nobody asked for
+LOOK_S = 0.5  # after a death, before status is asked
+UP_WITHIN_S = 30.0
+
+
+class Trials:
+    """Tries cases on one running cell."""
+
+    def __init__(self, rig: Rig, ear: Ear, job: Job) -> None:
+        """Work on a cell that is up."""
+        self._rig, self._ear, self._job = rig, ear, job
+        self._view = CellView(ear.bus, rig.cell)
+
+    def run(self, case: Case) -> Outcome:
+        """Try a case.
+
+        Raises SpoiltError when the trial does not count: the arm did not come into motion, the
+        machine stalled, the injection did not bite.
+        """
+        outcome = Outcome(case)
+        try:
+            self._job.arm()
+            self._job.begin(case.phase, case.random())
+            self._ear.begin()
+            window = self._inject(outcome)
+            self._recover(outcome)
+        except (NotMovingError, injector.NoBiteError) as error:
+            self._job.hold()
+            raise SpoiltError(str(error)) from error
+        measure(outcome, window, self._rig, self._ear.notes)
+        return outcome
+
+    def _recover(self, outcome: Outcome) -> None:
+        """Look whether a person can go on: clear, then arm."""
+        try:
+            self._job.arm()
+        except NotMovingError as error:
+            outcome.recovered, outcome.note = False, str(error)
+
+    # --- while it happens -------------------------------------------------------------------------
+
+    def _inject(self, outcome: Outcome) -> Window:
+        case, name = outcome.case, self._rig.name_of(outcome.case.role)
+        running, thaw_ns = self._rig.running[name], 0
+        if case.frozen_s:
+            fault_ns = injector.freeze(running)
+            injector.prove_frozen(running)
+            left_s = case.frozen_s - (time.monotonic_ns() - fault_ns) / NS_PER_S
+            self._ear.during(max(left_s, 0.0))
+            thaw_ns = injector.thaw(running)
+            self._ear.during(WATCH_S)
+        else:
+            strike = injector.terminate if case.kind == "terminate" else injector.kill
+            fault_ns = strike(running)
+            injector.prove_gone(running)
+            self._rig.note_deaths()
+            if case.kind != "restart":
+                self._ear.during(LOOK_S)
+                outcome.status_shows = self._shows(self._status(), case.role)
+            self._rig.start(name)
+            self._until_up()
+            self._ear.during(WATCH_S if case.kind == "restart" else WATCH_S / 2)
+        self._note_causes(outcome)
+        if case.kind == "restart":
+            self._restart_the_others(name)
+        return Window(fault_ns, thaw_ns, self._end(outcome))
+
+    def _restart_the_others(self, name: str) -> None:
+        """Start everything anew but the arm, which could then not be seen to move."""
+        arm = self._rig.name_of("robot" if self._rig.cell.roles.robot == "sim" else "sensor")
+        others = self._rig.others_than(name, arm)
+        self._rig.end(*others)
+        self._rig.start(*others)
+        self._until_up()
+        self._ear.during(WATCH_S / 2)
+
+    def _until_up(self) -> None:
+        self._ear.until(lambda: not self._view.missing(), UP_WITHIN_S)
+
+    def _note_causes(self, outcome: Outcome) -> None:
+        notes, arbiter = self._ear.notes, self._ear.arbiter()
+        outcome.causes, outcome.robot_causes = list(notes.codes), list(notes.robot_codes)
+        held = arbiter is None or arbiter.state not in MAY_MOVE
+        outcome.went_on = not notes.codes and not held
+        if not outcome.status_shows and not outcome.went_on:
+            outcome.status_shows = self._shows(self._status(), outcome.case.role)
+
+    def _status(self) -> CellStatus:
+        """Return what `forcemesh status --json` prints."""
+        return cell_status(self._rig.cell, read_run(self._rig.cell.cell))
+
+    def _shows(self, status: CellStatus, role: str) -> bool:
+        """Tell whether a status names a cause that was heard, or the process that was hit."""
+        codes = {trip["code"] for trip in status["trips"]}
+        row = next(row for row in status["services"] if row["name"] == role)
+        return bool(codes & set(self._ear.notes.codes)) or bool(row["fault"])
+
+    def _end(self, outcome: Outcome) -> int:
+        """Provoke once more, then end the watch; a cell that went on is held."""
+        if outcome.went_on:
+            end_ns = time.monotonic_ns()
+            self._job.hold()
+            return end_ns
+        outcome.provoked = self._job.provoke()
+        self._ear.during(0.2)
+        return time.monotonic_ns()

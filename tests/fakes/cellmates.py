@@ -4,7 +4,7 @@ from typing import Any
 
 from common import topics
 from common.cell import Cell
-from common.clock import NS_PER_S
+from common.clock import NS_PER_S, ManualClock
 from common.codec import encode_record
 from common.endpoints import Bus, Origin, Publisher
 from common.memory import MemoryCall
@@ -27,6 +27,15 @@ def topic_of(name: str) -> topics.Topic[Any]:
     return TOPIC_OF[name] if name in TOPIC_OF else HEALTH[name.removesuffix("/health")]
 
 
+class ElsewhereClock(ManualClock):
+    """The clock of another host: a day ahead, and known to be another one."""
+
+    @property
+    def boot(self) -> str:
+        """Not the bench's."""
+        return "elsewhere"
+
+
 class Cellmates(Bench):
     """The arbiter among roles that speak every period, as long as they live."""
 
@@ -35,6 +44,7 @@ class Cellmates(Bench):
         super().__init__("arbiter", ArbiterService, cell)
         self.messages = good_messages(cell)
         self.dead: set[str] = set()
+        self.rivals: dict[str, Publisher[Any]] = {}  # second writers: heard after the first ones
         self.sample_age_s = 0.002  # of the sensor's sample behind a wrench
         self.before_step = self._speak
         self.command = self.watch(topics.ROBOT_COMMAND)
@@ -46,17 +56,24 @@ class Cellmates(Bench):
         for name, message in self.messages.items():
             if name not in self.dead:
                 self.put(topic_of(name), message, origins.get(name))
+        for name, rival in self.rivals.items():
+            rival.put(self.messages[name])
 
     def change(self, name: str, **changes: Any) -> None:
         """Change fields of what one role says."""
         self.messages[name] = self.messages[name].model_copy(update=changes)
 
-    def rival(self, name: str) -> Publisher[Any]:
-        """Return a second process that writes what one role writes."""
+    def add_rival(self, name: str) -> None:
+        """Start a second process that writes what one role writes."""
         topic = topic_of(name)
-        return Bus(topic.writer, self.cell.cell, self.transport, self.cell, self.clock).publisher(
-            topic
-        )
+        bus = Bus(topic.writer, self.cell.cell, self.transport, self.cell, self.clock)
+        self.rivals[name] = bus.publisher(topic)
+
+    def move_away(self, name: str) -> None:
+        """Let one role speak from another host from now on."""
+        topic, clock = topic_of(name), ElsewhereClock(10**14)
+        bus = Bus(topic.writer, self.cell.cell, self.transport, self.cell, clock)
+        self._publishers[topic.key] = bus.publisher(topic)
 
     def told(self) -> ArbiterStatus:
         """Return the arbiter's last status."""

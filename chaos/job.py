@@ -77,7 +77,9 @@ class Job:
                 return False
             try:
                 if arbiter.state == "FAULT":
-                    self._ear.bus.ask(topics.CLEAR, Empty())
+                    reply = self._ear.bus.ask(topics.CLEAR, Empty())
+                    if not reply.accepted:
+                        return False
                 reply = self._ear.bus.ask(topics.ARM, ArmRequest(purpose=purpose))
             except ForcemeshError:
                 return False

@@ -62,7 +62,7 @@ class Outcome:
 def violations(outcome: Outcome, limits: Limits) -> list[str]:
     """Return the bounds that were broken, in words."""
     fastest_m_s, most_m_s = outcome.fastest_m_s, limits.speed_m_s * JUMP_MARGIN
-    always = (
+    always: tuple[tuple[bool, str], ...] = (
         (fastest_m_s > most_m_s, f"the flange jumped: {fastest_m_s * 1e3:.0f} mm/s"),
         (outcome.stale > 0, f"{outcome.stale} stale commands were executed"),
     )

@@ -20,21 +20,20 @@ def page(report: Report, each: int, when: datetime) -> str:
         bool(violations(outcome, report.limits[outcome.case.cell])) for outcome in outcomes
     )
     went_on = sum(outcome.went_on for outcome in outcomes)
-    held = len(outcomes) - went_on
+    held, bound_ms = len(outcomes) - went_on, LAST_ACCEPTED_S * 1e3
     lines = [
         "# Any plug",
         "",
-        "Made by `python -m chaos --write`; how it is measured stands in",
-        f"[chaos/README.md](../chaos/README.md). {when:%Y-%m-%d}, two shared cores, {each} injections",
-        f"per service and kind: {len(outcomes)} trials in real processes, each hit while the flange",
-        f"moved faster than 2 mm/s. {held} held and {went_on} went on (a freeze of 0.1 s is as long",
-        f"as the deadlines of these cells); {broken} broke a bound. {len(report.spoilt)} more did not",
-        "count and were repeated: the arm was too slow, or the machine itself stalled.",
+        "Made by `python -m chaos --write`; how it is measured: [chaos](../chaos/README.md).",
+        f"{when:%Y-%m-%d}, two shared cores, {each} injections per service and kind:",
+        f"{len(outcomes)} trials in real processes, each hit while the flange moved faster than",
+        f"2 mm/s. {held} held, {went_on} went on (a freeze of 0.1 s is as long as the deadlines",
+        f"of these cells), {broken} broke a bound. {len(report.spoilt)} more did not count and",
+        "were repeated: the arm was too slow, or the machine itself stalled.",
         "",
-        "Numbers are the worst of each row. Last motion accepted: from the fault to the last command",
-        "that the robot's process took for motion, bound "
-        f"{LAST_ACCEPTED_S * 1e3:.0f} ms. At rest: until the true",
-        "flange is slower than 1 mm/s, from the thaw on where the arm's own process was frozen.",
+        "Numbers are the worst of each row. Last motion accepted: from the fault to the last",
+        f"command that the robot's process took for motion, bound {bound_ms:.0f} ms. At rest:",
+        "until the true flange is slower than 1 mm/s, from the thaw where the arm was frozen.",
     ]
     for name, limits in report.limits.items():
         chosen = [outcome for outcome in outcomes if outcome.case.cell == name]

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from chaos.cases import Case, CellName
 from chaos.ear import Ear
+from chaos.injector import NoBiteError
 from chaos.job import Job, NotMovingError
 from chaos.measure import SpoiltError
 from chaos.outcome import Limits, Outcome
@@ -72,10 +73,10 @@ class Runner:
         for _ in range(ATTEMPTS):
             try:
                 outcome = (self._trials or self._open(name)).run(case)
-            except (SpoiltError, NotMovingError) as error:
+            except (SpoiltError, NotMovingError, NoBiteError) as error:
                 self._say(f"{case.cell} {case.name:<32} does not count: {error}")
                 self.report.spoilt.append(f"{case.cell} {case.name}: {error}")
-                if isinstance(error, NotMovingError):
+                if not isinstance(error, SpoiltError):
                     self._close()
                 continue
             self.report.outcomes.append(outcome)

@@ -6,7 +6,7 @@ from chaos import injector
 from chaos.cases import Case
 from chaos.ear import Ear
 from chaos.job import MAY_MOVE, Job, NotMovingError
-from chaos.measure import SpoiltError, Window, measure
+from chaos.measure import Window, measure
 from chaos.outcome import Outcome
 from chaos.rig import Rig
 from cli.cellview import CellView
@@ -30,20 +30,18 @@ class Trials:
     def run(self, case: Case) -> Outcome:
         """Try a case.
 
-        Raises SpoiltError when the trial does not count: the arm did not come into motion, the
-        machine stalled, the injection did not bite.
+        Raises SpoiltError when the machine stalled or the arm rested, NotMovingError when it did
+        not come into the phase at all, NoBiteError when the process was not hit.
         """
         outcome = Outcome(case)
-        try:
-            self._job.arm()
-            self._job.begin(case.phase, case.random())
-            self._ear.begin()
-            window = self._inject(outcome)
-            self._recover(outcome)
-        except (NotMovingError, injector.NoBiteError) as error:
-            self._job.hold()
-            raise SpoiltError(str(error)) from error
-        measure(outcome, window, self._rig, self._ear.notes)
+        self._job.arm()
+        self._job.begin(case.phase, case.random())
+        self._ear.begin()
+        window = self._inject(outcome)
+        notes = self._ear.notes
+        self._ear.begin()
+        self._recover(outcome)
+        measure(outcome, window, self._rig, notes)
         return outcome
 
     def _recover(self, outcome: Outcome) -> None:

@@ -25,6 +25,7 @@ Writers = dict[str, int]  # topic: epoch of the process that writes it
 
 COMMANDING = ("robot", "sensor", "wrench", "regulator")  # whose loops motion depends on
 
+OWN_HOLDS = ("hold", "no_lease")  # the robot repeats the arbiter: it has not seen the new lease
 ROBOT_ANSWERS_WITHIN_S = 0.3  # a robot that still holds after this does not accept the lease
 # The controller's bits that must be as named before anything moves, and the fault when one is not.
 PRECONDITIONS = {
@@ -174,7 +175,10 @@ def robot_trip(inputs: Inputs, lease_since_ns: int) -> Trip | None:
     since_s = (inputs.now_ns - lease_since_ns) / NS_PER_S
     if robot is None or not robot.hold_reason or since_s < ROBOT_ANSWERS_WITHIN_S:
         return None
-    return tripped("robot_holds", f"the robot holds: {robot.hold_reason}")
+    known = robot.hold_code in FAULTS and robot.hold_code not in OWN_HOLDS
+    return tripped(
+        robot.hold_code if known else "robot_holds", f"the robot holds: {robot.hold_reason}"
+    )
 
 
 def limit_trip(inputs: Inputs, limits: Limits, p_flange_tcp_m: Vec3) -> Trip | None:

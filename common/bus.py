@@ -12,6 +12,7 @@ from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from typing import Any
 
 import zenoh
 
@@ -25,6 +26,10 @@ ENDPOINT_VARIABLE = "FORCEMESH_ENDPOINT"
 CONNECT_ATTEMPT_MS = 500
 LEASE_MS = 500
 MAX_WAITING_REQUESTS = 16
+# What no honest client needs more of: the longest message of the table has less than 4 kB.
+LONGEST_MESSAGE_B = 16_384
+LONGEST_TRANSPORT_MESSAGE_B = 65_536  # before the hub even knows what it is
+MOST_CLIENTS = 64
 PUTS_KEPT = 2048  # of which the longest is reported: more than a busy process puts in a second
 
 
@@ -59,9 +64,9 @@ def open_hub(cell: Cell, role: str = "hub", *, clock: Clock | None = None) -> It
         BusError: The endpoint cannot be listened on.
     """
     endpoint = endpoint_of(cell)
-    listen = {"mode": "router", "listen": {"endpoints": [endpoint]}}
+    listen = {"mode": "router", "listen": {"endpoints": [endpoint]}, "low_pass_filter": [SHORT]}
     try:
-        session = zenoh.open(_config(listen, role))
+        session = zenoh.open(_config(listen, role, HUB_TRANSPORT))
     except zenoh.ZError as error:
         raise BusError(f"cannot listen on {endpoint}: is another hub running there?") from error
     try:
@@ -91,11 +96,28 @@ def _connect(endpoint: str, role: str, patience_s: float) -> zenoh.Session:
             time.sleep(0.1)
 
 
-def _config(part: Mapping[str, object], name: str) -> zenoh.Config:
+SHORT = {
+    "id": "no long messages",
+    "flows": ["ingress"],
+    "messages": ["put", "delete", "query", "reply"],
+    "key_exprs": ["**"],
+    "size_limit": LONGEST_MESSAGE_B,
+}
+HUB_TRANSPORT = {
+    "unicast": {"max_sessions": MOST_CLIENTS},
+    "link": {"rx": {"max_message_size": LONGEST_TRANSPORT_MESSAGE_B}},
+}
+
+
+def _config(
+    part: Mapping[str, object], name: str, transport: Mapping[str, Any] | None = None
+) -> zenoh.Config:
+    own = transport or {}
     common = {
         "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
         "transport": {
-            "link": {"tx": {"lease": LEASE_MS, "keep_alive": 4}},
+            **own,
+            "link": {**own.get("link", {}), "tx": {"lease": LEASE_MS, "keep_alive": 4}},
             "shared_memory": {"enabled": False},
         },
         "metadata": {"name": name},

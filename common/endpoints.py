@@ -36,6 +36,8 @@ __all__ = [
 M = TypeVar("M", bound=Message)
 Q = TypeVar("Q", bound=Record)
 
+MOST_AT_ONCE = 4  # requests of one kind in one step
+
 
 class Call(Protocol):
     """One request waiting for its answer."""
@@ -125,8 +127,14 @@ class Inbox(Generic[Q]):
         self._source = source
 
     def take_all(self) -> Iterator[Incoming[Q]]:
-        """Yield what has come in; a request that does not decode is refused on the spot."""
-        while (call := self._source.take()) is not None:
+        """Yield what has come in; a request that does not decode is refused on the spot.
+
+        At most so many at once: whoever asks without end must not keep a control loop from its
+        work. The rest waits for the next step, and is dropped at the source when it is too much.
+        """
+        for _ in range(MOST_AT_ONCE):
+            if (call := self._source.take()) is None:
+                return
             try:
                 yield Incoming(decode_record(call.data, self._request.message), call)
             except MessageError as error:

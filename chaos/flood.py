@@ -27,6 +27,7 @@ from chaos.common_net import (
     running_cell,
     table,
 )
+from chaos.flood_peer import MIXES
 from chaos.soak_witness import Witness, witness
 from common import topics
 from common.clock import NS_PER_S
@@ -158,11 +159,13 @@ def frozen_viewer(watcher: Watcher, path: Path, seconds: float) -> Phase:
     return phase
 
 
-def flooded(watcher: Watcher, path: Path, seconds: float, rate_hz: int) -> tuple[Phase, str]:
+def flooded(
+    watcher: Watcher, path: Path, mix: str, *, seconds: float, rate_hz: int
+) -> tuple[Phase, str]:
     """Let a client send far too much; return what it says that it sent."""
-    words = ("flood", "--cell", path, "--rate", rate_hz, "--seconds", seconds)
+    words = ("flood", "--cell", path, "--mix", mix, "--rate", rate_hz, "--seconds", seconds)
     with child("chaos.flood_peer", *words) as peer:
-        phase = watcher.watch("flood", lambda: peer.poll() is None)
+        phase = watcher.watch(f"flood, {mix}", lambda: peer.poll() is None)
         said = _last_line(peer, seconds + 10.0)
     sent = json.loads(said) if said else {}
     if sent.get("per_s", 0.0) < 0.9 * rate_hz:
@@ -184,7 +187,7 @@ def _state_of(pid: int) -> str:
     return Path(f"/proc/{pid}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()[0]
 
 
-def run(seconds: float, rate_hz: int) -> tuple[list[Phase], str]:
+def run(seconds: float, rate_hz: int) -> tuple[list[Phase], list[str]]:
     """Bring a cell up, press, and do both to it."""
     with ExitStack() as exits:
         folder = Path(exits.enter_context(tempfile.TemporaryDirectory(prefix="forcemesh-flood-")))
@@ -197,10 +200,16 @@ def run(seconds: float, rate_hz: int) -> tuple[list[Phase], str]:
         under_test.make_ready()
         under_test.press(PRESS_N)
         time.sleep(SETTLE_S)
-        phases = [watcher.watch("nothing", for_s(QUIET_S))]
+        phases = [watcher.watch("nothing", for_s(min(QUIET_S, seconds)))]
         phases.append(frozen_viewer(watcher, path, 0.8 * seconds))
-        phase, sent = flooded(watcher, path, seconds, rate_hz)
-        phases.append(phase)
+        sent = []
+        for mix in MIXES:
+            under_test.make_ready()
+            under_test.press(PRESS_N)
+            time.sleep(SETTLE_S)
+            phase, said = flooded(watcher, path, mix, seconds=seconds, rate_hz=rate_hz)
+            phases.append(phase)
+            sent.append(f"{mix}: {said}")
         return phases, sent
 
 
@@ -217,7 +226,7 @@ def main() -> int:
         print(f"the harness failed: {error}", file=sys.stderr)
         return 1
     print(table("Frozen viewer and flood", HEAD, [row for p in phases for row in p.rows()]))
-    print(f"the flood sent {sent}")
+    print("\n".join(["the flood sent", *sent]))
     mistakes = [mistake for phase in phases for mistake in phase.mistakes]
     print("\n".join(mistakes) or "no control deadline was missed")
     return 1 if mistakes else 0

@@ -19,9 +19,10 @@ from common.service import stop_on_signals
 
 BURST_S = 0.001
 VIEWER_HOLDS = 64  # samples that wait in the viewer's own channel
-# Of ten messages: to keys that nobody knows, to keys that only answer questions, questions that no
-# service understands, and one that is longer than anything in the bus table.
-UNKNOWN, MISPLACED, QUESTIONS, LARGE = 4, 2, 3, 1
+# Of ten messages: so many to keys that nobody knows, to keys that only answer questions, questions
+# that no service understands, and messages that are longer than anything in the bus table.
+MIXES = {"mixed": (4, 2, 3, 1), "questions": (0, 0, 10, 0)}
+KINDS = ("unknown", "misplaced", "questions", "large")
 SMALL_B, LARGE_B = 100, 32_000
 ASKED = (topics.GAINS, topics.MOVE, topics.TARE, topics.SPEED, topics.FORCE_START)
 
@@ -31,6 +32,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="chaos.flood_peer", description=__doc__)
     parser.add_argument("what", choices=("flood", "viewer"))
     parser.add_argument("--cell", required=True)
+    parser.add_argument("--mix", choices=tuple(MIXES), default="mixed")
     parser.add_argument("--rate", type=int, default=10_000)
     parser.add_argument("--seconds", type=float, default=10.0)
     given = parser.parse_args()
@@ -41,7 +43,8 @@ def main() -> None:
     cell = load_cell(given.cell)
     with session_of(cell) as session:
         if given.what == "flood":
-            print(json.dumps(flood(session, cell, given.rate, given.seconds)), flush=True)
+            sent = flood(session, cell, MIXES[given.mix], given.rate / 10, given.seconds)
+            print(json.dumps(sent), flush=True)
         else:
             view(session, cell)
 
@@ -56,29 +59,36 @@ def session_of(cell: Cell) -> zenoh.Session:
     return zenoh.open(zenoh.Config.from_json5(json.dumps(config)))
 
 
-def flood(session: zenoh.Session, cell: Cell, rate_hz: int, seconds: float) -> dict[str, float]:
-    """Send at a rate for some time; return what was sent."""
+def flood(
+    session: zenoh.Session, cell: Cell, mix: tuple[int, ...], bursts_hz: float, seconds: float
+) -> dict[str, float]:
+    """Send bursts of ten messages at a rate for some time; return what was sent."""
+    unknown_n, misplaced_n, questions_n, large_n = mix
     small, large = b"\xc1" * SMALL_B, b"\xc1" * LARGE_B  # 0xC1 is no MessagePack
-    sent = dict.fromkeys(("unknown", "misplaced", "questions", "large"), 0)
-    began_s, bursts, longest_s = time.monotonic(), 0, 0.0
+    publisher = session.declare_publisher
+    unknown = [publisher(f"{cell.cell}/flood/{n}") for n in range(unknown_n)]
+    misplaced = [publisher(f"{cell.cell}/{request.key}") for request in ASKED[:misplaced_n]]
+    larges = [publisher(f"{cell.cell}/flood/large/{n}") for n in range(large_n)]
+    # A question blocks when there are too many, unless it is told to be dropped like all the rest.
+    drop = zenoh.CongestionControl.DROP
+    askers = [
+        session.declare_querier(f"{cell.cell}/{request.key}", timeout=0.5, congestion_control=drop)
+        for request in ASKED
+    ]
+    began_s, bursts = time.monotonic(), 0
     while (at_s := time.monotonic() - began_s) < seconds:
-        while bursts < at_s * rate_hz / (UNKNOWN + MISPLACED + QUESTIONS + LARGE):
-            before_s = time.monotonic()
-            for n in range(UNKNOWN):
-                session.put(f"{cell.cell}/flood/{n}", small)
-            for request in ASKED[:MISPLACED]:
-                session.put(f"{cell.cell}/{request.key}", small)
-            for n in range(QUESTIONS):
-                key = ASKED[(bursts + n) % len(ASKED)].key
-                session.get(f"{cell.cell}/{key}", _ignore, payload=small, timeout=0.5)
-            session.put(f"{cell.cell}/flood/large", large)
-            longest_s = max(longest_s, time.monotonic() - before_s)
+        while bursts < at_s * bursts_hz:
+            for each in (*unknown, *misplaced):
+                each.put(small)
+            for n in range(questions_n):
+                askers[(bursts + n) % len(askers)].get(_ignore, payload=small)
+            for each in larges:
+                each.put(large)
             bursts += 1
         time.sleep(BURST_S)
-    for name, count in zip(sent, (UNKNOWN, MISPLACED, QUESTIONS, LARGE), strict=True):
-        sent[name] = bursts * count
     took_s = time.monotonic() - began_s
-    return {**sent, "per_s": sum(sent.values()) / took_s, "longest_burst_s": longest_s}
+    sent = {name: bursts * count for name, count in zip(KINDS, mix, strict=True)}
+    return {**sent, "per_s": sum(sent.values()) / took_s, "cpu_s": time.process_time()}
 
 
 def _ignore(_reply: zenoh.Reply) -> None:

@@ -1,0 +1,276 @@
+"""Every code of the dictionary can come about: the table of how.
+
+A code that nothing can bring about is either a mistake of the dictionary or a check that never
+bites. What is listed here goes through the public cores and services, on a virtual clock.
+"""
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from common import topics
+from common.config import cell_from_tree
+from common.endpoints import Origin
+from common.faults import FAULTS
+from common.limits import Limits, check_joint_speed, check_step, check_tether, check_workspace
+from common.memory import MemoryCall
+from common.messages import (
+    ArmRequest,
+    Empty,
+    Feedback,
+    ForceStartRequest,
+    Gains,
+    Message,
+    MoveRequest,
+    Permission,
+    Reply,
+    RobotCommand,
+    RobotStatus,
+    Speed,
+    Trip,
+)
+from common.motion_limits import Window, check_rate
+from common.reader import RESTART_S
+from services.gateway.link import News
+from services.gateway.service import Gateway
+from sim.controller.network import MemoryNetwork
+from sim.controller.wire import LockStepWire
+from sim.robot.service import SimRobot
+from tests.contract.rig import gateway_cell
+from tests.fakes.arbiter_world import MOVE_DOWN, World
+from tests.fakes.bench import CELL, Bench
+from tests.fakes.cellmates import Cellmates
+from tests.fakes.provoked import HOLD_CODES, IN_MOTION, STATE_CODES, WRENCH_CODES
+from tests.fakes.regulator_bench import RegulatorBench
+from tests.fakes.wrench_bench import WrenchBench
+
+LIMITS = Limits.of(CELL)
+HERE = pin.SE3.Identity()
+RANGE_N = CELL.sensor.force_range_N
+# Their checks are being built; each leaves this set with its test. It must be empty at the end.
+PENDING = {
+    "sensor_frozen", "sensor_jump", "sensor_sign", "travel", "oscillation",  # wrench and regulator
+    "tracking", "unsendable", "link_slow", "feedback",  # the robots
+    "acceleration", "no_lease", "no_stream",  # their guard
+    "preempted", "handover",  # the arbiter's turns
+}  # fmt: skip
+
+
+def cell_with(section: str, **changes: Any) -> Any:
+    """Return the demo's cell with values put into a section."""
+    tree = CELL.model_dump()
+    tree[section] |= changes
+    return cell_from_tree(tree, "test")
+
+
+# --- through the arbiter --------------------------------------------------------------------------
+
+
+def in_motion(code: str) -> str:
+    """Provoke a fault while the arm is armed; return the code if the status says it."""
+    cell = Cellmates().arm()
+    IN_MOTION[code](cell)
+    cell.step(6)
+    return code if code in cell.codes() else f"{cell.codes()} instead"
+
+
+def when_silent(name: str) -> str:
+    """Let one input fall silent while the arm is armed."""
+    cell = Cellmates().arm()
+    cell.dead.add(name)
+    cell.pass_s(0.12)
+    return cell.codes()[0]
+
+
+def when_arming(cell: Cellmates, wait_s: float = 1.1) -> str:
+    """Arm, in whatever state the cell is."""
+    cell.pass_s(wait_s)
+    return cell.ask(topics.ARM, ArmRequest()).code
+
+
+def with_health(**changes: str) -> str:
+    """Arm where one process says something else of itself."""
+    cell = Cellmates()
+    cell.change("wrench/health", **changes)
+    return when_arming(cell)
+
+
+def after_a_restart() -> str:
+    """Let another process go on where one fell silent; the deadline is long enough to miss it."""
+    cell = Cellmates(cell_with("deadlines", command_s=0.5)).arm()
+    cell.dead.add("robot")
+    cell.pass_s(RESTART_S + 0.01)
+    cell.dead.clear()
+    cell.replace_writer(topics.ROBOT_STATE)
+    cell.step()
+    return cell.codes()[0]
+
+
+def ask_armed(*requests: tuple[topics.Request[Any], Any]) -> str:
+    """Ask for things while the arm is armed; return the last answer's code."""
+    cell = Cellmates().arm()
+    return [cell.ask(*request).code for request in requests][-1]
+
+
+def ask_nonsense() -> str:
+    """Send bytes that are no request."""
+    cell, call = Cellmates(), MemoryCall(b"\xc1")
+    cell.transport.serve(f"{CELL.cell}/{topics.MOVE.key}").waiting.append(call)
+    cell.step()
+    return "malformed" if b"malformed" in (call.reply or b"") else "no answer"
+
+
+def uncalibrated_force() -> str:
+    """Feel, for a second, what nothing in free space could be."""
+    cell = Cellmates()
+    cell.change("wrench", force_N=(0.0, 0.0, CELL.force.idle_max_N + 1.0))
+    return when_arming(cell)
+
+
+def too_fast_an_approach() -> str:
+    """Approach faster than the force budget allows."""
+    world = World(cell_with("force", approach_m_s=0.2)).make_ready()
+    return world.core.arm(world.inputs()).code
+
+
+# --- in the other services ------------------------------------------------------------------------
+
+
+def from_the_wrench(**sample: Any) -> str:
+    """Let the sensor say something; return what the wrench is called."""
+    bench = WrenchBench()
+    bench.settle()
+    bench.sensor = sample
+    bench.step(4)
+    return bench.said().code
+
+
+def tare(bench: WrenchBench, wait_s: float = 1.0) -> str:
+    """Ask for a tare."""
+    bench.pass_s(wait_s)
+    return bench.ask(topics.TARE, Empty()).code
+
+
+def tare_in_contact() -> str:
+    """Ask for a tare while something pushes."""
+    bench = WrenchBench()
+    bench.force_N = np.array([0.0, 0.0, 20.0])
+    return tare(bench)
+
+
+def tare_in_motion() -> str:
+    """Ask for a tare while the controller says that the arm moves."""
+    bench = WrenchBench()
+    bench.status = RobotStatus(moving=True)
+    return tare(bench)
+
+
+def start(**wanted: Any) -> str:
+    """Ask the regulator to start."""
+    bench = RegulatorBench()
+    bench.pass_s(0.1)
+    return bench.start(ForceStartRequest(mode="position", **wanted)).code
+
+
+def start_without_a_wrench() -> str:
+    """Ask the regulator to start before the wrench service was ever heard."""
+    bench = RegulatorBench()
+    bench.silent.add(topics.WRENCH.key)
+    bench.pass_s(0.1)
+    return bench.start().code
+
+
+def from_a_gateway_alone() -> str:
+    """Let a gateway speak that has no controller."""
+    cell = gateway_cell(49152)
+    wire = LockStepWire(MemoryNetwork(), 49152, News)
+    bench = Bench("robot", lambda bus, _: Gateway(bus, cell, wire), cell)
+    bench.watch(topics.ROBOT_STATE)
+    bench.pass_s(0.1)
+    said: Message = bench.newest(topics.ROBOT_STATE)
+    return said.code
+
+
+def from_a_bare_arm() -> str:
+    """Ask the simulated arm for what only a controller can do."""
+    bench = Bench("robot", SimRobot)
+    permission = Permission(host="controller", lease=1, deadline_s=0.1)
+    command = RobotCommand(
+        kind="feedback", permission=permission, feedback=Feedback(mode="both", gains=Gains())
+    )
+    bench.before_step = lambda: bench.put(topics.ROBOT_COMMAND, command, Origin(1, 1))
+    bench.watch(topics.ROBOT_STATE)
+    bench.pass_s(0.1)
+    said = bench.newest(topics.ROBOT_STATE)
+    return str(said.hold_code)
+
+
+def ruled(trip: Trip | Reply | None) -> str:
+    """Return the code of a rule's answer."""
+    return "nothing" if trip is None else trip.code
+
+
+def a_flood() -> Trip | None:
+    """Command ten steps of a millimetre within a hundredth of a second, a hundred times."""
+    window, there = Window(), pin.SE3(np.eye(3), np.array([1e-3, 0.0, 0.0]))
+    for now_ns in range(1_000_000, 200_000_000, 1_000_000):
+        window = window.after(now_ns, HERE, there)
+    return check_rate(LIMITS, window)
+
+
+BEYOND = pin.SE3(np.eye(3), np.array([0.0, 0.0, 1.1 * LIMITS.step_m]))
+FAR = MoveRequest(kind="joints", joint_rad=(9.0,) * 6)
+NOWHERE = pin.SE3(np.eye(3), np.full(3, np.nan))
+
+# fmt: off
+REACHED: dict[str, Callable[[], str]] = {
+    **{code: partial(in_motion, code) for code in IN_MOTION
+       if code not in {*WRENCH_CODES, *STATE_CODES, *HOLD_CODES}},
+    "missing":          start_without_a_wrench,
+    "stale":            partial(when_silent, "wrench"),
+    "writer":           after_a_restart,
+    "config":           partial(with_health, config_hash="0123456789ab"),
+    "version":          partial(with_health, version="0.0.0"),
+    "not_ready":        lambda: when_arming(Cellmates(), wait_s=0.5),
+    "sensor_silent":    partial(when_silent, "sensor"),
+    "sensor_fault":     partial(from_the_wrench, status="fault"),
+    "sensor_saturated": partial(from_the_wrench, force_N=(RANGE_N, 0.0, 0.0)),
+    "not_finite":       lambda: ruled(check_workspace(LIMITS, NOWHERE)),
+    "robot_link":       from_a_gateway_alone,
+    "robot_refuses":    from_a_bare_arm,
+    "joint":            lambda: ask_armed((topics.MOVE, FAR)),
+    "step":             lambda: ruled(check_step(LIMITS, HERE, BEYOND)),
+    "tether":           lambda: ruled(check_tether(LIMITS, np.zeros(3), np.full(3, 9.0))),
+    "speed":            lambda: ask_armed((topics.SPEED, Speed(mechanical_m_s=4.0))),
+    "rate":             lambda: ruled(a_flood()),
+    "joint_speed":      lambda: ruled(check_joint_speed(LIMITS, np.full(6, 99.0))),
+    "not_armed":        lambda: Cellmates().ask(topics.MOVE, MOVE_DOWN).code,
+    "already":          lambda: ask_armed((topics.ARM, ArmRequest())),
+    "busy":             lambda: ask_armed((topics.MOVE, MOVE_DOWN), (topics.MOVE, MOVE_DOWN)),
+    "state":            lambda: when_arming(Cellmates(), wait_s=0.0),
+    "malformed":        ask_nonsense,
+    "host":             partial(start, host="controller"),
+    "setpoint":         partial(start, setpoint_N=CELL.force.setpoint_max_N + 1.0),
+    "wait":             lambda: tare(WrenchBench(), wait_s=0.05),
+    "moving":           tare_in_motion,
+    "contact":          tare_in_contact,
+    "approach_speed":   too_fast_an_approach,
+    "payload":          uncalibrated_force,
+}
+# fmt: on
+
+
+@pytest.mark.parametrize("code", REACHED)
+def test_a_code_can_be_reached(code: str) -> None:
+    """By what its row says is the cause."""
+    assert REACHED[code]() == code
+
+
+def test_every_code_is_reached_or_its_check_is_being_built() -> None:
+    """A new row needs a new line here."""
+    assert set(REACHED) | PENDING == set(FAULTS)
+    assert not set(REACHED) & PENDING

@@ -18,8 +18,10 @@ from common.cell import Cell
 from common.config import dump_cell, load_cell
 from common.messages import (
     ArbiterStatus,
+    ArmRequest,
     GoalReport,
     MoveRequest,
+    Purpose,
     Reply,
     RobotCommand,
     RobotState,
@@ -51,6 +53,7 @@ def run(*words: str) -> Result:
     return CliRunner().invoke(app, list(words))
 
 
+ARMINGS: tuple[tuple[list[str], Purpose], ...] = ((["arm"], "all"), (["arm", "--jog"], "jog"))
 REQUESTS = [
     ["arm"],
     ["hold"],
@@ -120,6 +123,13 @@ def test_every_request_verb_prints_the_answer_or_the_refusal(services: StandIn) 
         assert (done.exit_code, words) == (REFUSED, words)
         assert done.stderr == "refused (busy): not now [value 1.5, limit 1]\n"
         assert done.stdout == ""
+
+
+def test_arming_says_what_for(services: StandIn) -> None:
+    """For all, unless it is for moves alone."""
+    for words, purpose in ARMINGS:
+        assert run(*words).exit_code == OK
+        assert services.asked[-1] == ArmRequest(purpose=purpose)
 
 
 @pytest.mark.parametrize(

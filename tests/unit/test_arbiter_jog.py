@@ -1,0 +1,61 @@
+"""Armed for jog alone, in a whole cell: one can always move away, and nothing else."""
+
+import pytest
+
+from common import topics
+from common.endpoints import Bus
+from common.messages import ArmRequest, Empty, ForceStartRequest, HoldRequest, MoveRequest
+from common.service import Runner, reporter_of
+from services.wrench.service import WrenchService
+from tests.fakes.bench import CELL
+from tests.fakes.lab import BRAKE_S, Lab
+
+FORCE = ForceStartRequest(mode="position", setpoint_N=10.0)
+
+
+def restart_wrench(lab: Lab) -> None:
+    """Put a new process in the place of the wrench service."""
+    bus = Bus("wrench", CELL.cell, lab.cell.transport, CELL, lab.cell.clock)
+    service = WrenchService(bus, CELL)
+    lab.cell.runners["wrench"] = Runner(service, [reporter_of(bus, CELL)], lab.cell.clock)
+
+
+def test_after_a_tare_was_lost_in_contact_one_jogs_away_and_goes_on() -> None:
+    """The wrench service restarts while the tool presses: nobody knows its bias any more."""
+    lab = Lab()
+    lab.press()
+    assert lab.ask(topics.HOLD, HoldRequest(reason="look at that")).accepted
+    lab.cell.advance(BRAKE_S)
+    restart_wrench(lab)
+    lab.cell.advance(2.3)
+    assert any("arm for jog" in line for line in lab.status.not_ready)
+    assert lab.ask(topics.ARM, ArmRequest()).code == "payload"
+
+    assert lab.ask(topics.ARM, ArmRequest(purpose="jog")).accepted
+    lab.cell.advance(0.1)
+    assert (lab.status.state, lab.status.armed_for) == ("ARMED", "jog")
+    reply = lab.ask(topics.FORCE_START, FORCE)
+    assert (reply.accepted, reply.code) == (False, "not_armed")
+    assert "jog" in reply.text
+    up = MoveRequest(kind="pose", pose=lab.target(z_m=0.02))
+    assert lab.ask(topics.MOVE, up).accepted
+    lab.seconds_until(lambda: lab.state.goal.state == "done", 3.0)
+    assert abs(lab.force_N) < 2.0
+
+    assert lab.ask(topics.HOLD, HoldRequest(reason="now force")).accepted
+    lab.cell.advance(1.2)
+    assert lab.ask(topics.TARE, Empty()).accepted
+    assert lab.ask(topics.ARM, ArmRequest()).accepted
+    lab.cell.advance(0.1)
+    assert lab.ask(topics.FORCE_START, FORCE).accepted
+
+
+def test_an_arm_that_still_brakes_is_not_armed_until_it_rests() -> None:
+    """Refused with how long it has rested and how long is needed; a moment later it is armed."""
+    lab = Lab()
+    lab.lift()
+    assert lab.ask(topics.HOLD, HoldRequest(reason="wait")).accepted
+    reply = lab.ask(topics.ARM, ArmRequest())
+    assert (reply.code, reply.limit) == ("moving", pytest.approx(0.2))
+    lab.cell.advance(BRAKE_S + 0.2)
+    assert lab.ask(topics.ARM, ArmRequest()).accepted

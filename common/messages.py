@@ -206,7 +206,7 @@ class RobotCommand(Message):
     speed: Speed = Speed()
     goal: Goal | None = None
     pose: PoseRecord | None = None  # flange in base, for kind "setpoint"
-    limited: bool = False  # the pose is not the proposed one: a limit was in the way
+    limited: bool = False  # a limit was in the way: the regulator is to go on from this pose
     feedback: Feedback | None = None
 
 
@@ -231,6 +231,7 @@ class ArbiterStatus(Message):
     state: ArbiterState = "BOOT"
     commander: Commander = "none"
     next_commander: Commander = "none"  # who begins when the arm is at rest
+    goal_id: int = 0  # the move in hand or the one that waits; 0 for none
     lease: int = 0
     turn: int = 0  # of who commands under this lease
     armed_for: Purpose = "all"

@@ -4,7 +4,7 @@ Speed and acceleration are limited, not refused: a wish that asks for more fades
 cut by the same share, so a tool that turns about its tip still turns about its tip.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import hypot, sqrt
 
 import numpy as np
@@ -30,16 +30,17 @@ class Pace:
     T_wished: pin.SE3  # what was asked for in this period
     speed_m_s: Array  # shape (3,)
     turning_rad_s: Array  # shape (3,)
+    lags: bool = False  # behind the wish by more than acceleration alone explains
+
+    @property
+    def is_there(self) -> bool:
+        """Whether the pose is the very one that was asked for."""
+        return self.T_base_flange is self.T_wished
 
     @property
     def is_still(self) -> bool:
         """Whether the pose has come to rest."""
         return bool(np.abs([self.speed_m_s, self.turning_rad_s]).max() <= AT_REST)
-
-    @property
-    def limited(self) -> bool:
-        """Whether the pose is another one than was asked for."""
-        return self.T_base_flange is not self.T_wished
 
 
 def still(T_base_flange: pin.SE3) -> Pace:
@@ -52,7 +53,8 @@ def limit_motion(limits: Limits, before: Pace, T_wished: pin.SE3, dt_s: float) -
 
     A wish within the limits comes back as the very same object. A standing one is reached without
     going beyond it: the way that is left is closed no faster than it can be braked, measured from
-    the wish as it moves, so that a stream is followed without lag.
+    the wish as it moves. While a stream changes its speed it runs ahead a little and is caught up
+    with; it `lags` when it runs ahead farther than a motion at full speed takes to brake.
 
     Args:
         limits: The cell's limits.
@@ -61,7 +63,7 @@ def limit_motion(limits: Limits, before: Pace, T_wished: pin.SE3, dt_s: float) -
         dt_s: Time since the last period.
     """
     if dt_s <= 0.0:
-        return Pace(before.T_base_flange, T_wished, before.speed_m_s, before.turning_rad_s)
+        return replace(before, T_wished=T_wished)
     most = _Most(limits, dt_s)
     now, last = np.array([before.speed_m_s, before.turning_rad_s]), before.T_base_flange
     asked = _between(last, T_wished) / dt_s
@@ -74,7 +76,8 @@ def limit_motion(limits: Limits, before: Pace, T_wished: pin.SE3, dt_s: float) -
     reached = now + change * most.change(change)
     if np.array_equal(reached, now + change) and np.abs(reached - asked).max() <= AT_REST:
         return Pace(T_wished, T_wished, asked[0], asked[1])
-    return _moved(last, T_wished, reached, dt_s)
+    pace = _moved(last, T_wished, reached, dt_s)
+    return replace(pace, lags=most.is_behind(_between(pace.T_base_flange, T_wished)))
 
 
 def brake(limits: Limits, before: Pace, dt_s: float) -> Pace:
@@ -112,6 +115,12 @@ class _Most:
         half_rad = 0.5 * self.limits.accel_rad_s2 * self.dt_s
         fastest = sqrt(half * (half + 4.0 * way)) - half
         return _share(pair, fastest, sqrt(half_rad * (half_rad + 4.0 * turn)) - half_rad)
+
+    def is_behind(self, pair: Array) -> bool:
+        limits, dt_s = self.limits, self.dt_s
+        way_m = limits.speed_m_s * max(dt_s, 0.5 * limits.speed_m_s / limits.accel_m_s2)
+        turn_rad = limits.speed_rad_s * max(dt_s, 0.5 * limits.speed_rad_s / limits.accel_rad_s2)
+        return _size(pair[0]) > way_m or _size(pair[1]) > turn_rad
 
 
 def _share(pair: Array, most: float, most_rad: float) -> float:

@@ -3,6 +3,10 @@
 A command counts while it is fresh and carries a permission. Once a permission was missed or taken
 away, its lease is dead: whatever comes under it later is refused, until the arbiter opens a new
 lease (and it does so only when a person arms again). So nothing resumes by itself after a freeze.
+
+Under one lease the arm passes from owner to owner; each has a turn with a number of its own. The
+number is echoed, and neither leases nor turns of one arbiter go back: what belongs to an owner
+before is refused, and kills the lease, because only a stranger would send it.
 """
 
 from dataclasses import dataclass
@@ -34,6 +38,7 @@ class CommandGate:
         self._accepted: Accepted | None = None
         self._live_lease: tuple[int, int] | None = None  # arbiter's epoch, lease
         self._dead_lease: tuple[int, int] | None = None
+        self._newest = (0, 0, 0)  # arbiter's epoch, lease, turn
         self._dead_reason, self._dead_code = "", ""
 
     def judge(self, reading: Reading[RobotCommand], now_ns: int) -> Verdict:
@@ -50,13 +55,18 @@ class CommandGate:
         lease = (header.epoch, command.permission.lease)
         if lease == self._dead_lease:
             return self._hold(f"lease {lease[1]} ended: {self._dead_reason}", self._dead_code)
-        self._live_lease = lease
+        newest = (header.epoch, command.permission.lease, command.permission.turn)
+        if newest[0] == self._newest[0] and newest < self._newest:
+            reason = f"lease {newest[1]} turn {newest[2]} is over"
+            return self._refuse(reason, "no_lease")
+        self._live_lease, self._newest = lease, newest
         previous = self._accepted
         is_new = previous is None or (previous.epoch, previous.seq) != (header.epoch, header.seq)
         if is_new:
             self._accepted = Accepted(
                 epoch=header.epoch,
                 seq=header.seq,
+                turn=command.permission.turn,
                 at_ns=now_ns,
                 sensor_stamp_ns=header.sensor_stamp_ns,
                 sensor_seq=header.sensor_seq,

@@ -1,51 +1,41 @@
 """Decides who may move the arm, and how far. Holds the state; knows neither bus nor clock."""
 
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
-import pinocchio as pin
 
 from common.cell import Cell
 from common.clock import NS_PER_S
-from common.convert import pose_of, record_of, vec3
-from common.faults import clipped, refusal, refused, tripped
-from common.frames import Array
-from common.limits import Limits, check_step, check_tether, check_workspace, limit_speed
+from common.convert import pose_of, record_of
+from common.faults import FAULTS, clipped, refusal, refused, tripped
+from common.limits import Limits
 from common.messages import (
     ArbiterState,
     ArbiterStatus,
-    Commander,
     Goal,
-    Host,
     MoveRequest,
     Permission,
     Purpose,
-    RegulatorTarget,
     Reply,
     RobotCommand,
-    RobotState,
     Speed,
     Trip,
 )
+from common.motion_limits import JointTrack
 from services.arbiter import inputs as known
-from services.arbiter.goals import goal_trip
+from services.arbiter import stops
+from services.arbiter.bounds import Bounds
+from services.arbiter.commanders import Commanders, Step
+from services.arbiter.goals import real_speed_m_s, speed_of, speed_trip
 from services.arbiter.inputs import Inputs
 from services.arbiter.preflight import Terms, complaints, lasting
 from services.arbiter.reports import lines, recent
 from services.arbiter.states import CLEARS, MAY_MOVE, after
+from services.arbiter.stream import Moment
+from services.arbiter.turns import REST_S, Claim
 
-
-@dataclass(frozen=True, slots=True)
-class Motion:
-    """What the present lease is used for."""
-
-    commander: Commander = "none"
-    goal: Goal | None = None
-    speed: Speed | None = None  # of this goal, where the move asked for its own
-    T_base_flange: pin.SE3 | None = None  # last set point that was let through
-
-
-IDLE_MOTION = Motion()
+LONGEST_GAP_PERIODS = 3.0  # after a longer one, set points go on as if it had been so long
+LEAST_REPORTS = 3.0  # of the robot, in which it must have been at rest
 
 
 class Arbiter:
@@ -55,21 +45,20 @@ class Arbiter:
         """Start in BOOT with nothing known."""
         self.state: ArbiterState = "BOOT"
         self.trips: tuple[Trip, ...] = ()
-        self._limits = Limits.of(cell)
         self._deadline_s = command_deadline_s
-        self._T_flange_tcp = cell.tool.T_flange_tcp.pose
-        self._terms = Terms.of(cell)
+        self._longest_gap_s = LONGEST_GAP_PERIODS / cell.rates.control_hz
+        self._terms, self._retreat = Terms.of(cell), stops.Retreat.of(cell)
+        self._bounds = Bounds(Limits.of(cell), cell.tool.T_flange_tcp.pose, np.zeros(3))
+        self._commanders = Commanders(max(REST_S, LEAST_REPORTS / cell.rates.robot_hz))
+        self._stopping: stops.Stopping | None = None
         self._speed = Speed()
-        self._motion = IDLE_MOTION
+        self._joints = JointTrack()
         self._lease = 0
         self._lease_since_ns = 0
         self._armed_for: Purpose = "all"
-        self._armed_at_m: Array = np.zeros(3)
         self._writers: known.Writers = {}  # of the inputs when the arm was armed
         self._good_since_ns: int | None = None
         self._last_ns = 0
-        self._goal_id = 0
-        self._regulator_rested = False  # seen stopped since arming and since the last goal
         self._not_ready: list[Trip] = [tripped("not_ready", "starting")]
 
     # --- every period ---------------------------------------------------------------------------
@@ -79,18 +68,25 @@ class Arbiter:
         dt_s = (inputs.now_ns - self._last_ns) / NS_PER_S if self._last_ns else 0.0
         self._last_ns = inputs.now_ns
         self._watch_readiness(inputs)
+        self._commanders.see(inputs.robot.fresh, inputs.now_ns)
         if self.state in MAY_MOVE:
             self._watch_motion(inputs)
-        if self.state in MAY_MOVE:
-            return self._follow(inputs, dt_s)
-        return RobotCommand(kind="hold", speed=self._speed, reason=self._hold_reason())
+        command = None
+        if self.state in MAY_MOVE and inputs.robot.fresh is not None:
+            T_measured, dt_s = pose_of(inputs.robot.fresh), min(dt_s, self._longest_gap_s)
+            command = self._move_on(inputs, Moment(T_measured, inputs.now_ns, dt_s))
+        return command or RobotCommand(kind="hold", speed=self._speed, reason=self._hold_reason())
 
     def status(self) -> ArbiterStatus:
         """Return what everybody may know."""
+        turn, claim = self._commanders.turn, self._commanders.claim
         return ArbiterStatus(
             state=self.state,
-            commander=self._motion.commander,
+            commander=turn.commander,
+            next_commander="none" if claim is None else claim.commander,
+            goal_id=self._commanders.goal_id,
             lease=self._lease,
+            turn=turn.number,
             armed_for=self._armed_for,
             trips=self.trips,
             not_ready=lines([trip.text for trip in self._not_ready]),
@@ -112,108 +108,123 @@ class Arbiter:
 
     def _watch_motion(self, inputs: Inputs) -> None:
         faults = known.fault_trips(inputs) or known.replaced_trips(inputs, self._writers)
-        if faults:
+        robot, wrench = inputs.robot, inputs.wrench.fresh
+        if faults or robot.fresh is None or robot.header is None or wrench is None:
             self._stop("fault", *faults)
             return
-        p_flange_tcp_m = vec3(np.asarray(self._T_flange_tcp.translation))
-        trip = known.limit_trip(inputs, self._limits, p_flange_tcp_m)
-        if inputs.robot.fresh is not None:  # a move of the joints has no end pose to judge before
-            p_now_m = np.array(inputs.robot.fresh.position_m)
-            trip = trip or check_tether(self._limits, self._armed_at_m, p_now_m)
-        trip = trip or known.robot_trip(inputs, self._lease_since_ns)
-        trip = trip or self._regulator_fails(inputs)
+        self._joints = self._joints.after(robot.header.stamp_ns, np.array(robot.fresh.joint_rad))
+        bounds = self._bounds
+        if self.state == "ACTIVE" and self._commanders.turn.stream is not None:
+            bounds = replace(bounds, limits=self._retreat.ceilings(bounds.limits))
+        trip = (
+            bounds.measured(robot.fresh, wrench, self._joints)
+            or known.robot_trip(inputs, self._lease_since_ns)
+            or self._regulator_fails(inputs)
+        )
         if trip is not None:
-            self._stop("hold", trip)
+            self._react(trip, inputs)
 
     def _regulator_fails(self, inputs: Inputs) -> Trip | None:
         target = inputs.target.message
-        if self._motion.commander != "regulator" or target is None:
+        if self._commanders.turn.commander != "regulator" or target is None:
             return None
         if target.valid or target.mode is None:
             return None
-        return tripped("regulator", f"the regulator gave up: {target.reason}")
+        row = FAULTS.get(target.code)
+        code = "regulator" if row is None or row.kind == "REFUSAL" else row.code
+        return tripped(code, f"the regulator gave up: {target.reason}")
 
-    # --- who commands -----------------------------------------------------------------------------
-
-    def _follow(self, inputs: Inputs, dt_s: float) -> RobotCommand:
+    def _move_on(self, inputs: Inputs, moment: Moment) -> RobotCommand | None:
+        """Return what the robot is to do; None when it turned out that it must hold."""
+        if self._stopping is not None:
+            return self._stop_softly(moment)
         robot, target = inputs.robot.fresh, inputs.target.fresh
-        if robot is None:  # cannot be: a stale robot has ended motion above
-            return RobotCommand(kind="hold", reason="robot/state is stale")
-        if target is None or self._motion.commander == "operator":
-            self._regulator_rested = target is None
-        if self._motion.commander == "regulator" and target is None:
-            self._end()
-        elif self._motion.commander == "operator":
-            self._watch_goal(robot)
-        elif self._may_begin(target):
-            self._begin(Motion("regulator", T_base_flange=pose_of(robot)))
-        if self._motion.commander == "regulator" and target is not None:
-            return self._pass_target(robot, target, dt_s)
-        if self._motion.commander == "operator":
-            return self._command("goal", goal=self._motion.goal)
-        return self._command("idle")
-
-    def _may_begin(self, target: RegulatorTarget | None) -> bool:
-        free = self._motion.commander == "none" and self._armed_for == "all"
-        return free and target is not None and self._regulator_rested
-
-    def _pass_target(self, robot: RobotState, target: RegulatorTarget, dt_s: float) -> RobotCommand:
-        before = self._motion.T_base_flange
-        if target.host == "controller" and target.feedback is not None:
-            self._motion = Motion("regulator", T_base_flange=pose_of(robot))
-            return self._command("feedback", host="controller", feedback=target.feedback)
-        if target.host == "controller" or target.pose is None or before is None:
-            return self._hold_for(tripped("regulator", "the target holds nothing to do"))
-        T_wanted, T_measured = pose_of(target.pose), pose_of(robot)
-        T_allowed = limit_speed(self._limits, before, T_wanted, dt_s)
-        trip = (
-            check_workspace(self._limits, T_allowed * self._T_flange_tcp)
-            or check_step(self._limits, T_measured, T_allowed)
-            or check_tether(self._limits, self._armed_at_m, np.asarray(T_allowed.translation))
+        if robot is None:
+            return None
+        step = self._commanders.step(
+            robot,
+            target if self._armed_for == "all" else None,
+            self._bounds,
+            moment,
+            told=self.trips,
         )
-        if trip is not None:
-            return self._hold_for(trip)
-        self._motion = Motion("regulator", T_base_flange=T_allowed)
-        limited = T_allowed is not T_wanted
-        return self._command("setpoint", pose=record_of(T_allowed), limited=limited)
+        self._note(step)
+        if step.stop is None:
+            return self._command(step)
+        self._react(step.stop, inputs)
+        return self._stop_softly(moment)
 
-    def _watch_goal(self, robot: RobotState) -> None:
-        goal = self._motion.goal
-        if goal is None or robot.goal.id != goal.id:
-            return
-        if robot.goal.state == "refused":
-            self.trips = (tripped("goal_refused", robot.goal.reason),)
-        if robot.goal.state in ("done", "refused"):
-            self._end()
+    def _note(self, step: Step) -> None:
+        self.state = after(self.state, step.event)
+        self.trips = self.trips if step.told is None else step.told
 
-    def _begin(self, motion: Motion) -> None:
-        self._motion, self.trips = motion, ()
-        self.state = after(self.state, "begin")
+    def _command(self, step: Step) -> RobotCommand:
+        turn = self._commanders.turn
+        content = {"host": "pc"} | step.content
+        permission = Permission(
+            host=content.pop("host"),
+            lease=self._lease,
+            turn=turn.number,
+            deadline_s=self._deadline_s,
+        )
+        return RobotCommand(
+            kind=step.kind,
+            commander=turn.commander,
+            speed=turn.speed or self._speed,
+            permission=permission,
+            **content,
+        )
 
-    def _end(self) -> None:
-        self._motion = IDLE_MOTION
-        self.state = after(self.state, "end")
+    # --- how motion ends --------------------------------------------------------------------------
+
+    def _react(self, trip: Trip, inputs: Inputs) -> None:
+        """End motion as the cause asks for: at once, or softly where set points are streamed."""
+        if FAULTS[trip.code].kind == "FAULT":
+            self._stop("fault", trip)
+        elif self._stopping is not None and stops.reaction_to(trip) == "fade":
+            return  # it comes to rest already
+        elif (soft := self._softly(trip, inputs)) is not None:
+            self._stopping, self.trips = soft, (trip,)
+            self.state = after(self.state, "soften")
+        else:
+            self._stop("hold", trip)
+
+    def _softly(self, trip: Trip, inputs: Inputs) -> stops.Stopping | None:
+        stream = self._commanders.turn.stream
+        if self._stopping is not None or stream is None:
+            return None
+        return stops.begin(
+            trip,
+            stream,
+            self._bounds,
+            retreat=self._retreat,
+            wrench=inputs.wrench.fresh,
+            now_ns=inputs.now_ns,
+        )
+
+    def _stop_softly(self, moment: Moment) -> RobotCommand | None:
+        """Let the set points come to rest; None once they have, or when they must not."""
+        if self._stopping is None:
+            return None
+        self._stopping = stopping = stops.step(self._stopping, self._bounds, moment)
+        self.trips = (stopping.trip,)
+        if stopping.done:
+            self._stop("hold")
+            return None
+        pose = record_of(stopping.pace.T_base_flange)
+        return self._command(Step("setpoint", {"pose": pose, "limited": True}))
 
     def _stop(self, event: str, *trips: Trip) -> None:
         """Latch. A second cause is added to the first one."""
-        latched = self.state not in MAY_MOVE
-        self.trips = recent((*self.trips, *trips) if latched else trips)
-        self._motion = IDLE_MOTION
+        stopped = self._stopping is not None or self.state not in MAY_MOVE
+        self.trips = recent((*self.trips, *trips) if stopped else trips)
+        self._commanders.drop()
+        self._stopping = None
         self.state = after(self.state, event)
-
-    def _hold_for(self, trip: Trip) -> RobotCommand:
-        self._stop("hold", trip)
-        return RobotCommand(kind="hold", speed=self._speed, reason=self._hold_reason())
 
     def _hold_reason(self) -> str:
         cause = self.trips[-1].text if self.trips else "not armed"
         return clipped(f"the arbiter is {self.state}: {cause}")
-
-    def _command(self, kind: str, *, host: Host = "pc", **content: object) -> RobotCommand:
-        permission = Permission(host=host, lease=self._lease, deadline_s=self._deadline_s)
-        speed = self._motion.speed or self._speed
-        fields = {"kind": kind, "commander": self._motion.commander, "speed": speed}
-        return RobotCommand.model_validate({**fields, "permission": permission, **content})
 
     # --- requests ---------------------------------------------------------------------------------
 
@@ -230,12 +241,12 @@ class Arbiter:
         if not_ready or robot is None:
             texts = "; ".join(why.text for why in not_ready)
             return refused(not_ready[0].model_copy(update={"text": clipped(texts)}))
-        self._armed_for = purpose
-        self.state, self.trips, self._motion = after(self.state, "arm"), (), IDLE_MOTION
+        self._armed_for, self._joints = purpose, JointTrack()
+        self._commanders.drop()
+        self.state, self.trips = after(self.state, "arm"), ()
         self._lease += 1
-        self._regulator_rested = False
         self._lease_since_ns = inputs.now_ns
-        self._armed_at_m = np.array(robot.position_m)
+        self._bounds = replace(self._bounds, armed_at_m=np.array(robot.position_m))
         self._writers = known.writers(inputs)
         return Reply(accepted=True, text=f"armed, lease {self._lease}")
 
@@ -254,47 +265,19 @@ class Arbiter:
 
     def set_speed(self, speed: Speed) -> Reply:
         """Set the speeds of the moves to come."""
-        if (trip := self._speed_trip(speed)) is not None:
+        if (trip := speed_trip(speed, self._bounds.limits)) is not None:
             return refused(trip)
-        self._speed = speed
-        real_m_s = speed.mechanical_m_s * speed.modular_fraction
+        self._speed, real_m_s = speed, real_speed_m_s(speed)
         return Reply(accepted=True, text=f"moves run at {real_m_s * 1e3:.1f} mm/s", value=real_m_s)
 
-    def _speed_trip(self, speed: Speed) -> Trip | None:
-        real_m_s = speed.mechanical_m_s * speed.modular_fraction
-        if real_m_s <= self._limits.speed_m_s:
-            return None
-        text = "mechanical times modular speed is above limits.speed_m_s"
-        return tripped("speed", text, value=real_m_s, limit=self._limits.speed_m_s)
-
     def move(self, request: MoveRequest, inputs: Inputs) -> Reply:
-        """Give the robot a goal."""
+        """Give somebody the arm for a move, as soon as it rests."""
         robot = inputs.robot.fresh
-        if self.state not in MAY_MOVE or robot is None:
-            text = f"the arbiter is {self.state}: {CLEARS[self.state]}"
-            return refusal("not_armed", text)
-        if self._motion.commander != "none":
-            text = f"the {self._motion.commander} commands the arm; stop that first"
-            return refusal("busy", text)
-        trip = goal_trip(
-            request,
-            robot,
-            limits=self._limits,
-            T_flange_tcp=self._T_flange_tcp,
-            armed_at_m=self._armed_at_m,
-        )
-        if trip is not None:
-            return refused(trip)
-        speed = self._speed
-        if request.speed_m_s is not None:
-            own = {"mechanical_m_s": request.speed_m_s, "modular_fraction": 1.0}
-            speed = speed.model_copy(update=own)
-        if (trip := self._speed_trip(speed)) is not None:
-            return refused(trip)
-        # Above what the robot reports too: an arbiter that restarted must not repeat a number.
-        self._goal_id = max(self._goal_id, robot.goal.id) + 1
-        goal = Goal(
-            id=self._goal_id, kind=request.kind, pose=request.pose, joint_rad=request.joint_rad
-        )
-        self._begin(Motion("operator", goal=goal, speed=speed))
-        return Reply(accepted=True, text=f"goal {goal.id}", value=float(goal.id))
+        if self.state not in MAY_MOVE or self._stopping is not None or robot is None:
+            return refusal("not_armed", f"the arbiter is {self.state}: {CLEARS[self.state]}")
+        goal = Goal(id=0, kind=request.kind, pose=request.pose, joint_rad=request.joint_rad)
+        speed = speed_of(request, self._speed)
+        claim = Claim(request.commander, request, goal, speed, inputs.now_ns)
+        reply, step = self._commanders.ask(request, robot, self._bounds, claim)
+        self._note(step)
+        return reply

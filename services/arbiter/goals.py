@@ -1,42 +1,51 @@
 """Whether a move that somebody asks for may be tried at all. Pure."""
 
 import numpy as np
-import pinocchio as pin
 
 from common.convert import pose_of
 from common.faults import tripped
-from common.frames import Array
-from common.limits import Limits, check_joints, check_tether, check_workspace
-from common.messages import MoveRequest, RobotState, Trip
+from common.limits import Limits, check_joints
+from common.messages import MoveRequest, RobotState, Speed, Trip
+from services.arbiter.bounds import Bounds
 
 
-def goal_trip(
-    request: MoveRequest,
-    robot: RobotState,
-    *,
-    limits: Limits,
-    T_flange_tcp: pin.SE3,
-    armed_at_m: Array,
-) -> Trip | None:
+def goal_trip(request: MoveRequest, robot: RobotState, bounds: Bounds) -> Trip | None:
     """Return the rule that a move would break at its end, or None.
 
     Args:
         request: The move.
         robot: Where the arm is.
-        limits: The cell's limits.
-        T_flange_tcp: Tool centre point in the flange.
-        armed_at_m: Flange position at which the arm was armed, base axes. Shape (3,).
+        bounds: Where it may go.
     """
     if request.kind == "pose":
         if request.pose is None:
             return tripped("malformed", "a move to a pose needs a pose")
-        T_base_flange = pose_of(request.pose)
-        return check_workspace(limits, T_base_flange * T_flange_tcp) or check_tether(
-            limits, armed_at_m, np.asarray(T_base_flange.translation)
-        )
+        return bounds.place(pose_of(request.pose))
     if request.joint_rad is None:
         return tripped("malformed", f"a move of kind {request.kind} needs joint_rad")
     joint_rad = np.array(request.joint_rad)
     if request.kind == "by":
         joint_rad = joint_rad + np.array(robot.joint_rad)
-    return check_joints(limits, joint_rad)
+    return check_joints(bounds.limits, joint_rad)
+
+
+def speed_of(request: MoveRequest, usual: Speed) -> Speed:
+    """Return the speeds of a move: its own, where it asks for one."""
+    if request.speed_m_s is None:
+        return usual
+    own = {"mechanical_m_s": request.speed_m_s, "modular_fraction": 1.0}
+    return usual.model_copy(update=own)
+
+
+def real_speed_m_s(speed: Speed) -> float:
+    """Return how fast a move runs: mechanical times modular (specification 1.4 e)."""
+    return speed.mechanical_m_s * speed.modular_fraction
+
+
+def speed_trip(speed: Speed, limits: Limits) -> Trip | None:
+    """Return why a move must not be so fast, or None."""
+    real_m_s = real_speed_m_s(speed)
+    if real_m_s <= limits.speed_m_s:
+        return None
+    text = "mechanical times modular speed is above limits.speed_m_s"
+    return tripped("speed", text, value=real_m_s, limit=limits.speed_m_s)

@@ -108,16 +108,16 @@ def test_speed_decides_how_long_a_move_takes(lab: Lab) -> None:
     assert modular_s == pytest.approx(half_s, rel=0.05)
 
 
-def test_a_start_during_a_move_is_refused_and_a_move_during_force_feedback_too(lab: Lab) -> None:
-    """One commander: the first one, until it is done or stopped."""
+def test_a_start_during_a_move_is_refused_and_so_is_a_second_move(lab: Lab) -> None:
+    """One commander: who has the arm keeps it against his like, until it is done or stopped."""
     lab.lift()
     wanted = ForceStartRequest(mode="position", setpoint_N=PRESS_N)
     assert lab.ask(topics.FORCE_START, wanted).code == "busy"
+    assert lab.ask(topics.MOVE, MoveRequest(kind="pose", pose=lab.target(z_m=0.02))).code == "busy"
     finish(lab)
     lab.assert_still(0.3)
     assert lab.ask(topics.FORCE_START, wanted).accepted
     lab.cell.advance(0.1)
-    assert lab.ask(topics.MOVE, MoveRequest(kind="pose", pose=lab.target(z_m=0.02))).code == "busy"
     assert lab.status.commander == "regulator"
 
 

@@ -1,0 +1,57 @@
+"""Where the arm may go since it was armed, and how the measured arm is judged by it. Pure."""
+
+from dataclasses import dataclass, replace
+from math import radians
+
+import numpy as np
+import pinocchio as pin
+
+from common.convert import pose_of
+from common.frames import Array
+from common.limits import (
+    Limits,
+    check_joint_speed,
+    check_joints,
+    check_tether,
+    check_workspace,
+    check_wrench,
+)
+from common.messages import RobotState, Trip, WrenchAtTcp
+from common.motion_limits import JointTrack
+
+MEASURED_SLACK_RAD = radians(0.5)  # an arm that rests on a joint's limit is measured beside it
+
+
+@dataclass(frozen=True, slots=True)
+class Bounds:
+    """The cell's limits, tied to where the arm was armed."""
+
+    limits: Limits
+    T_flange_tcp: pin.SE3
+    armed_at_m: Array  # flange in base. Shape (3,).
+
+    def place(self, T_base_flange: pin.SE3) -> Trip | None:
+        """Judge where a flange pose lies: its tool in the workspace, itself on the tether."""
+        trip = check_workspace(self.limits, T_base_flange * self.T_flange_tcp)
+        return trip or check_tether(
+            self.limits, self.armed_at_m, np.asarray(T_base_flange.translation)
+        )
+
+    def measured(self, robot: RobotState, wrench: WrenchAtTcp, joints: JointTrack) -> Trip | None:
+        """Judge the arm as it is: load, place, joints and how fast they turn.
+
+        Moves of the joints have no end pose to judge before, so what is measured counts.
+        """
+        slack = self.limits.joint_min_rad - MEASURED_SLACK_RAD
+        wide = replace(
+            self.limits,
+            joint_min_rad=slack,
+            joint_max_rad=self.limits.joint_max_rad + MEASURED_SLACK_RAD,
+        )
+        speed_rad_s = joints.speed_rad_s
+        return (
+            check_wrench(self.limits, np.array(wrench.force_N), np.array(wrench.torque_Nm))
+            or self.place(pose_of(robot))
+            or check_joints(wide, robot.joint_rad)
+            or (None if speed_rad_s is None else check_joint_speed(self.limits, speed_rad_s))
+        )

@@ -1,0 +1,184 @@
+"""Who has the arm, who gets it next, and what that one wants of the robot. Pure.
+
+Whoever takes the arm begins when the robot has said, under the new turn, that it rests: goals
+start from there, and set points at the measured pose at zero speed. So no hand-over jumps.
+"""
+
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal
+
+from common.clock import NS_PER_S
+from common.convert import pose_of, record_of
+from common.faults import refusal, refused, tripped
+from common.messages import Commander, Goal, MoveRequest, RegulatorTarget, Reply, RobotState, Trip
+from services.arbiter.bounds import Bounds
+from services.arbiter.goals import goal_trip, speed_trip
+from services.arbiter.ranks import goes_before
+from services.arbiter.stream import Moment, Stream, begin, faded, follow
+from services.arbiter.turns import SETTLE_WITHIN_S, Claim, Rest, Turn
+
+NOTHING_TO_DO = "the target holds nothing to do"
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """What the robot is to do in this period, and what has changed."""
+
+    kind: Literal["idle", "goal", "setpoint", "feedback"] = "idle"
+    content: dict[str, Any] = field(default_factory=dict)  # of the command
+    event: Literal["", "take", "begin", "end"] = ""  # of the table of states
+    told: tuple[Trip, ...] | None = None  # what everybody is told from now on; None: as before
+    stop: Trip | None = None  # why motion must end
+
+
+class Commanders:
+    """One owner at a time, and at most one who waits."""
+
+    def __init__(self, rest_needed_s: float) -> None:
+        """Begin with nobody."""
+        self.turn = Turn()
+        self.claim: Claim | None = None
+        self._rest = Rest()
+        self._rest_needed_s = rest_needed_s
+        self._last_goal_id = 0
+        self._regulator_rested = False  # seen stopped since arming and since the last goal
+
+    @property
+    def goal_id(self) -> int:
+        """The move in hand or the one that waits; 0 for none."""
+        goal = self.turn.goal if self.claim is None else self.claim.goal
+        return 0 if goal is None else goal.id
+
+    def see(self, robot: RobotState | None, now_ns: int) -> None:
+        """Look whether the arm rests."""
+        self._rest = self._rest.seen(robot, self.turn, now_ns)
+
+    def drop(self) -> None:
+        """End what is under way and what waits: the arm is stopped, or armed anew."""
+        self.turn, self.claim, self._regulator_rested = self.turn.next(), None, False
+
+    # --- who asks ---------------------------------------------------------------------------------
+
+    def ask(
+        self, request: MoveRequest, robot: RobotState, bounds: Bounds, claim: Claim
+    ) -> tuple[Reply, Step]:
+        """Let somebody have the arm for a move: at once when it rests and is free."""
+        holder = self.turn.commander if self.claim is None else self.claim.commander
+        if not goes_before(request.commander, holder):
+            return refusal("busy", f"the {holder} commands the arm; stop that first"), Step()
+        trip = goal_trip(request, robot, bounds) or speed_trip(claim.speed, bounds.limits)
+        if trip is not None:
+            return refused(trip), Step()
+        # Above what the robot reports too: an arbiter that restarted must not repeat a number.
+        self._last_goal_id = max(self._last_goal_id, robot.goal.id) + 1
+        self.claim = replace(claim, goal=claim.goal.model_copy(update={"id": self._last_goal_id}))
+        reply = Reply(
+            accepted=True, text=f"goal {self._last_goal_id}", value=float(self._last_goal_id)
+        )
+        return reply, self._take(self.claim, holder, robot, bounds)
+
+    def _take(self, claim: Claim, holder: Commander, robot: RobotState, bounds: Bounds) -> Step:
+        text = f"the {claim.commander} took the arm from the {holder}"
+        told = () if holder == "none" else (tripped("preempted", text),)
+        if self.turn.commander != "none":
+            self.turn, self._rest = self.turn.next(), Rest()
+        if self._rests(claim.since_ns):
+            return self._begin(claim, robot, bounds, told)
+        return Step(event="take", told=told)
+
+    def _rests(self, now_ns: int) -> bool:
+        return self._rest.lasts_s(now_ns) >= self._rest_needed_s
+
+    def _begin(
+        self, claim: Claim, robot: RobotState, bounds: Bounds, told: tuple[Trip, ...]
+    ) -> Step:
+        self.claim = None
+        trip = goal_trip(claim.request, robot, bounds)  # angles count from where the arm rests
+        if trip is not None:
+            return Step(event="end", told=(*told, tripped("goal_refused", trip.text)))
+        turn = replace(self.turn, commander=claim.commander, goal=claim.goal, speed=claim.speed)
+        self.turn = turn
+        return self._pursue(claim.goal, event="begin", told=told)
+
+    # --- every period -----------------------------------------------------------------------------
+
+    def step(
+        self,
+        robot: RobotState,
+        target: RegulatorTarget | None,
+        bounds: Bounds,
+        moment: Moment,
+        *,
+        told: tuple[Trip, ...],
+    ) -> Step:
+        """Return what the robot is to do.
+
+        Args:
+            robot: Where the arm is.
+            target: What the regulator proposes; None while it is stopped or may not command.
+            bounds: Where the arm may go.
+            moment: This period.
+            told: What everybody has been told so far.
+        """
+        if target is None or self.turn.goal is not None or self.claim is not None:
+            self._regulator_rested = target is None
+        if self.claim is not None:
+            return self._settle(self.claim, robot, bounds, now_ns=moment.now_ns, told=told)
+        if self.turn.goal is not None:
+            return self._watch(self.turn.goal, robot)
+        if self.turn.commander == "regulator":
+            return self._regulate(target, bounds, moment)
+        if target is None or not self._regulator_rested:
+            return Step()
+        if not self._rests(moment.now_ns):  # until it may begin, the regulator goes on from here
+            return Step(content={"pose": record_of(moment.T_measured), "limited": True})
+        stream = begin(moment.T_measured) if target.host == "pc" else None
+        self.turn = replace(self.turn, commander="regulator", host=target.host, stream=stream)
+        return replace(self._regulate(target, bounds, moment), event="begin", told=())
+
+    def _settle(
+        self,
+        claim: Claim,
+        robot: RobotState,
+        bounds: Bounds,
+        *,
+        now_ns: int,
+        told: tuple[Trip, ...],
+    ) -> Step:
+        if self._rests(now_ns):
+            return self._begin(claim, robot, bounds, told)
+        if now_ns - claim.since_ns <= SETTLE_WITHIN_S * NS_PER_S:
+            return Step()
+        text = f"the arm is not at rest {SETTLE_WITHIN_S:g} s after the {claim.commander} asked"
+        return Step(stop=tripped("handover", text))
+
+    def _watch(self, goal: Goal, robot: RobotState) -> Step:
+        if robot.goal.id != goal.id or robot.goal.state not in {"done", "refused"}:
+            return self._pursue(goal)
+        refused_goal = (tripped("goal_refused", robot.goal.reason),)
+        return self._end(refused_goal if robot.goal.state == "refused" else None)
+
+    def _pursue(self, goal: Goal, **changed: Any) -> Step:
+        return Step("goal", {"goal": goal}, **changed)
+
+    def _end(self, told: tuple[Trip, ...] | None = None) -> Step:
+        self.turn = self.turn.next()
+        return Step(event="end", told=told)
+
+    def _regulate(self, target: RegulatorTarget | None, bounds: Bounds, moment: Moment) -> Step:
+        stream = self.turn.stream
+        if target is None and stream is not None and not stream.pace.is_still:
+            return self._set_point(faded(stream, bounds, moment.dt_s))  # it was stopped: no jerk
+        if target is None or target.host != self.turn.host:
+            return self._end()
+        if stream is None and target.feedback is not None:
+            return Step("feedback", {"host": "controller", "feedback": target.feedback})
+        if stream is None or target.pose is None:
+            return Step(stop=tripped("regulator", NOTHING_TO_DO))
+        stream, trip = follow(stream, pose_of(target.pose), bounds, moment)
+        return self._set_point(stream) if trip is None else Step(stop=trip)
+
+    def _set_point(self, stream: Stream) -> Step:
+        self.turn, pace = replace(self.turn, stream=stream), stream.pace
+        pose = record_of(pace.T_base_flange)
+        return Step("setpoint", {"pose": pose, "limited": pace.lags})

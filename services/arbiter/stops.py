@@ -1,0 +1,120 @@
+"""How the arm is stopped, by the code of the cause, as one table. Pure.
+
+hold     the permission is taken away at once and the robot brakes; for every code not listed
+fade     streamed set points come to rest at the limit of acceleration, then hold
+retreat  where the cell asks for it, the tool goes back a little along its axis, then hold
+
+Only set points that the regulator streams can fade or go back: any other motion is held.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+import pinocchio as pin
+
+from common.cell import Cell
+from common.clock import NS_PER_S
+from common.faults import clipped
+from common.limits import Limits
+from common.messages import Trip, WrenchAtTcp
+from common.motion_limits import Pace, brake, limit_motion
+from services.arbiter.bounds import Bounds
+from services.arbiter.stream import Moment, Stream
+
+Reaction = Literal["hold", "fade", "retreat"]
+
+# fmt: off
+REACTIONS: dict[str, Reaction] = {
+    "workspace":   "fade",
+    "tether":      "fade",
+    "joint_speed": "fade",
+    "regulator":   "fade",
+    "travel":      "fade",
+    "force":       "retreat",
+    "torque":      "retreat",
+}
+# fmt: on
+RETREAT_FROM = 0.8  # of a ceiling: the robot's own check of the whole one would cut it off
+RETREAT_WITHIN_S = 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class Retreat:
+    """What the cell allows of a retreat; no way means none."""
+
+    way_m: float
+    speed_m_s: float
+
+    @classmethod
+    def of(cls, cell: Cell) -> "Retreat":
+        """Take it out of a cell file."""
+        return cls(cell.force.retreat_m, cell.force.retreat_m_s)
+
+    def ceilings(self, limits: Limits) -> Limits:
+        """Return limits with the ceilings at which a retreat begins, where there is one."""
+        if self.way_m <= 0.0:
+            return limits
+        force_N, torque_Nm = RETREAT_FROM * limits.force_N, RETREAT_FROM * limits.torque_Nm
+        return replace(limits, force_N=force_N, torque_Nm=torque_Nm)
+
+
+@dataclass(frozen=True, slots=True)
+class Stopping:
+    """A soft stop under way: the cause, and how the set points come to rest."""
+
+    trip: Trip
+    pace: Pace
+    since_ns: int
+    speed_m_s: float = 0.0  # of a retreat
+    T_back: pin.SE3 | None = None  # where a retreat goes; None for a fade
+    way_m: float = 0.0  # that a retreat goes
+    done: bool = False
+
+
+def reaction_to(trip: Trip) -> Reaction:
+    """Return how motion ends for this cause."""
+    return REACTIONS.get(trip.code, "hold")
+
+
+def begin(
+    trip: Trip,
+    stream: Stream,
+    bounds: Bounds,
+    *,
+    retreat: Retreat,
+    wrench: WrenchAtTcp | None,
+    now_ns: int,
+) -> Stopping | None:
+    """Return the soft stop for a cause; None when the arm is to be held at once.
+
+    A retreat needs a valid wrench that pushes against the way in which the tool presses.
+    """
+    reaction, pace = reaction_to(trip), stream.pace
+    if reaction == "fade" and not pace.is_still:
+        return Stopping(trip, pace, now_ns)
+    if reaction != "retreat" or retreat.way_m <= 0.0 or wrench is None:
+        return None
+    T = pace.T_base_flange
+    press_axis = (T * bounds.T_flange_tcp).rotation[:, 2]
+    if float(np.array(wrench.force_N) @ press_axis) >= 0.0:
+        return None
+    T_back = pin.SE3(T.rotation, T.translation - retreat.way_m * press_axis)
+    return Stopping(trip, pace, now_ns, retreat.speed_m_s, T_back, retreat.way_m)
+
+
+def step(stopping: Stopping, bounds: Bounds, moment: Moment) -> Stopping:
+    """Return the stop one period later; when it is done, the trip tells both facts."""
+    if stopping.T_back is None:
+        pace = brake(bounds.limits, stopping.pace, moment.dt_s)
+        return replace(stopping, pace=pace, done=pace.is_still)
+    slow = replace(bounds.limits, speed_m_s=stopping.speed_m_s)
+    pace = limit_motion(slow, stopping.pace, stopping.T_back, moment.dt_s)
+    late = moment.now_ns - stopping.since_ns > RETREAT_WITHIN_S * NS_PER_S
+    done = late or (pace.is_still and pace.is_there) or bounds.place(pace.T_base_flange)
+    if not done:
+        return replace(stopping, pace=pace)
+    left_m = np.linalg.norm(stopping.T_back.translation - stopping.pace.T_base_flange.translation)
+    text = f"{stopping.trip.text}; the tool went back {(stopping.way_m - left_m) * 1e3:.1f} mm"
+    trip = stopping.trip.model_copy(update={"text": clipped(text)})
+    return replace(stopping, trip=trip, done=True)

@@ -17,7 +17,12 @@ from services.gateway.round_trips import Rate, Turns
 LOOPS_SPAN = 1_000_000  # the loop counter of 103 goes round there
 
 # Bits without which the controller cannot obey, bits with which it will not, and their faults.
-NEEDED = {Status.MOTOR_POWER: "robot_motors", Status.PROGRAM_RUNNING: "robot_program"}
+NEEDED = {
+    Status.MOTOR_POWER: "robot_motors",
+    Status.REPEAT_MODE: "robot_teach",
+    Status.TEACH_LOCK_OFF: "robot_lock",
+    Status.PROGRAM_RUNNING: "robot_program",
+}
 FORBIDDEN = {Status.WATCHDOG_LATCHED: "robot_latched", Status.ERROR: "robot_error"}
 
 
@@ -49,6 +54,7 @@ class Connection:
         """Join the two; `poll` connects. `kept` goes out after every hello and hold."""
         self.dialogue = dialogue
         self.errors = 0  # connections that ended because of what the controller sent
+        self.code = "robot_link"  # of `trouble`
         self.measured: Measured | None = None
         self.health: HealthReport | None = None
         self._wire = wire
@@ -84,6 +90,7 @@ class Connection:
             self._down()
         if news.lost:
             self._down()
+        self._watch(now_ns)
         return is_new
 
     def close(self, now_ns: int) -> None:
@@ -132,12 +139,26 @@ class Connection:
             found["monitor_speed_fraction"] = self.health.monitor_speed_fraction
         return {name: number for name, number in found.items() if number is not None}
 
+    def _watch(self, now_ns: int) -> None:
+        """Give up a line on which a hold would come later than the controller's own watchdog."""
+        sent_ns = self.dialogue.echoes.framed.oldest_ns
+        if not self.is_ready or sent_ns is None:
+            return
+        age_s = (now_ns - sent_ns) / NS_PER_S
+        if age_s > self._kept.watchdog_s:
+            limit_ms = self._kept.watchdog_s * 1e3
+            reason = f"a packet is on its way for {age_s * 1e3:.0f} ms, limit {limit_ms:.0f} ms"
+            self._wire.close(reason, now_ns)
+            self._down()
+            self.code = "link_slow"
+
     def _down(self) -> None:
         self._up, self._pose, self.measured, self.health = False, None, None, None
         self._samples, self._loops = Rate(), Turns(LOOPS_SPAN)
 
     def _take(self, event: Event, now_ns: int) -> bool:
         if isinstance(event, HelloReceived):
+            self.code = "robot_link"
             self._wire.greeted()
             self.send(self.dialogue.set_up(self._kept, now_ns), now_ns)
         elif isinstance(event, HealthReport):

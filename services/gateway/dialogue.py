@@ -231,7 +231,7 @@ class Dialogue:
         silence_s = (now_ns - self._last_sent_ns) * S_PER_NS
         if data or silence_s < self._pacing.heartbeat_after_s:
             return data
-        if self.unframed > self._pacing.max_unframed:  # on a slow line a hold would queue behind
+        if self.unframed:  # what is on its way is a beat; on a slow line a hold would queue behind
             return b""
         return self._send(now_ns, commands.HEARTBEAT)
 

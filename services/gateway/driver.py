@@ -14,7 +14,7 @@ from common.clock import NS_PER_S
 from common.convert import pose_of, vec3
 from common.endpoints import Reading
 from common.errors import RefusedError
-from common.limits import Limits, check_wrench
+from common.guard import Guard
 from common.messages import (
     Feedback,
     Goal,
@@ -25,12 +25,12 @@ from common.messages import (
     Vec3,
     WrenchAtTcp,
 )
-from common.packet_table import FEEDBACK_BITS
+from common.packet_table import FEEDBACK_BITS, Status
+from common.tracking import Tracking
 from services.gateway import goals
 from services.gateway.commands import ControllerLimits
 from services.gateway.dialogue import Dialogue
 from services.gateway.goals import Measured, Track
-from services.gateway.guard import Guard
 
 FEEDBACK_STARTS_WITHIN_S = 1.0
 CENTRE_STEP_M = 3e-3  # a smaller way of the point of contact is not worth a command
@@ -54,18 +54,23 @@ class Driver:
         send: Callable[[bytes, int], None],
         *,
         guard: Guard,
-        limits: Limits,
+        tracking: Tracking,
+        speed_m_s: float,
         kept: ControllerLimits,
         T_flange_tcp: pin.SE3,
     ) -> None:
-        """Start in hold, with nothing sent. `send` takes bytes and the time [ns]."""
+        """Start in hold, with nothing sent.
+
+        `send` takes bytes and the time [ns]; `speed_m_s` is what the controller follows set points
+        with at most.
+        """
         self._dialogue = dialogue
         self._send = send
         self._guard = guard
-        self._limits = limits
+        self._tracking = tracking
         self._kept = kept
         self._T_flange_tcp = T_flange_tcp
-        self._stream_speed = Speed(mechanical_m_s=limits.speed_m_s)
+        self._stream_speed = Speed(mechanical_m_s=speed_m_s)
         self._track = Track()
         self._running: Running | None = None
         self._streaming = False  # set points flow: the first one was the measured pose
@@ -87,9 +92,16 @@ class Driver:
         if self._track.on_the_way:
             self._track = self._track.ended("refused", reason)
         self._running, self._streaming = None, False
+        self._tracking.free()
         if not self._holding and self._dialogue.ready:
             self._holding = True
             self._send(self._dialogue.hold(now_ns), now_ns)
+
+    def watch(self, measured: Measured, now_ns: int) -> None:
+        """Judge a new report under permission. Raises RefusedError as `obey`."""
+        joint_rad, T = measured.joint_rad, measured.T_base_flange
+        _refuse(self._guard.arm(T, joint_rad, now_ns))
+        _refuse(self._tracking.judge(T, joint_rad, now_ns))
 
     def follow_goal(self, measured: Measured, now_ns: int) -> None:
         """Look what became of the goal."""
@@ -114,9 +126,7 @@ class Driver:
         if lease != self._lease:
             self._lease, self._track = lease, Track()
             self._guard.start(measured.T_base_flange)
-        if wrench.fresh is not None:
-            force_N, torque_Nm = wrench.fresh.force_N, wrench.fresh.torque_Nm
-            _refuse(check_wrench(self._limits, np.array(force_N), np.array(torque_Nm)))
+        _refuse(self._guard.wrench(wrench.fresh))
         if command.kind == "feedback":
             self._obey_feedback(command, wrench, now_ns)
             return
@@ -125,6 +135,9 @@ class Driver:
             self._pursue(command.goal, command.speed, measured, now_ns)
         elif command.kind != "setpoint":
             self._idle(now_ns)
+            self._streaming = False
+            moving = bool(measured.status & Status.MOVING)
+            self._tracking.rest(measured.T_base_flange, moving=moving)
         elif is_new:
             self._stream(command, measured, now_ns)
 
@@ -139,7 +152,7 @@ class Driver:
             self._idle(now_ns)
             self._track = goals.refused(goal, "a goal was on its way; it is braked")
             return
-        trip = self._guard.goal(goal, speed, measured.joint_rad)
+        trip = self._guard.goal(goal, speed, measured.T_base_flange, measured.joint_rad)
         if trip is not None:
             self._track = goals.refused(goal, trip.text)
         elif self._dialogue.feedback_active:
@@ -147,6 +160,7 @@ class Driver:
         else:
             self._send(self._goal_bytes(goal, speed, now_ns), now_ns)
             self._track = goals.sent(goal, self._dialogue.last_id, measured.joint_rad, now_ns)
+            self._expect(self._track, measured)
 
     def _goal_bytes(self, goal: Goal, speed: Speed, now_ns: int) -> bytes:
         if goal.kind == "pose" and goal.pose is not None:
@@ -165,7 +179,8 @@ class Driver:
             return
         if not self._streaming:
             self._idle(now_ns)
-            self._guard.seed(measured.T_base_flange, now_ns)
+            _refuse(self._guard.seed(measured.T_base_flange, now_ns))
+            self._tracking.stream(measured.T_base_flange, now_ns)
             self._send(self._dialogue.set_speed(self._stream_speed, now_ns), now_ns)
             self._dialogue.offer_setpoint(measured.T_base_flange)
             self._send(self._dialogue.tick(now_ns, permitted=True), now_ns)
@@ -173,6 +188,14 @@ class Driver:
         T_wanted = pose_of(command.pose)
         _refuse(self._guard.setpoint(T_wanted, measured.T_base_flange, now_ns))
         self._dialogue.offer_setpoint(T_wanted)
+        self._tracking.stream(T_wanted, now_ns)
+
+    def _expect(self, track: Track, measured: Measured) -> None:
+        """Tell where the arm will be on its way to a goal."""
+        if track.T_target is not None:
+            self._tracking.line(measured.T_base_flange, track.T_target)
+        elif track.joint_target_rad is not None:
+            self._tracking.turn(measured.joint_rad, track.joint_target_rad)
 
     def _idle(self, now_ns: int) -> None:
         """Permission without a motion: a goal that is still on its way is braked."""
@@ -190,6 +213,8 @@ class Driver:
             raise RefusedError("host", "force feedback needs a permission for host controller")
         if wrench.fresh is None or wrench.header is None:
             raise RefusedError(wrench.code or "invalid", wrench.fault)
+        _refuse(self._guard.feedback(feedback))
+        self._tracking.free()
         self._streaming = False
         self._idle(now_ns)
         if running is None:

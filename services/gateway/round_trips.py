@@ -57,6 +57,11 @@ class RoundTrips:
             self.last_s = took_ns / NS_PER_S
             self._times.append((now_ns, took_ns))
 
+    @property
+    def oldest_ns(self) -> int | None:
+        """When the oldest packet was sent whose echo has not come; None when none is missing."""
+        return self._under_way[0][1] if self._under_way else None
+
     def give_up(self) -> None:
         """Wait no more for what is under way: it was made void and will not be echoed."""
         self._under_way.clear()

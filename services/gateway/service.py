@@ -8,16 +8,16 @@ from common.clock import NS_PER_S
 from common.convert import record_of
 from common.endpoints import Bus
 from common.errors import ConfigError, LocalProtocolError, RefusedError
-from common.limits import Limits
+from common.guard import Guard
 from common.messages import LinkHealth, RobotState, RobotStatus
 from common.packet_table import ID_MAX, Status
 from common.permission import NO_COMMAND_YET, CommandGate, Verdict
+from common.tracking import Tracking
 from services.gateway.commands import ControllerLimits
 from services.gateway.connection import Connection, Wire
 from services.gateway.dialogue import Dialogue, Pacing
 from services.gateway.driver import Driver
 from services.gateway.goals import Measured
-from services.gateway.guard import Guard
 from services.gateway.link import Link, LinkSettings
 from services.gateway.scales import Scales
 
@@ -36,7 +36,7 @@ class Gateway:
         self.period_s = STEP_S
         self.fault = ""
         self._clock = bus.clock
-        limits, kept = Limits.of(cell), controller_limits(cell, section)
+        kept = controller_limits(cell, section)
         pacing = Pacing(
             max_untaken=section.max_untaken_setpoints, heartbeat_after_s=section.heartbeat_s
         )
@@ -51,8 +51,9 @@ class Gateway:
         self._driver = Driver(
             self._dialogue,
             self._connection.send,
-            guard=Guard(limits, cell.tool.T_flange_tcp.pose),
-            limits=limits,
+            guard=Guard(cell),
+            tracking=Tracking(cell),
+            speed_m_s=cell.limits.speed_m_s,
             kept=kept,
             T_flange_tcp=cell.tool.T_flange_tcp.pose,
         )
@@ -89,7 +90,7 @@ class Gateway:
         """Listen to the controller, obey or hold, say where the arm is."""
         is_new = self._connection.poll(now_ns)
         self.fault = self._connection.trouble(now_ns)
-        self._verdict = self._judge(now_ns)
+        self._verdict = self._judge(now_ns, is_new=is_new)
         if self._verdict.command is None:
             self._driver.hold(self._verdict.hold_reason, now_ns)
         measured = self._connection.measured
@@ -99,20 +100,22 @@ class Gateway:
 
     # --- obeying ----------------------------------------------------------------------------------
 
-    def _judge(self, now_ns: int) -> Verdict:
+    def _judge(self, now_ns: int, *, is_new: bool) -> Verdict:
         """Obey a permitted command; whatever stands in the way ends its lease."""
         verdict = self._gate.judge(self._command.read(now_ns), now_ns)
         measured = self._connection.measured
         if not self._connection.is_ready:
             self._driver.disconnected()
         if self.fault or measured is None:
-            return self._gate.revoke(self.fault, "robot_link")
+            return self._gate.revoke(self.fault, self._connection.code)
         if verdict.command is None:
             return verdict
         if (unfit := self._connection.unfit()) is not None:
             return self._gate.revoke(unfit.text, unfit.code)
         try:
             self._obey(verdict, measured, now_ns)
+            if is_new:
+                self._driver.watch(measured, now_ns)
         except LocalProtocolError as error:
             self._refusals += 1
             return self._gate.revoke(str(error), "unsendable")
@@ -150,7 +153,7 @@ class Gateway:
                 RobotState(
                     valid=False,
                     reason=self.fault[:400],
-                    code="robot_link",
+                    code=self._connection.code,
                     goal=self._driver.goal,
                     hold_reason=self._verdict.hold_reason[:400],
                     hold_code=self._verdict.hold_code,

@@ -16,9 +16,9 @@ from typing import Literal
 import numpy as np
 import pinocchio as pin
 
-from common.frames import Array
+from common.frames import Array, rotation_between
 from sim.robot.kinematics import MAX_SPEED_RAD_S, ArmKinematics
-from sim.robot.paths import JointPath, LinearPath, Path
+from sim.robot.paths import TURN_RADIUS_M, JointPath, LinearPath, Path
 
 MotionState = Literal["idle", "running", "braking", "done", "refused", "stream"]
 
@@ -45,14 +45,18 @@ class MotionGenerator:
     and `setpoint` return an empty string, or the reason why they did nothing.
     """
 
-    def __init__(self, kinematics: ArmKinematics, q_start: Array) -> None:
-        """Stand still at q_start [rad]. Shape (6,)."""
+    def __init__(
+        self, kinematics: ArmKinematics, q_start: Array, *, stream_m_s: float = math.inf
+    ) -> None:
+        """Stand still at q_start [rad], shape (6,); streamed poses are followed at this speed."""
         self._kinematics = kinematics
         self._path: Path | None = None
         self._speed = MotionSpeed()
         self._share, self._share_speed = 0.0, 0.0  # s and ds/dt of the path
         self.q_command: Array = np.array(q_start, dtype=float)
         self._q_stream: Array = self.q_command.copy()
+        self._stream_m_s = stream_m_s
+        self._stream_s = 0.0  # that the way to the streamed pose takes at this speed
         self.state: MotionState = "idle"
         self.reason = ""  # why the last goal was refused on its way
 
@@ -97,6 +101,7 @@ class MotionGenerator:
         if result.q is None:
             return result.reason
         self._q_stream, self.state, self.reason = result.q, "stream", ""
+        self._stream_s = self._time_s(T_base_flange)
         return ""
 
     def brake(self) -> None:
@@ -112,9 +117,17 @@ class MotionGenerator:
             self._follow(dt_s)
         elif self.state == "stream":
             way = self._q_stream - self.q_command
-            ticks_needed = _time_at_full_speed_s(way) / dt_s
+            ticks_needed = max(_time_at_full_speed_s(way), self._stream_s) / dt_s
             self.q_command = self.q_command + way / max(1.0, ticks_needed)
+            self._stream_s = max(0.0, self._stream_s - dt_s)
         return self.q_command.copy()
+
+    def _time_s(self, T_wanted: pin.SE3) -> float:
+        """Return how long the flange takes to a streamed pose, turning as on a goal."""
+        T = self._kinematics.flange_pose(self.q_command)
+        way_m = float(np.linalg.norm(T_wanted.translation - T.translation))
+        turn_rad = float(np.linalg.norm(rotation_between(T.rotation, T_wanted.rotation)))
+        return max(way_m, TURN_RADIUS_M * turn_rad) / self._stream_m_s
 
     def _start(self, path: Path, speed: MotionSpeed) -> str:
         self._path, self._speed = path, speed
@@ -124,7 +137,8 @@ class MotionGenerator:
 
     def _brake_stream(self) -> None:
         """An ordinary stream has arrived and just stops; one that is behind is ramped down."""
-        needed_s = _time_at_full_speed_s(self._q_stream - self.q_command)
+        way = self._q_stream - self.q_command
+        needed_s = max(_time_at_full_speed_s(way), self._stream_s)
         self.state = "idle"
         if needed_s > 1e-9:
             path = JointPath(self._kinematics, self.q_command, self._q_stream)

@@ -1,27 +1,20 @@
 """The simulated robot on the bus: it takes the gateway's and the sensor's place, key by key."""
 
-import numpy as np
 import pinocchio as pin
 
 from common import topics
-from common.cell import Cell, SimSection
+from common.cell import Cell
+from common.cell_sim import SimSection
 from common.clock import NS_PER_S
-from common.convert import pose_of, record_of, vec6
+from common.convert import record_of, vec6
 from common.endpoints import Bus
 from common.errors import SimulationError
-from common.messages import (
-    Goal,
-    GoalReport,
-    GoalState,
-    LinkHealth,
-    RobotCommand,
-    RobotState,
-    RobotStatus,
-    Speed,
-)
-from common.permission import NO_COMMAND_YET, CommandGate, Verdict
+from common.messages import LinkHealth, RobotState, RobotStatus, Trip
+from common.permission import NO_COMMAND_YET, CommandGate
+from common.stream_budget import SPEED_MARGIN
 from sim.robot.arm import SimArm
-from sim.robot.motion import MotionGenerator, MotionSpeed
+from sim.robot.driver import SimDriver
+from sim.robot.motion import MotionGenerator
 from sim.robot.sensor_feed import SensorFeed
 from sim.robot.settings import TICK_S, SensorSettings, SimSettings
 from sim.robot.trace import wanted_trace
@@ -41,17 +34,18 @@ class SimRobot:
         self.trigger = None
         self.fault = ""
         self.arm = SimArm(sim_settings(cell, cell.sim), seed=cell.sim.seed)
-        self._motion = MotionGenerator(self.arm.kinematics, self.arm.q)
+        stream_m_s = SPEED_MARGIN * cell.limits.speed_m_s
+        self._motion = MotionGenerator(self.arm.kinematics, self.arm.q, stream_m_s=stream_m_s)
         self._gate = CommandGate()
         self._verdict = NO_COMMAND_YET
-        self._goal = GoalReport()
-        self._arbiter_epoch = 0
+        self._driver = SimDriver(cell, self.arm, self._motion)
         self._target_refused = False
-        self._seeded = True
+        self._refusals = 0
         self._state_ticks = max(1, round(1.0 / cell.rates.robot_hz / TICK_S))
         self._start_ns = bus.clock.now_ns()
         self._ticks_lost = 0
         self._command = bus.reader(topics.ROBOT_COMMAND)
+        self._wrench = bus.reader(topics.WRENCH)
         self._state = bus.publisher(topics.ROBOT_STATE)
         self._sensor = SensorFeed(bus.playing("sensor"), cell, self.arm)
         self._trace = wanted_trace(self.arm, bus.clock)
@@ -59,12 +53,16 @@ class SimRobot:
     def counters(self) -> dict[str, int]:
         """Return what was dropped or lost."""
         superseded = self._command.counters.superseded
-        return {"command_superseded": superseded, "ticks_lost": self._ticks_lost}
+        return {
+            "command_superseded": superseded,
+            "ticks_lost": self._ticks_lost,
+            "refusals": self._refusals,
+        }
 
     def step(self, now_ns: int) -> None:
         """Obey or hold, then let the physics catch up with the clock."""
         self._verdict = self._gate.judge(self._command.read(now_ns), now_ns)
-        self._obey(self._verdict)
+        self._obey(now_ns)
         elapsed = (now_ns - self._start_ns) // TICK_NS - self.arm.ticks - self._ticks_lost
         self._ticks_lost += max(0, elapsed - MOST_TICKS_PER_STEP)
         for _ in range(min(elapsed, MOST_TICKS_PER_STEP)):
@@ -77,77 +75,41 @@ class SimRobot:
         if self._trace is not None:
             self._trace.ticked()
         if self.arm.ticks % self._state_ticks == 0:
+            self._watch(self._start_ns + (self.arm.ticks + self._ticks_lost) * TICK_NS)
             self._put_state()
+
+    def _watch(self, at_ns: int) -> None:
+        """Look at the arm itself before each report."""
+        if self._verdict.command is not None:
+            trip = self._driver.watch(at_ns)
+            if trip is not None:
+                self._refuse(trip)
 
     # --- obeying --------------------------------------------------------------------------------
 
-    def _obey(self, verdict: Verdict) -> None:
-        command = verdict.command
-        if command is None:
-            self._hold()
-            return
-        self._seeded = False
-        if verdict.accepted is not None and verdict.accepted.epoch != self._arbiter_epoch:
-            # Another arbiter counts its goals anew: its first one is not the one that was done.
-            self._arbiter_epoch, self._goal = verdict.accepted.epoch, GoalReport()
-        if command.kind == "goal" and command.goal is not None:
-            self._pursue(command.goal, command.speed)
-        elif command.kind == "setpoint" and verdict.is_new:
-            self._follow(command)
-        elif command.kind == "feedback":
-            self._refuse("force feedback in the controller needs a controller, this is a bare arm")
-        elif command.kind == "idle" and self._motion.state == "running":
-            self._motion.brake()
-
-    def _hold(self) -> None:
-        """Brake; once at rest, command the measured pose, so that nothing is left to be done."""
-        self._motion.brake()
-        if self._goal.state == "running":
-            self._goal = self._goal.model_copy(
-                update={"state": "refused", "reason": self._verdict.hold_reason}
+    def _obey(self, now_ns: int) -> None:
+        """Obey a permitted command; whatever breaks a limit ends its lease."""
+        verdict = self._verdict
+        command, accepted = verdict.command, verdict.accepted
+        if command is not None and command.permission is not None and accepted is not None:
+            trip = self._driver.obey(
+                command,
+                lease=(accepted.epoch, command.permission.lease),
+                wrench=self._wrench.read(now_ns).fresh,
+                is_new=verdict.is_new,
+                now_ns=now_ns,
             )
-        if not self._seeded and not self._motion.busy and not self.arm.moving:
-            self._motion.reseed(self.arm.q)
-            self._seeded = True
+            if trip is not None:
+                self._refuse(trip)
+        if self._verdict.command is None:
+            self._driver.hold(self._verdict.hold_reason)
 
-    def _follow(self, command: RobotCommand) -> None:
-        if command.pose is None:
-            self._refuse("a set point without a pose")
-            return
-        reason = self._motion.setpoint(pose_of(command.pose))
-        if reason:
-            self._refuse(reason)
-
-    def _pursue(self, goal: Goal, speed: Speed) -> None:
-        if goal.id != self._goal.id:
-            reason = self._start(goal, speed)
-            state: GoalState = "refused" if reason else "running"
-            self._goal = GoalReport(id=goal.id, state=state, reason=reason)
-        elif self._goal.state == "running" and not self._motion.busy:
-            if self._motion.state == "refused":
-                update = {"state": "refused", "reason": self._motion.reason}
-                self._goal = self._goal.model_copy(update=update)
-            elif not self.arm.moving:
-                self._goal = self._goal.model_copy(update={"state": "done"})
-
-    def _start(self, goal: Goal, speed: Speed) -> str:
-        motion_speed = MotionSpeed(
-            speed_m_s=speed.mechanical_m_s * speed.modular_fraction,
-            accel_fraction=speed.accel_fraction,
-            decel_fraction=speed.decel_fraction,
-        )
-        if goal.kind == "pose" and goal.pose is not None:
-            return self._motion.start_pose(pose_of(goal.pose), motion_speed)
-        if goal.joint_rad is None:
-            return f"a goal of kind {goal.kind} without its numbers"
-        if goal.kind == "by":
-            return self._motion.start_by(np.array(goal.joint_rad), motion_speed)
-        return self._motion.start_joints(np.array(goal.joint_rad), motion_speed)
-
-    def _refuse(self, reason: str) -> None:
+    def _refuse(self, trip: Trip) -> None:
+        limit = "" if trip.limit is None else f" (limit {trip.limit:.6g})"
         self._target_refused = True
-        self._verdict = self._gate.revoke(reason, "robot_refuses")
-        self._hold()
+        self._refusals += 1
+        self._verdict = self._gate.revoke(trip.text + limit, trip.code)
+        self._driver.hold(self._verdict.hold_reason)
 
     # --- saying ---------------------------------------------------------------------------------
 
@@ -170,7 +132,7 @@ class SimRobot:
                 orientation_xyzw=T_base_flange.orientation_xyzw,
                 joint_rad=vec6(self.arm.q),
                 status=status,
-                goal=self._goal,
+                goal=self._driver.goal,
                 accepted=self._verdict.accepted,
                 hold_reason=hold_reason,
                 hold_code=self._verdict.hold_code,

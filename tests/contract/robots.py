@@ -137,15 +137,14 @@ class Robot:
     feedback_host: Host
     # Whether it has a controller that could run force feedback; without one it refuses.
     has_controller: bool = True
-    # Whether it keeps the cell's limits again behind the arbiter (design section 6). The simulated
-    # arm has only its own joint limits; the gateway's guard is what is promised.
+    # Whether it keeps the cell's limits again behind the arbiter (design section 6).
     guards_limits: bool = True
     realtime: bool = False  # on a real socket, in real time
     before: Callable[[Rig], None] = nothing  # what it has been through when a test begins
 
 
 ROBOTS = {
-    "sim": Robot(sim_rig, "pc", has_controller=False, guards_limits=False),
+    "sim": Robot(sim_rig, "pc", has_controller=False),
     "gateway": Robot(gateway_rig, "controller", realtime=True),
     "emulated, pc": Robot(emulated_pc_rig, "pc"),
     "emulated, controller": Robot(emulated_controller_rig, "controller", before=ran_feedback),

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from common.packet import PACKET_CHARS
 from sim.controller.behaviour import pessimistic
+from tests.contract.robots import PORT
 from tests.fakes.hostile_cell import QUICK, WATCHDOG_S, HostileCell
 from tests.fakes.hostile_stream import (
     MS,
@@ -138,8 +139,8 @@ def test_how_bytes_are_cut_makes_no_difference(name: str) -> None:
 
 
 def test_one_byte_at_a_time_is_understood_by_the_program() -> None:
-    """Each byte is a TCP_RECV of its own: slow, and right."""
-    cell = HostileCell()
+    """Each byte is a TCP_RECV of its own: slow, and right; the watchdog must have the patience."""
+    cell = HostileCell(gateway={"host": "127.0.0.1", "port": PORT, "watchdog_s": 0.5})
     cell.rig.connect()
     abuse = cell.network.strike(UP, Chop(size=1))
     cell.assert_obeys_after_arming()

@@ -169,6 +169,8 @@ def test_a_heartbeat_fills_40_ms_of_silence_and_only_then() -> None:
     assert dialogue.tick(79 * MS, permitted=True) == b""
     dialogue.offer_setpoint(at(1))
     assert coms(dialogue.tick(79 * MS, permitted=True)) == [(1, 0)]
+    assert dialogue.tick(200 * MS, permitted=True) == b""  # those on their way are beats
+    dialogue.feed(joint_report(dialogue.last_id), 90 * MS)
     assert dialogue.tick(118 * MS, permitted=True) == b""
     assert coms(dialogue.tick(119 * MS, permitted=True)) == [(12, 0)]
 

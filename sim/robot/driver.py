@@ -1,0 +1,147 @@
+"""What the simulated robot does under permission, under the same guard as the gateway. No bus.
+
+A refusal is a trip, and the caller ends the lease then; a goal that is refused ends no lease.
+"""
+
+import numpy as np
+import pinocchio as pin
+
+from common.cell import Cell
+from common.convert import pose_of
+from common.faults import tripped
+from common.guard import Guard
+from common.messages import (
+    Goal,
+    GoalReport,
+    GoalState,
+    RobotCommand,
+    Speed,
+    Trip,
+    WrenchAtTcp,
+)
+from common.tracking import Tracking
+from sim.robot.arm import SimArm
+from sim.robot.motion import MotionGenerator, MotionSpeed
+
+
+class SimDriver:
+    """Turns commands into motions of the arm; refuses what breaks a limit of the cell."""
+
+    def __init__(self, cell: Cell, arm: SimArm, motion: MotionGenerator) -> None:
+        """Stand still."""
+        self.goal = GoalReport()
+        self._arm, self._motion = arm, motion
+        self._guard = Guard(cell, arm.kinematics.flange_pose)
+        self._tracking = Tracking(cell)
+        self._lease: tuple[int, int] | None = None  # arbiter's epoch, lease
+        self._streaming = False
+        self._seeded = True
+
+    def hold(self, reason: str) -> None:
+        """Brake; once at rest, command the measured pose, so that nothing is left to be done."""
+        self._motion.brake()
+        self._streaming = False
+        self._tracking.free()
+        if self.goal.state == "running":
+            self.goal = self.goal.model_copy(update={"state": "refused", "reason": reason})
+        if not self._seeded and not self._motion.busy and not self._arm.moving:
+            self._motion.reseed(self._arm.q)
+            self._seeded = True
+
+    def obey(
+        self,
+        command: RobotCommand,
+        *,
+        lease: tuple[int, int],
+        wrench: WrenchAtTcp | None,
+        is_new: bool,
+        now_ns: int,
+    ) -> Trip | None:
+        """Do what a permitted command says, or say which limit it breaks."""
+        self._seeded = False
+        T_measured = self._arm.T_base_flange
+        if lease != self._lease:
+            if self._lease is None or lease[0] != self._lease[0]:
+                # Another arbiter counts its goals anew: its first one is not one that was done.
+                self.goal = GoalReport()
+            self._lease = lease
+            self._guard.start(T_measured)
+        trip = self._guard.wrench(wrench)
+        if trip is not None:
+            return trip
+        if command.kind == "feedback":
+            text = "force feedback in the controller needs a controller, this is a bare arm"
+            return tripped("robot_refuses", text)
+        if command.kind == "setpoint":
+            return self._follow(command, T_measured, now_ns) if is_new else None
+        self._streaming = False
+        if command.kind == "goal" and command.goal is not None:
+            self._pursue(command.goal, command.speed, T_measured)
+        else:
+            self._idle(T_measured)
+        return None
+
+    def watch(self, now_ns: int) -> Trip | None:
+        """Judge the arm itself; call it once for each report, under permission."""
+        T, q = self._arm.T_base_flange, self._arm.q
+        return self._guard.arm(T, q, now_ns) or self._tracking.judge(T, q, now_ns)
+
+    def _follow(self, command: RobotCommand, T_measured: pin.SE3, now_ns: int) -> Trip | None:
+        if command.pose is None:
+            return tripped("malformed", "a set point without a pose")
+        if not self._streaming:
+            trip = self._guard.seed(T_measured, now_ns)
+            if trip is not None:
+                return trip
+            self._tracking.stream(T_measured, now_ns)
+            self._streaming = True
+        T_wanted = pose_of(command.pose)
+        trip = self._guard.setpoint(T_wanted, T_measured, now_ns)
+        if trip is not None:
+            return trip
+        reason = self._motion.setpoint(T_wanted)
+        if reason:
+            return tripped("robot_refuses", reason)
+        self._tracking.stream(T_wanted, now_ns)
+        return None
+
+    def _idle(self, T_measured: pin.SE3) -> None:
+        """Permission without a motion: a goal that is on its way is braked."""
+        if self._motion.state == "running":
+            self._motion.brake()
+        self._tracking.rest(T_measured, moving=self._motion.busy or self._arm.moving)
+
+    def _pursue(self, goal: Goal, speed: Speed, T_measured: pin.SE3) -> None:
+        if goal.id != self.goal.id:
+            reason = self._start(goal, speed, T_measured)
+            state: GoalState = "refused" if reason else "running"
+            self.goal = GoalReport(id=goal.id, state=state, reason=reason)
+        elif self.goal.state == "running" and not self._motion.busy:
+            if self._motion.state == "refused":
+                update = {"state": "refused", "reason": self._motion.reason}
+                self.goal = self.goal.model_copy(update=update)
+            elif not self._arm.moving:
+                self.goal = self.goal.model_copy(update={"state": "done"})
+
+    def _start(self, goal: Goal, speed: Speed, T_measured: pin.SE3) -> str:
+        q = self._motion.q_command
+        trip = self._guard.goal(goal, speed, self._arm.kinematics.flange_pose(q), q)
+        if trip is not None:
+            return trip.text
+        motion_speed = MotionSpeed(
+            speed_m_s=speed.mechanical_m_s * speed.modular_fraction,
+            accel_fraction=speed.accel_fraction,
+            decel_fraction=speed.decel_fraction,
+        )
+        if goal.kind == "pose" and goal.pose is not None:
+            T_goal = pose_of(goal.pose)
+            reason = self._motion.start_pose(T_goal, motion_speed)
+            if not reason:
+                self._tracking.line(T_measured, T_goal)
+            return reason
+        turn_rad = np.array(goal.joint_rad)
+        q_goal = q + turn_rad if goal.kind == "by" else turn_rad
+        reason = self._motion.start_joints(q_goal, motion_speed)
+        if not reason:
+            self._tracking.turn(self._arm.q, q_goal)
+        return reason

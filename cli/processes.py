@@ -42,7 +42,7 @@ ASK_WITHIN_S = 0.5
 HOLD_WITHIN_S = 1.0
 STOP_WITHIN_S = 3.0
 HUB_LAST_S = 0.5  # of those, kept for the hub, which goes last
-IN_MOTION = ("ARMED", "ACTIVE")
+IN_MOTION = ("ARMED", "SETTLING", "ACTIVE", "STOPPING")
 HELD = ("HOLDING", "FAULT", "BOOT")  # what the arbiter is after a hold
 
 

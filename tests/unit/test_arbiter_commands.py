@@ -27,6 +27,7 @@ from tests.fakes.arbiter_world import (
 LIMITS = CELL.limits
 FEEDBACK = Feedback(mode="position", setpoint_force_N=(0.0, 0.0, 5.0), gains=Gains())
 FASTEST_M = LIMITS.speed_m_s * PERIOD_NS * 1e-9  # way of one period
+FIRST_M = LIMITS.accel_m_s2 * (PERIOD_NS * 1e-9) ** 2  # way of the first period from rest
 NOWHERE = PoseRecord(position_m=(0.0, 0.5, 0.35), orientation_xyzw=(0.0, 0.0, 0.0, 0.0))
 
 BAD_MOVES = {
@@ -49,15 +50,14 @@ BAD_MOVES = {
 
 
 @pytest.mark.parametrize("move", [MOVE_DOWN, MOVE_JOINTS])
-def test_a_move_is_busy_while_somebody_commands(move: MoveRequest) -> None:
-    """Under force feedback and under another goal; what was commanded goes on."""
-    for commander in ("regulator", "operator"):
-        world = World().make_active(commander)
-        before = world.tick()
-        reply = world.core.move(move, world.inputs())
-        assert (reply.accepted, reply.code) == (False, "busy")
-        assert commander in reply.text
-        assert world.tick() == before
+def test_a_move_is_busy_under_another_one(move: MoveRequest) -> None:
+    """The refusal names who has the arm; what was commanded goes on."""
+    world = World().make_active("operator")
+    before = world.tick()
+    reply = world.core.move(move, world.inputs())
+    assert (reply.accepted, reply.code) == (False, "busy")
+    assert "operator" in reply.text
+    assert world.tick() == before
 
 
 @pytest.mark.parametrize("ready", ["BOOT", "IDLE", "HOLDING", "FAULT"])
@@ -107,7 +107,7 @@ def test_arming_does_not_revive_a_regulator_that_never_stopped() -> None:
 
 
 def test_the_first_set_point_is_where_the_arm_is() -> None:
-    """Hand-over without a jump: equal when the regulator starts there, one period's way else."""
+    """Hand-over without a jump: equal where the regulator starts there, else a step from rest."""
     world = World().make_armed()
     world.propose(shifted())
     command = world.tick()
@@ -117,8 +117,7 @@ def test_the_first_set_point_is_where_the_arm_is() -> None:
     world = World().make_armed()
     world.propose(shifted(x_m=0.01))
     command = world.tick()
-    assert command.limited
-    assert way_m(command.pose, shifted()) == pytest.approx(FASTEST_M)
+    assert way_m(command.pose, shifted()) == pytest.approx(FIRST_M)
 
 
 # --- goals ----------------------------------------------------------------------------------------
@@ -146,6 +145,8 @@ def test_a_goal_that_the_robot_refuses_is_told_and_does_not_hold() -> None:
     assert world.tick().kind == "idle"
     assert [trip.text for trip in world.core.status().trips] == ["out of reach"]
     assert world.core.move(MOVE_JOINTS, world.inputs()).accepted
+    world.pass_s(0.2)
+    assert world.core.state == "ACTIVE"
     assert world.core.status().trips == ()
 
 
@@ -183,9 +184,10 @@ def test_a_move_to_a_pose_beyond_the_tether_is_refused() -> None:
 
 def test_a_relative_move_counts_from_the_measured_joints() -> None:
     """Ten degrees before the limit, a bit less is allowed; absolute angles are just angles."""
-    world = World().make_armed()
+    world = World()
     near = (0.0, math.radians(125.0), 0.0, 0.0, 0.0, 0.0)
     world.change("robot", joint_rad=near)
+    world.make_armed()
     for degrees, accepted in ((10.1, False), (9.9, True)):
         by = (0.0, math.radians(degrees), 0.0, 0.0, 0.0, 0.0)
         move = MoveRequest(kind="by", joint_rad=by)
@@ -221,6 +223,7 @@ def test_the_speed_of_one_move_is_of_that_move_alone() -> None:
     world.report_goal("done")
     assert world.tick().speed == slow
     world.core.move(MOVE_JOINTS, world.inputs())
+    assert world.pass_s(0.2).kind == "goal"
     assert world.tick().speed == slow
 
 
@@ -242,7 +245,6 @@ def test_set_points_never_outrun_the_speed_limit(wishes: list[tuple[float, float
             return
         moved = way_m(command.pose, before)
         assert moved <= FASTEST_M * (1.0 + 1e-9)
-        assert command.limited or way_m(command.pose, record_of(wish)) <= 1e-12
         before = command.pose
 
 
@@ -251,11 +253,13 @@ def test_force_feedback_that_comes_back_from_the_controller_starts_where_the_arm
     world = World().make_active("regulator")
     there = shifted(y_m=-0.015)
     world.propose(None, host="controller", feedback=FEEDBACK)
-    assert world.tick().kind == "feedback"
+    assert world.tick().kind == "idle"
+    assert world.pass_s(0.2).kind == "feedback"
     world.place(pose_of(there))
     world.tick(5)
     world.propose(there)
-    command = world.tick()
+    assert world.tick().kind == "idle"
+    command = world.pass_s(0.2)
     assert command.kind == "setpoint"
     assert way_m(command.pose, there) <= 1e-12
 
@@ -264,9 +268,9 @@ def test_a_set_point_too_far_from_the_arm_holds() -> None:
     """The arm does not follow: after `step_m` of set points it holds with the distance."""
     world = with_limits(step_m=0.005).make_active("regulator")
     world.propose(shifted(x_m=0.1))
-    kinds = [world.tick().kind for _ in range(20)]
+    kinds = [world.tick().kind for _ in range(30)]
 
-    assert kinds.index("hold") == pytest.approx(0.005 / FASTEST_M, abs=1)
+    assert kinds.index("hold") == pytest.approx(math.sqrt(2.0 * 0.005 / FIRST_M), abs=2)
     assert set(kinds[kinds.index("hold") :]) == {"hold"}
     (trip,) = world.core.status().trips
     assert (trip.code, trip.limit) == ("step", 0.005)
@@ -277,7 +281,6 @@ def test_a_set_point_too_far_from_the_arm_holds() -> None:
     [
         ({"pose": NOWHERE}, "not_finite"),
         ({"pose": None}, "regulator"),
-        ({"pose": None, "host": "controller"}, "regulator"),
     ],
 )
 def test_a_target_that_is_none_holds(changes: dict[str, object], code: str) -> None:
@@ -288,3 +291,11 @@ def test_a_target_that_is_none_holds(changes: dict[str, object], code: str) -> N
 
     assert (command.kind, command.permission) == ("hold", None)
     assert world.core.status().trips[0].code == code
+
+
+def test_a_target_for_the_controller_without_content_holds() -> None:
+    """It may begin, and then there is nothing to do."""
+    world = World().make_armed()
+    world.propose(None, host="controller")
+    assert world.tick().permission is None
+    assert world.core.status().trips[0].code == "regulator"

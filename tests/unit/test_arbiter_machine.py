@@ -8,6 +8,7 @@ from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, 
 
 from common.codec import MAX_BYTES, Header, encode
 from common.messages import (
+    Accepted,
     Feedback,
     Gains,
     GoalReport,
@@ -137,13 +138,21 @@ class ArbiterMachine(RuleBasedStateMachine):
         assert self.state in MAY_MOVE or not self.armed
         assert before in LATCHED or self.state == before
 
-    @rule(move=st.sampled_from([MOVE_DOWN, MOVE_JOINTS, MoveRequest(kind="by")]))
-    def move(self, move: MoveRequest) -> None:
-        """A program moves."""
-        commander = self.world.core.status().commander
+    @rule(
+        move=st.sampled_from([MOVE_DOWN, MOVE_JOINTS, MoveRequest(kind="by")]),
+        asker=st.sampled_from(["operator", "program"]),
+    )
+    def move(self, move: MoveRequest, asker: Any) -> None:
+        """A person or a program moves."""
+        before = self.world.core.status()
+        move = move.model_copy(update={"commander": asker})
         reply = self.world.core.move(move, self.world.inputs())
         self.note(reply)
-        assert not reply.accepted or (self.armed and commander == "none")
+        ranks = ("none", "regulator", "program", "operator")
+        holders = (before.commander, before.next_commander)
+        if reply.accepted:
+            assert self.armed
+            assert all(ranks.index(asker) > ranks.index(holder) for holder in holders)
 
     @rule(speed=st.sampled_from([Speed(mechanical_m_s=0.2), Speed(mechanical_m_s=5.0)]))
     def speed(self, speed: Speed) -> None:
@@ -172,6 +181,14 @@ class ArbiterMachine(RuleBasedStateMachine):
     def push(self, force_N: float) -> None:
         """The environment pushes."""
         self.world.change("wrench", force_N=(0.0, 0.0, force_N))
+
+    @rule(moving=st.booleans(), turn=st.integers(-1, 1))
+    def robot_reports(self, moving: bool, turn: int) -> None:
+        """The robot moves or rests, and echoes this turn, or another one."""
+        turn += self.world.core.status().turn
+        echo = Accepted(epoch=1, seq=1, turn=turn, at_ns=1)
+        status = FIT.model_copy(update={"moving": moving})
+        self.world.change("robot", status=status, accepted=echo)
 
     @rule(hold_reason=st.sampled_from(["", "out of reach"]))
     def robot_holds(self, hold_reason: str) -> None:
@@ -233,11 +250,15 @@ class ArbiterMachine(RuleBasedStateMachine):
         if now.permission is not None:
             assert self.armed
             assert now.permission.lease == self.lease
+            assert now.permission.turn == self.world.core.status().turn
         else:
             assert now.reason
         if before.kind == now.kind == "setpoint" and before.permission == now.permission:
             assert before.pose is not None
             assert way_m(now.pose, before.pose) <= CELL.limits.speed_m_s * 0.004 * (1.0 + 1e-9)
+        owners = {before.commander, now.commander} - {"none"}
+        if before.permission is not None and now.permission is not None and len(owners) > 1:
+            assert before.permission.turn < now.permission.turn
 
     # --- what must always be --------------------------------------------------------------------
 
@@ -245,7 +266,8 @@ class ArbiterMachine(RuleBasedStateMachine):
     def status_agrees(self) -> None:
         """Commander, trips and lease tell the same story as the state."""
         status = self.world.core.status()
-        assert (status.commander != "none") == (status.state == "ACTIVE")
+        assert (status.commander != "none") == (status.state in {"ACTIVE", "STOPPING"})
+        assert (status.next_commander != "none") == (status.state == "SETTLING")
         assert status.trips or status.state not in LATCHED
         assert status.lease == self.lease
         assert self.armed == (status.state in MAY_MOVE)

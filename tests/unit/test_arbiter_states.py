@@ -6,10 +6,10 @@ from typing import get_args
 import pytest
 
 from common.messages import ArbiterState
-from services.arbiter.states import CLEARS, MAY_MOVE, TABLE, after
+from services.arbiter.states import CLEARS, MAY_MOVE, MEANS, TABLE, after
 
 STATES: tuple[ArbiterState, ...] = get_args(ArbiterState)
-EVENTS = ("ready", "arm", "begin", "end", "hold", "fault", "clear")
+EVENTS = ("ready", "arm", "take", "begin", "end", "soften", "hold", "fault", "clear")
 AT_REST = tuple(state for state in STATES if state not in MAY_MOVE)
 
 # Written out a second time on purpose: whoever changes the table must mean it.
@@ -17,12 +17,21 @@ EXPECTED = {
     ("BOOT", "ready"): "IDLE",
     ("IDLE", "arm"): "ARMED",
     ("IDLE", "hold"): "HOLDING",
+    ("ARMED", "take"): "SETTLING",
     ("ARMED", "begin"): "ACTIVE",
     ("ARMED", "hold"): "HOLDING",
     ("ARMED", "fault"): "FAULT",
+    ("SETTLING", "begin"): "ACTIVE",
+    ("SETTLING", "end"): "ARMED",
+    ("SETTLING", "hold"): "HOLDING",
+    ("SETTLING", "fault"): "FAULT",
     ("ACTIVE", "end"): "ARMED",
+    ("ACTIVE", "take"): "SETTLING",
+    ("ACTIVE", "soften"): "STOPPING",
     ("ACTIVE", "hold"): "HOLDING",
     ("ACTIVE", "fault"): "FAULT",
+    ("STOPPING", "hold"): "HOLDING",
+    ("STOPPING", "fault"): "FAULT",
     ("HOLDING", "clear"): "IDLE",
     ("HOLDING", "arm"): "ARMED",
     ("HOLDING", "fault"): "FAULT",
@@ -42,8 +51,8 @@ def test_every_pair_of_state_and_event_leads_where_it_should(
 
 
 def test_the_table_knows_every_state_and_no_other_word() -> None:
-    """Each state has a row and a sentence on what clears it; each event is one of the seven."""
-    assert set(TABLE) == set(CLEARS) == set(STATES)
+    """Each state has a row and a sentence on what clears it; each event is one of the nine."""
+    assert set(TABLE) == set(CLEARS) == set(MEANS) == set(STATES)
     for row in TABLE.values():
         assert set(row) <= set(EVENTS)
         assert set(row.values()) <= set(STATES)
@@ -91,3 +100,8 @@ def test_every_state_can_be_left_for_idle_or_motion(state: ArbiterState) -> None
 def test_whoever_may_not_move_is_told_what_to_do(state: ArbiterState) -> None:
     """A state at rest has its sentence; where the arm may move there is nothing to clear."""
     assert bool(CLEARS[state]) == (state not in MAY_MOVE)
+
+
+def test_a_stop_that_has_begun_goes_on_to_the_latch() -> None:
+    """From STOPPING nothing leads back to motion: neither an owner's end nor a new wish."""
+    assert {after("STOPPING", event) for event in EVENTS} == {"STOPPING", "HOLDING", "FAULT"}

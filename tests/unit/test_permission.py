@@ -18,7 +18,13 @@ NOW_NS = 5 * NS_PER_S
 
 
 def said(
-    lease: int | None = 1, *, seq: int = 1, epoch: int = 1, age_s: float = 0.0, fault: str = ""
+    lease: int | None = 1,
+    *,
+    seq: int = 1,
+    epoch: int = 1,
+    turn: int = 0,
+    age_s: float = 0.0,
+    fault: str = "",
 ) -> Reading[RobotCommand]:
     """Return the reading of a command; without a lease it is the arbiter's hold."""
     header = Header(
@@ -26,7 +32,7 @@ def said(
     )
     if lease is None:
         return Reading(RobotCommand(reason="the arbiter is FAULT"), header, age_s, fault)
-    permission = Permission(host="pc", lease=lease, deadline_s=DEADLINE_S)
+    permission = Permission(host="pc", lease=lease, turn=turn, deadline_s=DEADLINE_S)
     return Reading(RobotCommand(kind="idle", permission=permission), header, age_s, fault)
 
 
@@ -220,11 +226,41 @@ class GateMachine(RuleBasedStateMachine):
 TestGateMachine = GateMachine.TestCase
 
 
-@given(st.permutations(list(range(1, 9))))
-def test_leases_die_one_by_one_in_any_order_of_arrival(order: list[int]) -> None:
-    """Whichever lease is live when the deadline is missed, that one is dead."""
-    gate = CommandGate()
+@given(st.lists(st.integers(1, 9), min_size=1, max_size=12))
+def test_each_lease_dies_when_it_misses_and_an_older_one_never_lives_again(
+    order: list[int],
+) -> None:
+    """Whichever lease is live when the deadline is missed is dead, and so are those before."""
+    gate, newest = CommandGate(), 0
     for seq, lease in enumerate(order, start=1):
-        assert gate.judge(said(lease, seq=seq), NOW_NS).command is not None
+        assert (gate.judge(said(lease, seq=seq), NOW_NS).command is not None) == (lease > newest)
+        newest = max(newest, lease)
         assert gate.judge(NOTHING, NOW_NS).command is None
         assert gate.judge(said(lease, seq=seq + 100), NOW_NS).command is None
+
+
+@given(st.lists(st.tuples(st.integers(1, 3), st.integers(0, 3)), min_size=1, max_size=12))
+def test_turns_of_a_lease_never_go_back(said_in_order: list[tuple[int, int]]) -> None:
+    """Obeyed is what is not older than all before; one that is older kills the lease for good."""
+    gate, dead = CommandGate(), 0
+    newest = (0, 0)
+    for seq, (lease, turn) in enumerate(said_in_order, start=1):
+        verdict = gate.judge(said(lease, seq=seq, turn=turn), NOW_NS)
+        obeyed = (lease, turn) >= newest and lease > dead
+        assert (verdict.command is not None) == obeyed
+        if obeyed:
+            newest = (lease, turn)
+            assert verdict.accepted is not None
+            assert verdict.accepted.turn == turn
+        else:
+            dead = newest[0]
+
+
+def test_a_new_turn_does_not_revive_a_dead_lease() -> None:
+    """Somebody else's turn is no leave to go on after a missed deadline: a person arms first."""
+    gate = CommandGate()
+    assert gate.judge(said(1, turn=1), NOW_NS).command is not None
+    gate.judge(NOTHING, NOW_NS)
+
+    assert gate.judge(said(1, seq=2, turn=2), NOW_NS).command is None
+    assert gate.judge(said(2, seq=3, turn=2), NOW_NS).command is not None

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from cli.processes import Supervisor
-from cli.running import Process
+from cli.running import LAUNCHER, Process
 from common import topics
 from common.bus import open_bus
 from common.cell import Cell
@@ -202,9 +202,10 @@ def log_to(folder: Path) -> Callable[[str, str], None]:
 
 @contextmanager
 def child(*words: object, patience_s: float = 5.0) -> Iterator[subprocess.Popen[str]]:
-    """Run a module of this package beside the cell; it ends with the block."""
+    """Run a module beside the cell; it ends with the block, and with this thread in any case."""
+    launcher = (sys.executable, "-I", "-S", str(LAUNCHER), str(os.getpid()))
     process = subprocess.Popen(
-        [sys.executable, "-m", *(str(word) for word in words)],
+        [*launcher, sys.executable, "-m", *(str(word) for word in words)],
         cwd=ROOT, stdout=subprocess.PIPE, text=True,
     )  # fmt: skip
     try:

@@ -122,7 +122,10 @@ class Watcher:
             if loop.reports == 0:
                 phase.mistakes.append(f"{name}: {loop.role} reported nothing")
             if loop.overdue:
-                phase.mistakes.append(f"{name}: {loop.role} was late {loop.overdue} times")
+                text = (
+                    f"{name}: {loop.role} was late {loop.overdue} times, {loop.gap_s * 1e3:.0f} ms"
+                )
+                phase.mistakes.append(text)
             if loop.slow_puts:
                 phase.mistakes.append(
                     f"{name}: a put of {loop.role} took {loop.put_s * 1e3:.1f} ms"

@@ -43,7 +43,9 @@ def main() -> None:
     cell = load_cell(given.cell)
     with session_of(cell) as session:
         if given.what == "flood":
-            sent = flood(session, cell, MIXES[given.mix], given.rate / 10, given.seconds)
+            sent = flood(
+                session, cell, MIXES[given.mix], bursts_hz=given.rate / 10, seconds=given.seconds
+            )
             print(json.dumps(sent), flush=True)
         else:
             view(session, cell)
@@ -60,7 +62,7 @@ def session_of(cell: Cell) -> zenoh.Session:
 
 
 def flood(
-    session: zenoh.Session, cell: Cell, mix: tuple[int, ...], bursts_hz: float, seconds: float
+    session: zenoh.Session, cell: Cell, mix: tuple[int, ...], *, bursts_hz: float, seconds: float
 ) -> dict[str, float]:
     """Send bursts of ten messages at a rate for some time; return what was sent."""
     unknown_n, misplaced_n, questions_n, large_n = mix

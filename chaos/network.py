@@ -35,12 +35,11 @@ MARK = "<!-- the rest is made by `make chaos-network ARGS=--write` -->"
 
 def hosts_of(cell: Cell, lab: Lab) -> tuple[list[Process], list[Wire]]:
     """Give each process of a cell a host; return the processes and the wires."""
-    processes, wires = [], []
     table_of = processes_of(cell)
-    for process in table_of:
-        wires.append(lab.host(process.name))
+    wires = [lab.host(process.name) for process in table_of]
     if cell.gateway is not None:
         wires.append(lab.cable(CABLE, "robot", "sensor"))
+    processes = []
     for process in table_of:
         words = process.words
         if process.module == EMULATOR:

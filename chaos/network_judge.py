@@ -106,7 +106,8 @@ def judge(seen: Seen, at_ns: Moments, speed_m_s: Array, bounds: Bounds) -> Verdi
     accepted_ms = None if seen.accepted_ns is None else (seen.accepted_ns - seen.began_ns) / MS
     stale = int(seen.accepted_ns is not None and seen.accepted_ns > seen.healed_ns)
     if not seen.must_hold:  # it may have taken a while to hit: from the last command on
-        return _late(seen, accepted_ms, still_ms, bounds, mistakes)
+        mistakes += _late(accepted_ms, still_ms, bounds)
+        return Verdict("held", accepted_ms, still_ms, 0, tuple(mistakes))
     if accepted_ms is None or accepted_ms > bounds.last_command_s * 1e3:
         mistakes.append("a command was obeyed too late")
     if still_ms > bounds.still_s * 1e3:
@@ -116,12 +117,8 @@ def judge(seen: Seen, at_ns: Moments, speed_m_s: Array, bounds: Bounds) -> Verdi
     return Verdict("held", accepted_ms, still_ms, stale, tuple(mistakes))
 
 
-def _late(
-    seen: Seen, accepted_ms: float | None, still_ms: float, bounds: Bounds, mistakes: list[str]
-) -> Verdict:
+def _late(accepted_ms: float | None, still_ms: float, bounds: Bounds) -> list[str]:
     """Judge a hold that may come at any time: the arm stands soon after its last command."""
     if accepted_ms is None:
-        mistakes.append("no command is known")
-    elif still_ms - accepted_ms > bounds.still_s * 1e3:
-        mistakes.append("moved too long after the last command")
-    return Verdict("held", accepted_ms, still_ms, 0, tuple(mistakes))
+        return ["no command is known"]
+    return ["moved long after a command"] if still_ms - accepted_ms > bounds.still_s * 1e3 else []

@@ -37,7 +37,7 @@ def why_not() -> str:
     missing = sorted({package for tool, package in TOOLS.items() if not shutil.which(tool)})
     if missing:
         return f"missing tools: apt-get install {' '.join(missing)}"
-    if subprocess.run(["unshare", "--net", "true"], check=False, capture_output=True).returncode:
+    if run("unshare", "--net", "echo", "yes", check=False).strip() != "yes":
         return "the kernel refuses a new network namespace"
     return ""
 

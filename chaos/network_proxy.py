@@ -25,7 +25,7 @@ LASTS_S = 2.0
 
 @dataclass
 class Delay(Abuse):
-    """Everything comes later, in order: by a fixed time and, drawn anew for each read, some more."""
+    """Everything comes later, in order: by a fixed time and a part that is drawn for each read."""
 
     by_ns: int = 0
     jitter_ns: int = 0

@@ -1,0 +1,179 @@
+"""A client that says too much, one that is frozen: nobody else may notice. Small, for every day.
+
+The whole of it is `make chaos-flood` and `make soak`.
+"""
+
+import json
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import zenoh
+
+from chaos import flood, soak
+from chaos.common_net import free_port, make_cell, running_cell
+from chaos.flood_peer import session_of
+from chaos.soak_witness import ROW, Witness, witness
+from common import topics
+from common.bus import LONGEST_MESSAGE_B, ZenohTransport, open_hub
+from common.cell import Cell
+from common.codec import encode_record
+from common.config import load_cell
+from common.endpoints import MOST_AT_ONCE, Inbox
+from common.messages import Empty, Health
+
+DEMO = Path(__file__).resolve().parents[2] / "cells" / "demo.yaml"
+PATIENCE_S = 20.0  # of the test, for a loaded machine
+
+
+@pytest.fixture
+def cell() -> Cell:
+    """A cell on a port that is free."""
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    return load_cell(DEMO, {"cell": "flood", "bus.endpoint": endpoint})
+
+
+class EndlessSource:
+    """Somebody who asks faster than anybody can answer."""
+
+    def __init__(self, data: bytes) -> None:
+        """Ask always the same."""
+        self.data, self.answers = data, 0
+
+    def take(self) -> "EndlessSource":
+        """Return the next question: there always is one."""
+        return self
+
+    def answer(self, _data: bytes) -> None:
+        """Count."""
+        self.answers += 1
+
+
+@pytest.mark.parametrize("data", [b"\xc1", encode_record(Empty())], ids=["garbage", "good"])
+def test_endless_requests_do_not_keep_a_service_in_one_step(data):
+    """A step answers a few and goes on with its work, whether they can be understood or not."""
+    source: Any = EndlessSource(data)
+    taken = list(Inbox(topics.CLEAR, source).take_all())
+
+    assert len(taken) + source.answers == MOST_AT_ONCE
+
+
+def received(
+    session: zenoh.Session, subscriber: Any, key: str, sizes: list[int], last: int
+) -> list[int]:
+    """Put messages of some sizes, until one of size `last` has come through; return what came."""
+    for size in sizes:
+        session.put(key, b"\0" * size)
+    got: list[int] = []
+    give_up_s = time.monotonic() + PATIENCE_S
+    while last not in got:
+        assert time.monotonic() < give_up_s, f"only {got} came through"
+        session.put(key, b"\0" * last)
+        time.sleep(0.01)
+        while (sample := subscriber.try_recv()) is not None:
+            got.append(len(sample.payload.to_bytes()))
+    return got
+
+
+@pytest.mark.realtime
+def test_the_hub_passes_no_long_message_on(cell):
+    """What is longer than any message of the table ends at the hub; what follows does not."""
+    long = [LONGEST_MESSAGE_B + 1, 5 * LONGEST_MESSAGE_B, 200_000]
+    with open_hub(cell), session_of(cell) as writer, session_of(cell) as reader:
+        subscriber = reader.declare_subscriber("any/key", zenoh.handlers.FifoChannel(100))
+        received(writer, subscriber, "any/key", [], last=1)
+        got = received(writer, subscriber, "any/key", [*long, LONGEST_MESSAGE_B], last=2)
+
+    assert set(got) <= {1, 2, LONGEST_MESSAGE_B}
+    assert LONGEST_MESSAGE_B in got
+
+
+@pytest.mark.realtime
+def test_a_transport_knows_its_longest_put(cell):
+    """What health says of puts comes from puts: none, none before the moment, the longest since."""
+    with open_hub(cell), session_of(cell) as session:
+        transport = ZenohTransport(session)
+        assert transport.longest_put_s(0) == 0.0
+        put = transport.publish("any/key", "stream")
+        put(b"one")
+        between_ns = time.monotonic_ns()
+        first_s = transport.longest_put_s(0)
+        assert first_s > 0.0
+        assert transport.longest_put_s(between_ns) == 0.0
+        put(b"two")
+        assert transport.longest_put_s(0) >= transport.longest_put_s(between_ns) > 0.0
+
+
+def watching(tmp_path: Path, late_ns: int) -> Witness:
+    """A witness that was late once, one second after the beginning of time."""
+    path = tmp_path / "witness.bin"
+    path.write_bytes(ROW.pack(1_000_000_000, late_ns) + ROW.pack(1_004_000_000, 0) + b"half")
+    return Witness([path])
+
+
+@pytest.mark.parametrize("stall_ms", [0, 100])
+def test_a_late_loop_is_overdue_unless_the_witness_was_late_too(tmp_path, stall_ms):
+    """The judge itself: late alone is a miss, late together with an idle process is not."""
+    loop = flood.Loop("arbiter")
+    health = Health(longest_gap_s=0.05, numbers={"put_max_s": 0.2})
+    loop.take(health, 1_500_000_000, watching(tmp_path, stall_ms * 1_000_000))
+
+    assert loop.overdue == loop.slow_puts == (0 if stall_ms else 1)
+    assert (loop.gap_s, loop.put_s) == (0.05, 0.2)
+
+
+def test_a_loop_that_is_on_time_is_not_overdue(tmp_path):
+    """The judge itself: a gap within the shortest deadline is nobody's mistake."""
+    loop = flood.Loop("arbiter")
+    loop.take(Health(longest_gap_s=0.019), 1_500_000_000, watching(tmp_path, 0))
+
+    assert loop.overdue == loop.slow_puts == 0
+
+
+def test_a_body_that_grows_or_leaks_is_seen():
+    """The judge itself: the line through what it weighed, and files that are not given back."""
+    body = soak.Body(1)
+    body.at_s = [float(n) for n in range(100)]
+    body.resident_b = [5e7 + 2000.0 * n for n in range(100)]
+    body.files = [20] * 99 + [21]
+
+    assert body.growth_b(600.0) == pytest.approx(1.2e6)
+    assert body.leaked == 1
+
+
+@pytest.fixture
+def pressing(tmp_path, monkeypatch) -> Iterator[tuple[flood.Watcher, Path]]:
+    """A real cell that presses, and who watches it."""
+    monkeypatch.setenv("FORCEMESH_RUN_FOLDER", str(tmp_path))
+    overrides = {"cell": "flood", "bus.endpoint": f"tcp/127.0.0.1:{free_port()}"}
+    cell, path = make_cell("demo", tmp_path, overrides)
+    with witness(tmp_path) as watch, running_cell(cell, path) as under_test:
+        under_test.tare()
+        under_test.make_ready()
+        under_test.press(flood.PRESS_N)
+        time.sleep(flood.SETTLE_S)  # health tells of a second and more ago
+        yield flood.Watcher(under_test, watch), path
+
+
+@pytest.mark.processes
+def test_a_frozen_viewer_and_a_flood_hold_nobody_up(pressing):
+    """One second of each: no loop is late that an idle process was not, no put takes long."""
+    watcher, path = pressing
+    frozen = flood.frozen_viewer(watcher, path, 1.0)
+    flooded, said = flood.flooded(watcher, path, "mixed", seconds=1.0, rate_hz=2000)
+
+    assert frozen.mistakes == []
+    assert flooded.mistakes == []
+    assert json.loads(said)["questions"] > 500
+
+
+@pytest.mark.processes
+@pytest.mark.slow
+def test_a_minute_of_rounds_leaks_nothing():
+    """The soak, as short as it can be: no growth, no open files, no hold without need."""
+    seen = soak.soak(minutes=1.0)
+
+    assert seen.rounds > 3
+    assert seen.mistakes == []

@@ -20,7 +20,7 @@ endif
 endif
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test check format readme bench bench-tcp chaos chaos-full fuzz lock clean
+.PHONY: help setup demo test check format readme bench bench-tcp chaos chaos-full chaos-network chaos-flood chaos-clocks soak fuzz lock clean
 
 help: ## list these targets
 	@grep -hE '^[a-z-]+:.*##' Makefile | sed -E 's/:[^#]*## */\t/' | expand -t 10
@@ -64,6 +64,18 @@ chaos: setup ## kill, freeze and restart every process of a moving cell, see tha
 
 chaos-full: setup ## the same twenty times each, about two hours; writes docs/chaos.md
 	@$(BIN)/python -m chaos --each 20 --write $(ARGS)
+
+chaos-network: setup ## pull, cut and slow the cables of a moving cell, in namespaces (root): ARGS=--write
+	@$(BIN)/python -m chaos.network $(ARGS)
+
+chaos-flood: setup ## freeze a viewer and flood the bus while the arm presses: nobody may be late
+	@$(BIN)/python -m chaos.flood $(ARGS)
+
+chaos-clocks: setup ## let wall clocks jump and monotonic clocks differ while the arm presses (root)
+	@$(BIN)/python -m chaos.clocks $(ARGS)
+
+soak: setup ## ten minutes of rounds at full rate: no growth, no leak, no false hold: ARGS="--minutes 1"
+	@$(BIN)/python -m chaos.soak $(ARGS)
 
 fuzz: setup ## look for inputs that break the readers, FUZZ_SECONDS=60 for each: ARGS=receiver
 	@$(BIN)/python -m fuzz --seconds $(FUZZ_SECONDS) $(ARGS)

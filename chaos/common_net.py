@@ -155,7 +155,8 @@ class CellUnderTest:
 
     def press(self, force_N: float) -> None:
         """Start force feedback with a set point, as soon as a move that still runs has ended."""
-        self.insist(topics.FORCE_START, ForceStartRequest(mode="position", setpoint_N=force_N))
+        wanted = ForceStartRequest(mode="position", setpoint_N=force_N)
+        self.insist(topics.FORCE_START, wanted, within_s=5.0)
 
     def move_to(self, z_m: float, speed_m_s: float) -> None:
         """Begin to move the flange straight to a height."""

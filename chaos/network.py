@@ -65,7 +65,7 @@ def trial_of(name: str, fault: Fault, wire: Wire, bounds: Bounds) -> Trial:
         end=lambda: fault.end(wire),
         lasts_s=fault.lasts_s,
         # A lost connection to the hub is made anew in time; the controller's begins with a hello.
-        must_hold=fault.ends == "held" or (name == "reset" and wire.name == CABLE),
+        ends="held" if name == "reset" and wire.name == CABLE else fault.ends,
         bounds=bounds,
     )
 

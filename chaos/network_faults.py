@@ -10,10 +10,9 @@ from typing import Literal, Protocol
 
 from chaos.network_lab import Wire
 
-Ends = Literal["held", "either"]
+Ends = Literal["held", "went on", "either"]
 
 TABLE = "chaos"
-SLOW = "256kbit"
 
 
 class Fault(Protocol):
@@ -25,7 +24,7 @@ class Fault(Protocol):
 
     @property
     def ends(self) -> Ends:
-        """Whether the arm must have been held by it."""
+        """Whether the arm must be held by it, must not be, or either."""
 
     def begin(self, wire: Wire) -> None:
         """Let it happen."""
@@ -50,6 +49,22 @@ class LinkDown:
         flags = wire.near.link(wire.near_device)["flags"]
         wire.at_far_end("ip", "link", "set", wire.far_device, "up")
         return int("NO-CARRIER" in flags)
+
+
+@dataclass(frozen=True, slots=True)
+class Nothing:
+    """The control: the arm must go on, and shows how fast it is when nothing is wrong."""
+
+    lasts_s: float = 1.0
+    ends: Ends = "went on"
+
+    def begin(self, wire: Wire) -> None:
+        """Let everything be."""
+
+    def end(self, wire: Wire) -> int:
+        """Count the packets since the cable was made: there are some, if it is the right one."""
+        stats = wire.near.link(wire.near_device)["stats64"]
+        return int(stats["rx"]["packets"] + stats["tx"]["packets"])
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,23 +103,24 @@ class Filter:
 class Slow:
     """A line that carries little: what does not fit waits, and then is dropped."""
 
+    rate: str
     lasts_s: float = 2.0
     ends: Ends = "either"
 
     def begin(self, wire: Wire) -> None:
         """Put a token bucket on both ends."""
-        bucket = ("tbf", "rate", SLOW, "burst", "3000", "limit", "30000")
+        bucket = ("tbf", "rate", self.rate, "burst", "3000", "limit", "30000")
         wire.near.run("tc", "qdisc", "add", "dev", wire.near_device, "root", *bucket)
         wire.at_far_end("tc", "qdisc", "add", "dev", wire.far_device, "root", *bucket)
 
     def end(self, wire: Wire) -> int:
-        """Take both away; they bit as often as a packet had to wait or was dropped."""
+        """Take both away; they bit as often as a packet went through them."""
         show = ("tc", "-s", "-j", "qdisc", "show", "dev")
         said = json.loads(wire.near.run(*show, wire.near_device))
         said += json.loads(wire.at_far_end(*show, wire.far_device))
         wire.near.run("tc", "qdisc", "del", "dev", wire.near_device, "root")
         wire.at_far_end("tc", "qdisc", "del", "dev", wire.far_device, "root")
-        return sum(int(qdisc.get("overlimits", 0)) for qdisc in said if qdisc["kind"] == "tbf")
+        return sum(int(qdisc.get("packets", 0)) for qdisc in said if qdisc["kind"] == "tbf")
 
 
 def _lost(percent: int) -> str:
@@ -112,6 +128,7 @@ def _lost(percent: int) -> str:
 
 
 FAULTS: dict[str, Fault] = {
+    "none": Nothing(),
     "link-down": LinkDown(),
     "drop-in": Filter("counter name bites drop", ("in",)),
     "drop-out": Filter("counter name bites drop", ("out",)),
@@ -121,5 +138,6 @@ FAULTS: dict[str, Fault] = {
     "reset": Filter(
         "meta l4proto tcp counter name bites reject with tcp reset", lasts_s=0.1, ends="either"
     ),
-    "slow": Slow(),
+    "256-kbit": Slow("256kbit"),  # less than a quarter of what a service says at full rate
+    "64-kbit": Slow("64kbit"),  # half of what gateway and controller say to each other
 }

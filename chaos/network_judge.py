@@ -3,6 +3,7 @@
 fault ──► last command accepted ──► flange below 1 mm/s ──► heal ──► end: still at rest
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -41,7 +42,7 @@ class Seen:
     held: bool
     causes: str
     bites: int
-    must_hold: bool
+    ends: str  # held, went on, either: what has to come of it
     stall_s: float  # of the idle witness in the meantime
 
 
@@ -53,6 +54,7 @@ class Verdict:
     last_command_ms: float | None
     still_ms: float | None
     stale: int
+    fastest_m_s: float
     mistakes: tuple[str, ...]
 
 
@@ -97,28 +99,36 @@ def judge(seen: Seen, at_ns: Moments, speed_m_s: Array, bounds: Bounds) -> Verdi
     if fastest > bounds.fastest_m_s:
         mistakes.append(f"jumped: {fastest * 1e3:.0f} mm/s")
     if not seen.held:
-        if seen.must_hold:
+        if seen.ends == "held":
             mistakes.append("the arm was not held")
-        return Verdict("went on", None, None, 0, tuple(mistakes))
-    if not seen.causes:
-        mistakes.append("no cause was given")
+        return Verdict("went on", None, None, 0, fastest, tuple(mistakes))
     still_ms = (moving[-1] - seen.began_ns) / MS if len(moving) else 0.0
     accepted_ms = None if seen.accepted_ns is None else (seen.accepted_ns - seen.began_ns) / MS
-    stale = int(seen.accepted_ns is not None and seen.accepted_ns > seen.healed_ns)
-    if not seen.must_hold:  # it may have taken a while to hit: from the last command on
-        mistakes += _late(accepted_ms, still_ms, bounds)
-        return Verdict("held", accepted_ms, still_ms, 0, tuple(mistakes))
-    if accepted_ms is None or accepted_ms > bounds.last_command_s * 1e3:
-        mistakes.append("a command was obeyed too late")
-    if still_ms > bounds.still_s * 1e3:
-        mistakes.append("moved too long")
-    if stale:
-        mistakes.append("a command was obeyed after the heal without a new arming")
-    return Verdict("held", accepted_ms, still_ms, stale, tuple(mistakes))
+    mistakes += _of_a_hold(seen, accepted_ms, still_ms, bounds)
+    stale = int(seen.ends == "held" and _after_heal(seen))
+    return Verdict("held", accepted_ms, still_ms, stale, fastest, tuple(mistakes))
 
 
-def _late(accepted_ms: float | None, still_ms: float, bounds: Bounds) -> list[str]:
-    """Judge a hold that may come at any time: the arm stands soon after its last command."""
+def _of_a_hold(
+    seen: Seen, accepted_ms: float | None, still_ms: float, bounds: Bounds
+) -> Iterator[str]:
+    """Yield what was wrong with a hold."""
+    if seen.ends == "went on":
+        yield "held without need"
+    if not seen.causes:
+        yield "no cause was given"
     if accepted_ms is None:
-        return ["no command is known"]
-    return ["moved long after a command"] if still_ms - accepted_ms > bounds.still_s * 1e3 else []
+        yield "no command is known"
+    elif seen.ends != "held":  # it may have taken a while to hit: from the last command on
+        if still_ms - accepted_ms > bounds.still_s * 1e3:
+            yield "moved long after a command"
+    elif accepted_ms > bounds.last_command_s * 1e3:
+        yield "a command was obeyed too late"
+    if seen.ends == "held" and still_ms > bounds.still_s * 1e3:
+        yield "moved too long"
+    if seen.ends == "held" and _after_heal(seen):
+        yield "a command was obeyed after the heal without a new arming"
+
+
+def _after_heal(seen: Seen) -> bool:
+    return seen.accepted_ns is not None and seen.accepted_ns > seen.healed_ns

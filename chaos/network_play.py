@@ -20,8 +20,9 @@ CABLE = "controller"  # the wire between gateway and controller
 MARGIN_S = 0.05  # of real processes, over the cell's deadline
 RAMP_S = 0.2  # of the arm, and the filter of its servos
 LOOP_S = 0.05  # of the controller's program
-FASTEST_M_S = 0.05  # the regulator's own limit
+FASTEST_M_S = 0.06  # what set points run with at most, 50 mm/s, and the overshoot of a stop
 HEAD = ("cell", "wire", "fault", "bites", "outcome", "last command ms", "still ms",
+        "fastest mm/s",
         "obeyed after heal", "named cause", "repeated", "")  # fmt: skip
 
 
@@ -40,7 +41,8 @@ class Row:
         verdict, trial = self.verdict, self.trial
         return (
             self.cell, trial.wire, trial.fault, self.seen.bites, verdict.outcome,
-            _ms(verdict.last_command_ms), _ms(verdict.still_ms), verdict.stale,
+            _ms(verdict.last_command_ms), _ms(verdict.still_ms),
+            f"{verdict.fastest_m_s * 1e3:.0f}", verdict.stale,
             self.seen.causes or "-", self.repeated, "; ".join(verdict.mistakes) or "ok",
         )  # fmt: skip
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from chaos.common_net import free_port, make_cell
+from chaos.network_faults import Ends
 from chaos.network_judge import Bounds
 from chaos.network_play import CABLE, Row, asked, bounds_of, played
 from chaos.network_trials import Trial
@@ -49,13 +50,13 @@ class Delay(Abuse):
         self.by_ns = self.jitter_ns = 0
 
 
-# Name: what happens to a direction, and whether the arm must be held by it.
-ABUSES: dict[str, tuple[Callable[[], Abuse], bool]] = {
-    "delay-10": (lambda: Delay(by_ns=10 * MS), False),
-    "delay-400": (lambda: Delay(by_ns=400 * MS), True),
-    "jitter-40": (lambda: Delay(jitter_ns=40 * MS), False),
-    "half-writes": (lambda: Chop(size=31), False),
-    "merged-writes": (lambda: Gather(size=255, wait_ns=20 * MS), False),
+# Name: what happens to a direction, and what has to come of it.
+ABUSES: dict[str, tuple[Callable[[], Abuse], Ends]] = {
+    "delay-10": (lambda: Delay(by_ns=10 * MS), "either"),
+    "delay-400": (lambda: Delay(by_ns=400 * MS), "held"),
+    "jitter-40": (lambda: Delay(jitter_ns=40 * MS), "either"),
+    "half-writes": (lambda: Chop(size=31), "either"),
+    "merged-writes": (lambda: Gather(size=255, wait_ns=20 * MS), "either"),
 }
 
 
@@ -85,7 +86,7 @@ def through_proxy(only: str, seed: int) -> Iterator[Row]:
 
 def trial_of(name: str, proxy: HostileProxy, bounds: Bounds) -> Trial:
     """Return one abuse of both directions."""
-    make, must_hold = ABUSES[name]
+    make, ends = ABUSES[name]
     struck: list[Abuse] = []
 
     def begin() -> None:
@@ -99,4 +100,4 @@ def trial_of(name: str, proxy: HostileProxy, bounds: Bounds) -> Trial:
                 proxy.strike(direction, Abuse())
         return sum(abuse.bites for abuse in struck)
 
-    return Trial(CABLE, name, begin, end, LASTS_S, must_hold, bounds)
+    return Trial(CABLE, name, begin, end, LASTS_S, ends, bounds)

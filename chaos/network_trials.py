@@ -6,12 +6,15 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from chaos.common_net import CellUnderTest, HarnessError
+from chaos.network_faults import Ends
 from chaos.network_judge import MOVES_M_S, Bounds, Seen, Truth, Verdict, judge
 from chaos.soak_witness import STALL_S, Witness
+from common.errors import ForcemeshError
 
 PRESS_N = 10.0
 CLEARANCE_M = 0.03  # of the start of an approach above the height at which the cell came up
 TRAVEL_S = 0.05, 0.4  # into the approach when the fault comes
+SET_OUT_S = 3.0
 WATCH_S = 1.5  # after the heal, in which nothing may move
 HEARD_WITHIN_S = 5.0
 ATTEMPTS = 4
@@ -26,7 +29,7 @@ class Trial:
     begin: Callable[[], None]
     end: Callable[[], int]
     lasts_s: float
-    must_hold: bool
+    ends: Ends
     bounds: Bounds
 
 
@@ -46,7 +49,8 @@ class Bench:
         """Repeat a trial until no stall of the machine lay in it; return how often it was."""
         for attempt in range(ATTEMPTS):
             verdict, seen = self._once(trial)
-            if not verdict.mistakes or seen.stall_s < STALL_S:
+            doubtful = verdict.mistakes or (seen.held and trial.ends != "held")
+            if not doubtful or seen.stall_s < STALL_S:
                 return verdict, seen, attempt
         raise HarnessError(f"{trial.wire} {trial.fault}: the machine stalls in every attempt")
 
@@ -66,16 +70,25 @@ class Bench:
 
     def _approach(self) -> None:
         """Be on the way down under force feedback, faster than 2 mm/s, at a random place."""
-        cell = self.cell
+        why: list[str] = []
         for _ in range(ATTEMPTS):
-            cell.make_ready()
-            cell.move_to(self._high_m, speed_m_s=0.1)
-            cell.press(PRESS_N)
-            cell.until(lambda: self.truth.speed_now() > MOVES_M_S, "the arm moves")
+            try:
+                self._set_out()
+            except ForcemeshError as error:  # the machine stalls in between, now and then
+                why.append(str(error))
+                continue
             time.sleep(self._rng.uniform(*TRAVEL_S))
-            if self.truth.speed_now() > MOVES_M_S and cell.state == "ACTIVE":
+            if self.truth.speed_now() > MOVES_M_S and self.cell.state == "ACTIVE":
                 return
-        raise HarnessError(f"the arm does not stay on its way: {cell.status}")
+            why.append(f"it stopped: {self.cell.causes()}")
+        raise HarnessError(f"the arm does not stay on its way: {'; '.join(why)}")
+
+    def _set_out(self) -> None:
+        cell = self.cell
+        cell.make_ready()
+        cell.move_to(self._high_m, speed_m_s=0.1)
+        cell.press(PRESS_N)
+        cell.until(lambda: self.truth.speed_now() > MOVES_M_S, "the arm moves", SET_OUT_S)
 
     def _see(self, trial: Trial, began_ns: int, healed_ns: int, bites: int) -> Seen:
         """Look at the cell after the heal, once everybody is heard again."""
@@ -92,6 +105,6 @@ class Bench:
             held=status.state not in ("ARMED", "ACTIVE"),
             causes=cell.causes(),
             bites=bites,
-            must_hold=trial.must_hold,
+            ends=trial.ends,
             stall_s=self.witness.worst_s(began_ns, time.monotonic_ns()),
         )

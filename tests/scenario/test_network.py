@@ -35,7 +35,7 @@ def seen(**changes: object) -> Seen:
         "held": True,
         "causes": "stale",
         "bites": 3,
-        "must_hold": True,
+        "ends": "held",
         "stall_s": 0.0,
     }
     return Seen(**(fields | changes))  # type: ignore[arg-type]
@@ -62,12 +62,13 @@ def test_a_hold_within_the_bounds_is_no_mistake():
         ({"held": False}, 200, "was not held"),
         ({"causes": ""}, 200, "no cause"),
         ({"accepted_ns": BEGAN_NS + 151 * MS}, 200, "obeyed too late"),
-        ({"accepted_ns": None}, 200, "obeyed too late"),
+        ({"accepted_ns": None}, 200, "no command is known"),
         ({"accepted_ns": HEALED_NS + MS}, 200, "after the heal"),
+        ({"ends": "went on"}, 200, "held without need"),
         ({}, 351, "moved too long"),
         ({}, 2000, "moved too long"),
-        ({"must_hold": False}, 600, "moved long after a command"),
-        ({"must_hold": False, "accepted_ns": None}, 200, "no command is known"),
+        ({"ends": "either"}, 600, "moved long after a command"),
+        ({"ends": "either", "accepted_ns": None}, 200, "no command is known"),
     ],
 )
 def test_whatever_is_out_of_bounds_is_a_mistake(changes, moving_ms, mistake):
@@ -87,8 +88,8 @@ def test_motion_after_the_heal_counts_although_the_arm_had_stopped():
 
 def test_an_arm_that_goes_on_may_not_jump():
     """A fault that need not hold the arm must not throw it either; and no trace is no proof."""
-    calm = judge(seen(must_hold=False, held=False), *stops_after(2000), BOUNDS)
-    wild = judge(seen(must_hold=False, held=False), *stops_after(2000, 0.06), BOUNDS)
+    calm = judge(seen(ends="either", held=False), *stops_after(2000), BOUNDS)
+    wild = judge(seen(ends="either", held=False), *stops_after(2000, 0.06), BOUNDS)
     blind = judge(seen(), np.zeros(0, np.int64), np.zeros(0), BOUNDS)
 
     assert (calm.mistakes, calm.outcome) == ((), "went on")

@@ -139,13 +139,13 @@ class ForceSection(Section):
     touch_N: Positive = 2.0  # contact begins above, ends below half of it
     search_m: Positive = 0.05  # longest way to the first contact
     lost_m: Positive = 0.005  # longest way to the next one after contact was lost
-    given_J: Positive = 0.01  # work that what is pressed on may do on the tool, beyond what it got
+    given_J: Positive = 0.002  # work that what is pressed on may do on the tool, beyond what it got
     setpoint_ramp_N_s: Positive = 200.0
     setpoint_max_N: Positive = 40.0
     # Opt-in: above 80 % of a ceiling the tool goes back along its axis by so much, then holds.
     retreat_m: float = Field(0.0, ge=0.0, le=0.002)
     retreat_m_s: float = Field(0.005, gt=0.0, le=0.01)
-    tare_max_N: Positive = 10.0  # a larger change of bias is taken for contact
+    tare_max_N: Positive = 5.0  # a larger change of bias is taken for contact
     tare_max_Nm: Positive = 1.0
 
 

@@ -33,6 +33,7 @@ class LawSettings:
     speed_max_m_s: float
     speed_max_rad_s: float
     approach_m_s: float
+    approach_accel_m_s2: float  # so gentle that the tool's inertia is not taken for contact
     touch_N: float
 
 
@@ -65,6 +66,7 @@ class LawState:
     error_force_N: Array | None = None
     error_torque_Nm: Array | None = None
     contact: Contact = "free"
+    approach_m_s: float = 0.0  # speed of the approach under way
     lever_m: Array | None = None  # from the TCP to the point of contact, base axes; mode both
 
 
@@ -81,13 +83,15 @@ def step(state: LawState, sample: LawInput, gains: PiGains, settings: LawSetting
     error_Nm = soft_deadband(sample.torque_Nm, settings.deadband_Nm)
     contact = next_contact(state.contact, sample, press_axis, settings.touch_N)
     lever_m = contact_point(sample, settings.touch_N) if sample.mode == "both" else None
-    turn_rad, shift_m = np.zeros(3), np.zeros(3)
+    turn_rad, shift_m, approach_m_s = np.zeros(3), np.zeros(3), 0.0
     if sample.mode != "position":
         proportional_rad = gains.torque_p_rad_per_Nm * change(error_Nm, state.error_torque_Nm)
         turn_rad = proportional_rad + gains.torque_i_rad_per_Nms * error_Nm * sample.dt_s
         turn_rad = limit_norm(turn_rad, settings.speed_max_rad_s * sample.dt_s)
     if sample.mode != "orientation" and contact == "approach":
-        shift_m = settings.approach_m_s * sample.dt_s * press_axis
+        faster_m_s = state.approach_m_s + settings.approach_accel_m_s2 * sample.dt_s
+        approach_m_s = min(faster_m_s, settings.approach_m_s)
+        shift_m = approach_m_s * sample.dt_s * press_axis
     elif sample.mode != "orientation":
         proportional_m = gains.force_p_m_per_N * change(error_N, state.error_force_N)
         shift_m = proportional_m + gains.force_i_m_per_Ns * error_N * sample.dt_s
@@ -96,7 +100,7 @@ def step(state: LawState, sample: LawInput, gains: PiGains, settings: LawSetting
         shift_m = limit_norm(shift_m, settings.speed_max_m_s * sample.dt_s)
     R_base_tcp = rotate_about_base_axes(state.T_base_tcp.rotation, turn_rad)
     T_base_tcp = pin.SE3(R_base_tcp, state.T_base_tcp.translation + shift_m)
-    return LawState(T_base_tcp, error_N, error_Nm, contact, lever_m)
+    return LawState(T_base_tcp, error_N, error_Nm, contact, approach_m_s, lever_m)
 
 
 def next_contact(contact: Contact, sample: LawInput, press_axis: Array, touch_N: float) -> Contact:

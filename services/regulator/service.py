@@ -1,9 +1,10 @@
 """The regulator on the bus: wrench and robot state in, proposed flange pose out."""
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+import pinocchio as pin
 
 from common import topics
 from common.cell import Cell
@@ -15,19 +16,27 @@ from common.messages import (
     ArbiterStatus,
     Feedback,
     ForceStartRequest,
-    Gains,
-    GainsRequest,
     RegulatorTarget,
     Reply,
     RobotState,
+    Trip,
     WrenchAtTcp,
 )
-from services.regulator.law import LawInput, LawSettings, LawState, PiGains, start_at, step
+from services.regulator.guards import GuardSettings, Seen, Watch, watch
+from services.regulator.law import LawInput, LawState, start_at, step
+from services.regulator.settings import describe_gains, law_settings, merged_gains, pi_gains
 from services.regulator.tuning import tune
 
 STOPPED = "stopped"
 LONGEST_GAP_PERIODS = 3.0  # a longer gap between samples is not integrated over
 MOTION_STATES = ("ARMED", "ACTIVE")
+
+
+class Failure(NamedTuple):
+    """Why the regulator gave up, as a code of common/faults.py and in words."""
+
+    code: str
+    text: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +48,8 @@ class Session:
     law: LawState
     last_sample_ns: int
     lease: int  # under which it was started
-    failure: str = ""  # latched: an input failed
+    watch: Watch
+    failure: Failure | None = None  # latched: an input failed, or a guard gave up
 
 
 class Regulator:
@@ -50,9 +60,8 @@ class Regulator:
         self.period_s = 1.0 / cell.rates.control_hz
         self.fault = ""
         self._cell = cell
-        self._tuning = tune(cell)
-        self._settings = law_settings(cell, self._tuning.tau_s)
-        self._gains = self._tuning.gains
+        self._settings, self._guards = law_settings(cell), GuardSettings.of(cell)
+        self._gains = tune(cell).gains
         self._T_flange_tcp = cell.tool.T_flange_tcp.pose
         self._session: Session | None = None
         self._stop_reason = STOPPED
@@ -84,17 +93,17 @@ class Regulator:
         if session is None:
             return RegulatorTarget(valid=False, reason=self._stop_reason)
         wanted = session.wanted
-        self.fault = session.failure or wrench.fault or robot.fault
-        if wrench.fresh is None or robot.fresh is None or self.fault:
-            self._session = replace(session, failure=self.fault)
-            return RegulatorTarget(
-                valid=False, reason=self.fault, mode=wanted.mode, host=wanted.host
-            )
+        failure = session.failure or _failure_of(wrench) or _failure_of(robot)
+        if failure is not None or wrench.fresh is None or robot.fresh is None:
+            return self._give_up(session, failure or Failure("invalid", "no wrench, no pose"))
         on_controller = wanted.host == "controller"
+        T_base_tcp = pose_of(robot.fresh) * self._T_flange_tcp
         if on_controller:  # it moves the arm by itself: the set point goes with the measured tool
-            T_base_tcp = pose_of(robot.fresh) * self._T_flange_tcp
             session = replace(session, law=replace(session.law, T_base_tcp=T_base_tcp))
-        self._session = session = self._advance(session, wrench, wrench.fresh)
+        session, trip = self._advance(session, wrench, wrench.fresh, T_base_tcp)
+        if trip is not None:
+            return self._give_up(session, Failure(trip.code, trip.text))
+        self._session, self.fault = session, ""
         law = session.law
         T_base_flange = law.T_base_tcp * self._T_flange_tcp.inverse()
         return RegulatorTarget(
@@ -109,14 +118,26 @@ class Regulator:
             ),
         )
 
+    def _give_up(self, session: Session, failure: Failure) -> RegulatorTarget:
+        """Latch: the mode stays in the message, it runs and cannot go on, so the arbiter stops."""
+        self._session, self.fault = replace(session, failure=failure), failure.text
+        wanted, (code, text) = session.wanted, failure
+        return RegulatorTarget(
+            valid=False, reason=text, code=code, mode=wanted.mode, host=wanted.host
+        )
+
     def _advance(
-        self, session: Session, reading: Reading[WrenchAtTcp], wrench: WrenchAtTcp
-    ) -> Session:
+        self,
+        session: Session,
+        reading: Reading[WrenchAtTcp],
+        wrench: WrenchAtTcp,
+        T_base_tcp: pin.SE3,
+    ) -> tuple[Session, Trip | None]:
         """Integrate once per sample, over the time that really passed between samples."""
         stamp_ns = reading.header.stamp_ns if reading.header else session.last_sample_ns
         gap_s = (stamp_ns - session.last_sample_ns) / NS_PER_S
         if gap_s <= 0.0:
-            return session
+            return session, None
         dt_s = min(gap_s, LONGEST_GAP_PERIODS * self.period_s)
         setpoint_N = self._ramp(session.setpoint_N, session.wanted.setpoint_N, dt_s)
         sample = LawInput(
@@ -127,7 +148,9 @@ class Regulator:
             dt_s=dt_s,
         )
         law = step(self._follow_limits(session.law), sample, pi_gains(self._gains), self._settings)
-        return replace(session, law=law, setpoint_N=setpoint_N, last_sample_ns=stamp_ns)
+        watched, trip = watch(session.watch, seen_by(law, sample, T_base_tcp), self._guards)
+        session = replace(session, law=law, setpoint_N=setpoint_N, last_sample_ns=stamp_ns)
+        return replace(session, watch=watched), trip
 
     def _follow_limits(self, law: LawState) -> LawState:
         """Back-calculate: where a limit was in the way, go on from what was let through."""
@@ -192,11 +215,11 @@ class Regulator:
             return refused or refusal(robot.code, robot.fault)
         running = self._session
         if running is not None and running.wanted.host == wanted.host and not running.failure:
-            self._session = replace(running, wanted=wanted)
+            self._session = replace(running, wanted=wanted, watch=Watch())
             return Reply(accepted=True, text=f"{wanted.mode}, set point {wanted.setpoint_N:g} N")
         law = start_at(pose_of(robot.fresh) * self._T_flange_tcp)
         stamp_ns = wrench.header.stamp_ns if wrench.header else now_ns
-        self._session = Session(wanted, 0.0, law, stamp_ns, arbiter.lease)
+        self._session = Session(wanted, 0.0, law, stamp_ns, arbiter.lease, Watch())
         return Reply(accepted=True, text=f"{wanted.mode}, set point {wanted.setpoint_N:g} N")
 
     def _refusal(
@@ -223,38 +246,21 @@ class Regulator:
         return refusal(worse.code, worse.fault) if worse.fault else None
 
 
-def law_settings(cell: Cell, tau_s: float) -> LawSettings:
-    """Return the law's settings; the approach is as slow as its force budget asks for.
-
-    The first touch adds about k v tau before the loop answers.
-    """
-    force = cell.force
-    affordable_m_s = force.approach_budget_N / (cell.contact.stiffness_N_m * tau_s)
-    return LawSettings(
-        deadband_N=force.deadband_N,
-        deadband_Nm=force.deadband_Nm,
-        speed_max_m_s=force.speed_max_m_s,
-        speed_max_rad_s=force.speed_max_rad_s,
-        approach_m_s=min(force.approach_m_s, affordable_m_s),
-        touch_N=force.touch_N,
+def seen_by(law: LawState, sample: LawInput, T_base_tcp: pin.SE3) -> Seen:
+    """Return what the guards watch of one sample; no contact is sought in mode orientation."""
+    error_N = np.zeros(3) if law.error_force_N is None else law.error_force_N
+    error_Nm = np.zeros(3) if law.error_torque_Nm is None else law.error_torque_Nm
+    moves, turns = sample.mode != "orientation", sample.mode != "position"
+    return Seen(
+        force_N=sample.force_N,
+        torque_Nm=sample.torque_Nm,
+        T_base_tcp=T_base_tcp,
+        contact=law.contact if moves else "free",
+        error=np.concatenate((error_N * moves, error_Nm * turns)),
+        turns=turns,
+        dt_s=sample.dt_s,
     )
 
 
-def pi_gains(gains: Gains) -> PiGains:
-    """Return gains as arrays."""
-    return PiGains(
-        np.array(gains.force_p_m_per_N),
-        np.array(gains.force_i_m_per_Ns),
-        np.array(gains.torque_p_rad_per_Nm),
-        np.array(gains.torque_i_rad_per_Nms),
-    )
-
-
-def merged_gains(gains: Gains, change: GainsRequest) -> Gains:
-    """Return the gains with what the request names replaced."""
-    return gains.model_copy(update=change.model_dump(exclude_none=True))
-
-
-def describe_gains(gains: Gains) -> str:
-    """Return the gains in one line."""
-    return ", ".join(f"{name} {list(value)}" for name, value in gains.model_dump().items())
+def _failure_of(reading: Reading[Any]) -> Failure | None:
+    return Failure(reading.code, reading.fault) if reading.fault else None

@@ -7,9 +7,12 @@ import numpy as np
 
 from common.convert import vec3
 from common.faults import refusal
-from common.frames import Array
+from common.frames import GRAVITY_M_S2, Array
 from common.messages import Reply
 from common.payload import Payload, residual
+
+WEIGHT_SHARE = 0.6  # a wrong unit or sign takes away 0.78 (pounds), 0.9 (kgf), 1.4 or 2 weights
+LEAST_WEIGHT_N = 2.0  # of a tool that weighs less, drift may be that much
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,7 +28,8 @@ def tare(
 ) -> tuple[Payload, Reply]:
     """Return the payload with the new bias, or the old one with the reason of the refusal.
 
-    Only the bias changes, by the mean of what is left of the readings after bias and weight.
+    Only the bias changes, by the mean of what is left of the readings after bias and weight. It
+    must not swallow the weight of the tool: that would hide a sign, an axis or a unit gone wrong.
 
     Args:
         payload: The payload so far.
@@ -40,6 +44,13 @@ def tare(
         return payload, _contact("N", change_N, limits.force_N)
     if change_Nm > limits.torque_Nm:
         return payload, _contact("N m", change_Nm, limits.torque_Nm)
+    weight_N = payload.mass_kg * GRAVITY_M_S2
+    if weight_N >= LEAST_WEIGHT_N and change_N > WEIGHT_SHARE * weight_N:
+        text = (
+            f"the bias would change by {change_N:.1f} N and the tool weighs {weight_N:.1f} N: "
+            "a sign, an axis or a unit of the sensor, or the payload, is wrong"
+        )
+        return payload, refusal("payload", text, value=change_N, limit=WEIGHT_SHARE * weight_N)
     tared = replace(
         payload,
         bias_force_N=vec3(np.array(payload.bias_force_N) + shift_N),

@@ -10,7 +10,7 @@ from common.clock import NS_PER_S
 from common.convert import record_of
 from common.messages import Gains, Mode, PoseRecord, WrenchAtTcp
 from services.regulator.law import LawInput, start_at, step
-from services.regulator.service import law_settings, pi_gains
+from services.regulator.settings import law_settings, pi_gains
 
 
 class PcFeedback:
@@ -18,7 +18,7 @@ class PcFeedback:
 
     def __init__(self, cell: Cell, T_start: pin.SE3, mode: Mode, gains: Gains, *, now_ns: int):
         """Start at a flange pose. Without a dead band: tests push with small forces."""
-        settings = law_settings(cell, tau_s=1.0)
+        settings = law_settings(cell)
         self._settings = replace(settings, deadband_N=0.0, deadband_Nm=0.0)
         self._T_flange_tcp = cell.tool.T_flange_tcp.pose
         self._law = start_at(T_start * self._T_flange_tcp)

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from services.regulator.service import law_settings, pi_gains
+from services.regulator.settings import PROBE_N, law_settings, pi_gains
 from services.regulator.tuning import loop_delay_s, tune
 from tests.fakes.bench import CELL
 
@@ -69,11 +69,11 @@ def test_proportional_gains_are_zero_unless_somebody_sets_them() -> None:
 
 
 def test_the_approach_is_as_slow_as_its_force_budget_asks_for() -> None:
-    """The first touch adds about k v tau: never more than the budget, never over the wish."""
+    """The first touch adds about k v tau: never more than budget or probe, nor over the wish."""
     tau_s = tune(CELL).tau_s
     for stiffness in (1e3, 2e4, 1e6):
         contact = CELL.contact.model_copy(update={"stiffness_N_m": stiffness})
-        settings = law_settings(CELL.model_copy(update={"contact": contact}), tau_s)
-        budget = CELL.force.approach_budget_N
+        settings = law_settings(CELL.model_copy(update={"contact": contact}))
+        budget = min(CELL.force.approach_budget_N, PROBE_N)
         affordable_m_s = budget / (stiffness * tau_s)
         assert settings.approach_m_s == pytest.approx(min(affordable_m_s, CELL.force.approach_m_s))

@@ -4,10 +4,14 @@ import numpy as np
 import pytest
 
 from common import topics
-from common.frames import rotation_from_vector
+from common.frames import GRAVITY_M_S2, rotation_from_vector
 from common.messages import Empty, RobotStatus
+from common.payload import Payload
+from services.wrench.tare import TareLimits, tare
 from tests.fakes.bench import CELL
 from tests.fakes.wrench_bench import SENSOR_S, TOLD_S, WrenchBench
+
+PAYLOAD_KG = 1.0
 
 
 @pytest.fixture
@@ -30,13 +34,13 @@ def test_tare_at_rest_makes_the_reading_zero_and_says_so(bench: WrenchBench) -> 
 
 
 def test_tare_is_refused_in_contact(bench: WrenchBench) -> None:
-    """More than the cell allows is not drift; the number and the limit are told."""
+    """More than the cell allows is not drift; the number and the limit are told (H29)."""
     bench.force_N = np.array([0.0, 0.0, CELL.force.tare_max_N + 0.1])
     bench.settle()
     bench.pass_s(0.3)
     reply = bench.ask(topics.TARE, Empty())
     assert (reply.accepted, reply.code, reply.limit) == (False, "contact", CELL.force.tare_max_N)
-    assert bench.settle().force_N[2] == pytest.approx(10.1)
+    assert bench.settle().force_N[2] == pytest.approx(CELL.force.tare_max_N + 0.1)
     assert bench.said().calibration == "cell file"
 
 
@@ -88,3 +92,18 @@ def test_tare_needs_poses_for_all_its_samples(bench: WrenchBench) -> None:
     assert bench.ask(topics.TARE, Empty()).code == "wait"
     bench.pass_s(0.3)
     assert bench.ask(topics.TARE, Empty()).accepted
+
+
+@pytest.mark.parametrize("share", [1 - 1 / 4.448, 1 - 1 / 9.807, 1.0, 2.0**0.5, 2.0])
+def test_a_tare_must_not_swallow_the_weight_of_the_tool(share: float) -> None:
+    """H30, H31: pounds, kgf, a dead axis, a swapped axis, a wrong sign; less of it is drift."""
+    light = PAYLOAD_KG * 0.4  # so that the cell's own limit does not speak first
+    payload = Payload(light, (0.0, 0.0, 0.05), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    limits = TareLimits(1000.0, 1000.0)
+    weight_N = light * GRAVITY_M_S2
+    off_N = np.array([0.0, 0.0, -weight_N * (1.0 - share), 0.0, 0.0, 0.0])
+    kept, reply = tare(payload, [off_N], np.eye(3), limits)
+    assert (reply.accepted, reply.code) == (False, "payload")
+    assert kept == payload
+    drift = np.array([0.0, 0.5 * weight_N, -weight_N, 0.0, 0.0, 0.0])
+    assert tare(payload, [drift], np.eye(3), limits)[1].accepted

@@ -1,0 +1,152 @@
+"""What the regulator watches in itself while it works, and when it gives up. Pure.
+
+It presses by what the sensor says. A wrong sign, axis or unit would make it press harder where it
+should give way, so nothing is believed before the first touch has shown that
+- what pushes back pushes back along the tool, and
+- what is pressed on does no more work on the tool than the tool did on it: where a sensor lies,
+  the tool seems to be carried along by what it presses on.
+"""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import pinocchio as pin
+
+from common.cell import Cell
+from common.faults import tripped
+from common.frames import Array, rotation_between
+from common.messages import Trip
+from services.regulator.law import Contact
+from services.regulator.oscillation import Swing, SwingSettings, follow
+
+MAIN_PART = 0.5  # of a touch: more than 60 degrees off the tool's axis is no pushing back
+
+
+@dataclass(frozen=True, slots=True)
+class GuardSettings:
+    """When to give up."""
+
+    touch_N: float
+    search_m: float
+    lost_m: float
+    given_J: float
+    swing: SwingSettings
+
+    @classmethod
+    def of(cls, cell: Cell) -> "GuardSettings":
+        """Take them out of a cell file."""
+        force = cell.force
+        swing = SwingSettings.of(cell)
+        return cls(force.touch_N, force.search_m, force.lost_m, force.given_J, swing)
+
+
+@dataclass(frozen=True, slots=True)
+class Seen:
+    """One wrench with all that it means: base axes, about the TCP."""
+
+    force_N: Array
+    torque_Nm: Array
+    T_base_tcp: pin.SE3  # measured
+    contact: Contact  # as the law has it
+    error: Array  # of force and torque beyond their deadbands. Shape (6,)
+    turns: bool  # the mode follows torques
+    dt_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Watch:
+    """What is remembered from the start of force feedback on."""
+
+    first: Seen | None = None
+    last: Seen | None = None
+    touched: bool = False
+    work_J: float = 0.0  # done on the tool since the first touch
+    p_search_m: Array | None = None  # where the present search for contact began
+    swing: Swing = field(default_factory=Swing)
+
+
+def watch(before: Watch, seen: Seen, settings: GuardSettings) -> tuple[Watch, Trip | None]:
+    """Return what is remembered now, and why force feedback must end if it must."""
+    touched = before.touched or seen.contact == "contact"
+    p_search_m = before.p_search_m
+    if seen.contact != "approach":
+        p_search_m = None
+    elif p_search_m is None:
+        p_search_m = np.array(seen.T_base_tcp.translation)
+    now = replace(
+        before,
+        first=before.first or seen,
+        last=seen,
+        touched=touched,
+        work_J=before.work_J + _work_J(before, seen),
+        p_search_m=p_search_m,
+        swing=follow(before.swing, seen.error, seen.dt_s, settings.swing),
+    )
+    rules = (_sign_trip, _work_trip, _way_trip, _swing_trip)
+    return now, next((trip for rule in rules if (trip := rule(now, seen, settings))), None)
+
+
+def _began_free(now: Watch) -> bool:
+    return now.first is not None and now.first.contact == "approach"
+
+
+def _work_J(before: Watch, seen: Seen) -> float:
+    """Return the work that the environment has done on the tool since the last sample [J]."""
+    last = before.last
+    if last is None or not before.touched:
+        return 0.0
+    way_m = seen.T_base_tcp.translation - last.T_base_tcp.translation
+    work_J = float(seen.force_N @ way_m)
+    if seen.turns:
+        turn_rad = rotation_between(last.T_base_tcp.rotation, seen.T_base_tcp.rotation)
+        work_J += float(seen.torque_Nm @ turn_rad)
+    return work_J
+
+
+def _sign_trip(now: Watch, seen: Seen, settings: GuardSettings) -> Trip | None:
+    """Before the first touch a force that grows must push back along the tool."""
+    if now.touched or now.first is None or not _began_free(now):
+        return None
+    grown_N = seen.force_N - now.first.force_N
+    length_N = float(np.linalg.norm(grown_N))
+    back_N = -float(grown_N @ seen.T_base_tcp.rotation[:, 2])
+    if length_N <= settings.touch_N or back_N >= MAIN_PART * length_N:
+        return None
+    text = (
+        f"the first touch pushes back with {back_N:.1f} of {length_N:.1f} N along the tool: "
+        "a sign, an axis or a frame of the sensor is wrong, or the tool touches with its side"
+    )
+    return tripped("sensor_sign", text, value=back_N, limit=MAIN_PART * length_N)
+
+
+def _work_trip(now: Watch, _: Seen, settings: GuardSettings) -> Trip | None:
+    """What was touched while pressing cannot give back more than it got."""
+    if not _began_free(now) or now.work_J <= settings.given_J:
+        return None
+    text = (
+        f"what is pressed on has moved the tool with {now.work_J * 1e3:.0f} mJ more than it was "
+        "given: a sign or an axis of the sensor is wrong, or somebody pushes the tool"
+    )
+    return tripped("sensor_sign", text, value=now.work_J, limit=settings.given_J)
+
+
+def _way_trip(now: Watch, seen: Seen, settings: GuardSettings) -> Trip | None:
+    """A search for contact has a longest way."""
+    if now.p_search_m is None:
+        return None
+    press_axis = seen.T_base_tcp.rotation[:, 2]
+    way_m = float((seen.T_base_tcp.translation - now.p_search_m) @ press_axis)
+    limit_m = settings.lost_m if now.touched else settings.search_m
+    if way_m <= limit_m:
+        return None
+    what = "contact was lost and not found again" if now.touched else "no contact"
+    text = f"{what} within {limit_m * 1e3:g} mm"
+    return tripped("travel", text, value=way_m, limit=limit_m)
+
+
+def _swing_trip(now: Watch, seen: Seen, _: GuardSettings) -> Trip | None:
+    if not now.swing.swings:
+        return None
+    height_N = float(np.linalg.norm(seen.error[:3]))
+    text = f"the force swings and does not settle, now {height_N:.1f} N beside what is wanted"
+    return tripped("oscillation", text, value=height_N)

@@ -1,0 +1,48 @@
+"""What the law and its guards are told, from the cell file and from requests. Pure."""
+
+import numpy as np
+
+from common.cell import Cell
+from common.messages import Gains, GainsRequest
+from services.regulator.law import LawSettings, PiGains
+
+PROBE_N = 5.0  # the first touch shows whether the signs are right: it must stay gentle
+INERTIA_SHARE = 0.1  # of the touch force, at most, comes from speeding the tool up
+
+
+def law_settings(cell: Cell) -> LawSettings:
+    """Return the law's settings; the approach is as slow as its force budget asks for.
+
+    The first touch adds about k v tau before the loop answers.
+    """
+    force = cell.force
+    probe_m_s = PROBE_N / (cell.contact.stiffness_N_m * cell.loop_delay_s)
+    return LawSettings(
+        deadband_N=force.deadband_N,
+        deadband_Nm=force.deadband_Nm,
+        speed_max_m_s=force.speed_max_m_s,
+        speed_max_rad_s=force.speed_max_rad_s,
+        approach_m_s=min(force.approach_m_s, cell.approach_limit_m_s, probe_m_s),
+        approach_accel_m_s2=INERTIA_SHARE * force.touch_N / cell.contact.inertia_kg,
+        touch_N=force.touch_N,
+    )
+
+
+def pi_gains(gains: Gains) -> PiGains:
+    """Return gains as arrays."""
+    return PiGains(
+        np.array(gains.force_p_m_per_N),
+        np.array(gains.force_i_m_per_Ns),
+        np.array(gains.torque_p_rad_per_Nm),
+        np.array(gains.torque_i_rad_per_Nms),
+    )
+
+
+def merged_gains(gains: Gains, change: GainsRequest) -> Gains:
+    """Return the gains with what the request names replaced."""
+    return gains.model_copy(update=change.model_dump(exclude_none=True))
+
+
+def describe_gains(gains: Gains) -> str:
+    """Return the gains in one line."""
+    return ", ".join(f"{name} {list(value)}" for name, value in gains.model_dump().items())

@@ -16,6 +16,7 @@ from common import topics
 from common.config import cell_from_tree
 from common.endpoints import Origin
 from common.faults import FAULTS
+from common.guard import Guard
 from common.limits import Limits, check_joint_speed, check_step, check_tether, check_workspace
 from common.memory import MemoryCall
 from common.messages import (
@@ -35,6 +36,8 @@ from common.messages import (
 )
 from common.motion_limits import Window, check_rate
 from common.reader import RESTART_S
+from common.stream_budget import StreamBudget
+from common.tracking import Tracking
 from services.gateway.link import News
 from services.gateway.service import Gateway
 from sim.controller.network import MemoryNetwork
@@ -53,9 +56,8 @@ HERE = pin.SE3.Identity()
 RANGE_N = CELL.sensor.force_range_N
 # Their checks are being built; each leaves this set with its test. It must be empty at the end.
 PENDING = {
-    "sensor_frozen", "sensor_jump", "sensor_sign", "travel", "oscillation",  # wrench and regulator
-    "tracking", "unsendable", "link_slow", "feedback",  # the robots
-    "acceleration", "no_lease", "no_stream",  # their guard
+    "sensor_sign", "travel", "oscillation",  # the regulator's guards
+    "unsendable", "link_slow", "feedback",  # the gateway
     "preempted", "handover",  # the arbiter's turns
 }  # fmt: skip
 
@@ -149,6 +151,13 @@ def from_the_wrench(**sample: Any) -> str:
     return bench.said().code
 
 
+def from_a_frozen_sensor() -> str:
+    """Repeat one and the same reading in a cell whose sensor has noise."""
+    bench = WrenchBench(CELL)
+    bench.pass_s(0.3)
+    return bench.said().code
+
+
 def tare(bench: WrenchBench, wait_s: float = 1.0) -> str:
     """Ask for a tare."""
     bench.pass_s(wait_s)
@@ -222,6 +231,26 @@ def a_flood() -> Trip | None:
     return check_rate(LIMITS, window)
 
 
+def too_sudden(rule: StreamBudget) -> Trip | None:
+    """Run nearly as fast as is allowed, then back at once."""
+    period_ns, place = 4_000_000, pin.SE3.Identity()
+    trip = rule.begin(place, 0)
+    for number in range(1, 60):
+        way_m = 9e-4 if number < 40 else -9e-4
+        place = pin.SE3(np.eye(3), place.translation + np.array([way_m, 0.0, 0.0]))
+        trip = trip or rule.spend(place, number * period_ns)
+    return trip
+
+
+def an_arm_that_stays_behind(rule: Tracking) -> Trip | None:
+    """Command one place and report another one, for a second."""
+    trips = []
+    for now_ns in range(0, 1_000_000_000, 4_000_000):
+        rule.stream(HERE, now_ns)
+        trips.append(rule.judge(BEYOND, (0.0,) * 6, now_ns))
+    return trips[-1]
+
+
 BEYOND = pin.SE3(np.eye(3), np.array([0.0, 0.0, 1.1 * LIMITS.step_m]))
 FAR = MoveRequest(kind="joints", joint_rad=(9.0,) * 6)
 NOWHERE = pin.SE3(np.eye(3), np.full(3, np.nan))
@@ -239,6 +268,8 @@ REACHED: dict[str, Callable[[], str]] = {
     "sensor_silent":    partial(when_silent, "sensor"),
     "sensor_fault":     partial(from_the_wrench, status="fault"),
     "sensor_saturated": partial(from_the_wrench, force_N=(RANGE_N, 0.0, 0.0)),
+    "sensor_frozen":    from_a_frozen_sensor,
+    "sensor_jump":      partial(from_the_wrench, force_N=(0.9 * RANGE_N, 0.0, 0.0)),
     "not_finite":       lambda: ruled(check_workspace(LIMITS, NOWHERE)),
     "robot_link":       from_a_gateway_alone,
     "robot_refuses":    from_a_bare_arm,
@@ -247,6 +278,10 @@ REACHED: dict[str, Callable[[], str]] = {
     "tether":           lambda: ruled(check_tether(LIMITS, np.zeros(3), np.full(3, 9.0))),
     "speed":            lambda: ask_armed((topics.SPEED, Speed(mechanical_m_s=4.0))),
     "rate":             lambda: ruled(a_flood()),
+    "acceleration":     lambda: ruled(too_sudden(StreamBudget(CELL.limits))),
+    "no_stream":        lambda: ruled(StreamBudget(CELL.limits).spend(HERE, 1)),
+    "no_lease":         lambda: ruled(Guard(CELL).setpoint(HERE, HERE, 1)),
+    "tracking":         lambda: ruled(an_arm_that_stays_behind(Tracking(CELL))),
     "joint_speed":      lambda: ruled(check_joint_speed(LIMITS, np.full(6, 99.0))),
     "not_armed":        lambda: Cellmates().ask(topics.MOVE, MOVE_DOWN).code,
     "already":          lambda: ask_armed((topics.ARM, ArmRequest())),

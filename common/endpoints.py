@@ -99,6 +99,7 @@ class Publisher(Generic[M]):
             epoch=self._epoch,
             boot=self._clock.boot,
             stamp_ns=self._clock.now_ns(),
+            topic=self.topic.key,
             sensor_stamp_ns=None if origin is None else origin.stamp_ns,
             sensor_seq=None if origin is None else origin.seq,
         )
@@ -136,7 +137,9 @@ class Inbox(Generic[Q]):
             if (call := self._source.take()) is None:
                 return
             try:
-                yield Incoming(decode_record(call.data, self._request.message), call)
+                yield Incoming(
+                    decode_record(call.data, self._request.message, self._request.key), call
+                )
             except MessageError as error:
                 call.answer(encode_record(refusal("malformed", str(error))))
 
@@ -181,7 +184,7 @@ class Bus:
         if self.role != CLIENT:
             raise BusError(f"only clients send requests, {self.role} is none")
         key = f"{self.cell}/{request.key}"
-        data = self.transport.ask(key, encode_record(message), timeout_s)
+        data = self.transport.ask(key, encode_record(message, request.key), timeout_s)
         if data is None:
             raise BusError(f"{request.server} did not answer {key} within {timeout_s:g} s")
         return decode_record(data, Reply)

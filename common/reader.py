@@ -63,6 +63,7 @@ class ReadCounters:
     received: int = 0
     superseded: int = 0
     undecodable: int = 0
+    misrouted: int = 0  # written for another topic
     repeated: int = 0  # duplicate or reordered within one epoch
     retired: int = 0  # from a writer that another one has followed: two writers
     overlaps: int = 0  # changes of writer too quick for a restart: two writers
@@ -97,6 +98,11 @@ class Reader(Generic[M]):
             self.counters.undecodable += 1
             self.counters.last_error = str(error)
             self._broken = error
+            self._suspect()
+            return False
+        if header.topic != self.topic.key:  # says nothing of this one, whatever it decodes into
+            self.counters.misrouted += 1
+            self.counters.last_error = f"{self.topic.key}: a message written for {header.topic!r}"
             self._suspect()
             return False
         return self._accept(header, message)

@@ -25,6 +25,7 @@ class Line:
         """Return a header written right now on the reader's own host."""
         stamp_ns = self.clock.now_ns()
         fields = {"seq": seq, "epoch": 1, "boot": self.clock.boot, "stamp_ns": stamp_ns}
+        fields |= {"topic": self.reader.topic.key}
         return Header.model_validate(fields | changes)
 
     def say(self, seq: int, message: SensorWrench | None = None, **changes: Any) -> bool:

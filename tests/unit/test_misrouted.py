@@ -1,0 +1,71 @@
+"""What was written for another key is not taken, however well it decodes: Zenoh has mixed keys up."""
+
+from pathlib import Path
+
+import pytest
+
+from common import messages as m
+from common import topics
+from common.clock import ManualClock
+from common.codec import decode_record, encode, encode_record
+from common.config import load_cell
+from common.endpoints import Bus
+from common.errors import MessageError
+from common.memory import MemoryTransport
+from tests.fakes.line import Line
+
+DEMO = Path(__file__).parents[2] / "cells" / "demo.yaml"
+OTHERS = [topic for topic in topics.TOPICS if topic is not topics.SENSOR_WRENCH]
+
+
+@pytest.mark.parametrize("other", OTHERS, ids=lambda topic: topic.key)
+def test_a_message_of_another_topic_is_dropped(other):
+    """It is neither believed, nor does it retire the writer or spoil what that one said."""
+    line = Line()
+    assert line.say(1, m.SensorWrench(counter=5))
+    line.source.newest = encode(line.header(900, epoch=2, topic=other.key), other.message())
+    assert not line.reader.poll()
+    reading = line.read()
+    assert reading.fresh is not None
+    assert reading.fresh.counter == 5
+    assert not reading.conflict
+    assert line.reader.counters.misrouted == 1
+    assert line.say(2)
+
+
+def test_a_topic_on_which_hardly_anything_else_comes_is_not_orderly():
+    """A stray now and then is nothing; strays all the time are a fault."""
+    line = Line()
+    assert line.say(1)
+    for seq in range(10):
+        line.say(seq, topic="wrench")
+    assert line.read().code == "bad_messages"
+
+
+@pytest.mark.parametrize("other", topics.REQUESTS, ids=lambda request: request.key)
+def test_a_request_for_something_else_is_refused(other):
+    """A hold that came to the key of `arm` would otherwise arm."""
+    data = encode_record(m.HoldRequest(), topics.HOLD.key)
+    if other is topics.HOLD:
+        assert decode_record(data, m.HoldRequest, other.key) == m.HoldRequest()
+        return
+    with pytest.raises(MessageError, match="meant for request/hold"):
+        decode_record(data, other.message, other.key)
+
+
+def test_a_request_need_not_say_where_it_goes():
+    """A client of somebody's own sends the fields of the request alone."""
+    assert decode_record(encode_record(m.Empty()), m.Empty, topics.CLEAR.key) == m.Empty()
+
+
+def test_a_publisher_writes_the_address():
+    """What the project's own programs send names its key."""
+    cell, transport, clock = load_cell(DEMO), MemoryTransport(), ManualClock()
+    writer = Bus("arbiter", "demo", transport, cell, clock)
+    reader = Bus("robot", "demo", transport, cell, clock)
+    heard = reader.reader(topics.ROBOT_COMMAND)
+    writer.publisher(topics.ROBOT_COMMAND).put(m.RobotCommand())
+    assert heard.poll()
+    header = heard.read(clock.now_ns()).header
+    assert header is not None
+    assert header.topic == "robot/command"

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+import numpy.typing as npt
 
 from common.frames import Array
 from sim.robot.kinematics import ArmKinematics
@@ -21,7 +22,7 @@ STILL_FOR_S = 0.1
 class Path:
     """The flange of one process of the arm: time [ns] (n,), position [m] (n, 3), speed [m/s]."""
 
-    at_ns: Array
+    at_ns: npt.NDArray[np.int64]
     position_m: Array
     speed_m_s: Array
 

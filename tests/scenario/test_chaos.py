@@ -1,0 +1,113 @@
+"""The harness that pulls plugs: it can still do it, and it would notice what it is there for."""
+
+from collections import Counter
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from chaos.cases import KINDS, PHASES, ROLES, Case, matrix, named
+from chaos.outcome import Limits, Outcome, violations
+from chaos.run import Runner
+from chaos.truth import Path
+from chaos.witness import longest_stall_s
+
+LIMITS = Limits(command_s=0.1, watchdog_s=0.0, speed_m_s=0.25)
+CASE = Case("sim", "regulator", "kill", "press", 0)
+MS = 1_000_000
+
+
+@pytest.mark.processes
+def test_two_plugs_are_pulled_and_the_arm_holds():
+    """A frozen arbiter and a killed regulator in real processes: every bound is kept."""
+    cases = [Case("sim", "arbiter", "freeze-1", "approach", 0), replace(CASE, phase="retreat")]
+    report = Runner().run(cases)
+    assert report.untried == []
+    assert [outcome.case for outcome in report.outcomes] == cases
+    for outcome in report.outcomes:
+        assert violations(outcome, LIMITS) == []
+        assert not outcome.went_on
+        assert outcome.cause
+        assert outcome.speed_m_s > 2e-3
+
+
+def held(**change: object) -> Outcome:
+    """An outcome in which everything is as it should be, but for what is changed."""
+    good = Outcome(CASE, last_accepted_s=0.1, still_s=0.2, causes=["stale"], status_shows=True)
+    for name, value in change.items():
+        setattr(good, name, value)
+    return good
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"last_accepted_s": 0.151}, "151 ms after the fault"),
+        ({"still_s": 0.351}, "only after 351 ms"),
+        ({"still_s": None}, "did not come to a stand"),
+        ({"stale": 1}, "1 stale commands"),
+        ({"moved_m": 6e-4}, "moved 0.60 mm"),
+        ({"provoked": ["move"]}, "move accepted"),
+        ({"fastest_m_s": 0.32}, "jumped: 320 mm/s"),
+        ({"causes": []}, "nothing named a cause"),
+        ({"status_shows": False}, "status did not show"),
+        ({"recovered": False, "note": "it could not be armed"}, "could not be armed"),
+        ({"went_on": True}, "the cell went on"),
+    ],
+)
+def test_every_broken_bound_is_said(change, said):
+    """One number beyond its bound makes exactly one sentence; none makes none."""
+    assert violations(held(), LIMITS) == []
+    found = violations(held(**change), LIMITS)
+    assert len(found) == 1
+    assert said in found[0]
+
+
+def test_a_short_freeze_may_go_on_but_not_jump():
+    """A freeze as long as the deadline may be lived through, within the cell's speed."""
+    short = held(case=replace(CASE, kind="freeze-0.1"), went_on=True, still_s=None, causes=[])
+    assert violations(short, LIMITS) == []
+    short.fastest_m_s = 0.32
+    assert violations(short, LIMITS) != []
+
+
+def test_the_matrix_hits_every_service_in_every_way():
+    """Each service and kind as often as asked; six each see both cells in all phases."""
+    cases = matrix(6, seed=3)
+    assert set(Counter((case.role, case.kind) for case in cases).values()) == {6}
+    assert {(case.role, case.kind) for case in cases} == {(r, k) for r in ROLES for k in KINDS}
+    assert len(set(cases)) == len(cases)
+    hub = {(case.cell, case.phase) for case in cases if case.role == "hub" and case.kind == "kill"}
+    assert hub == {(cell, phase) for cell in ("sim", "tcp") for phase in PHASES}
+    assert {case.cell for case in cases if case.role == "sensor"} == {"tcp"}
+    assert all(named(case.name) == (case.role, case.kind, case.phase) for case in cases)
+
+
+@pytest.mark.parametrize("name", ["", "hub", "hub/kill", "hub/kill/press/1", "hub/sing/press"])
+def test_a_name_that_is_none_is_refused(name):
+    """Whoever repeats a trial by hand is told what there is."""
+    with pytest.raises(ValueError, match="must be hub"):
+        named(name)
+
+
+def path(*speeds_m_s: float) -> Path:
+    """A flange with one speed for each millisecond, standing at the origin."""
+    count = len(speeds_m_s)
+    return Path(np.arange(count) * MS, np.zeros((count, 3)), np.array(speeds_m_s))
+
+
+def test_the_flange_stands_when_it_is_slow_for_a_tenth_of_a_second():
+    """A moment of rest on the way is none; rest that lasts begins with its first moment."""
+    pause = [0.1] * 20 + [0.0] * 50 + [0.1] * 20
+    assert path(*pause).still_since_ns() is None
+    assert path(*pause, *[0.0] * 200).still_since_ns() == 90 * MS
+    assert path(*[0.0] * 200).still_since_ns() == 0
+
+
+def test_a_window_sees_the_stalls_that_touch_it():
+    """Late from 100 to 130 ms: it counts within, across an edge, and nowhere else."""
+    stalls = np.array([[100, 130], [200, 206]]) * MS
+    assert longest_stall_s(stalls, 90 * MS, 210 * MS) == pytest.approx(0.030)
+    assert longest_stall_s(stalls, 120 * MS, 150 * MS) == pytest.approx(0.030)
+    assert longest_stall_s(stalls, 131 * MS, 210 * MS) == pytest.approx(0.006)
+    assert longest_stall_s(stalls, 140 * MS, 190 * MS) == 0.0

@@ -9,7 +9,7 @@ from typing import TypeVar
 import msgpack
 from pydantic import ValidationError
 
-from common.errors import MessageError
+from common.errors import MessageError, MisroutedError
 from common.messages import Message, Record
 
 SCHEMA_VERSION = 1
@@ -50,9 +50,15 @@ def encode(header: Header, message: Message) -> bytes:
     return _pack(header.model_dump() | message.model_dump())
 
 
-def decode(data: bytes, message_type: type[M]) -> tuple[Header, M]:
-    """Return header and message. Raise MessageError when the bytes are anything else."""
+def decode(data: bytes, message_type: type[M], topic: str | None = None) -> tuple[Header, M]:
+    """Return header and message, of one topic where it is named.
+
+    Raise MisroutedError when the bytes do not say that they were written for that topic, and
+    MessageError when they are anything else but a header and such a message.
+    """
     fields = _unpack(data)
+    if topic is not None:
+        _refuse_other(fields, (topic,), topic)
     return _validate(fields, Header), _validate(fields, message_type)
 
 
@@ -64,13 +70,12 @@ def encode_record(record: Record, topic: str = "") -> bytes:
 def decode_record(data: bytes, record_type: type[R], topic: str = "") -> R:
     """Return a request or a reply.
 
-    Raise MessageError when the bytes are anything else, or say that they are for another key.
-    A request need not say where it is meant to go: a client of somebody's own may not know.
+    Raise MisroutedError when the bytes say that they are for another key, MessageError when they
+    are anything else. A client of somebody's own need not say what its request is for.
     """
     fields = _unpack(data)
-    addressed = _validate(fields, Version).topic
-    if topic and addressed not in ("", topic):
-        raise MessageError(f"meant for {addressed}, and came to {topic}")
+    if topic:
+        _refuse_other(fields, ("", topic), topic)
     return _validate(fields, record_type)
 
 
@@ -104,6 +109,12 @@ def _unpack(data: bytes) -> dict[str, object]:
     if version != SCHEMA_VERSION:
         raise MessageError(f"schema version {version}, this program speaks {SCHEMA_VERSION}")
     return fields
+
+
+def _refuse_other(fields: dict[str, object], allowed: tuple[str, ...], here: str) -> None:
+    addressed = _validate(fields, Version).topic
+    if addressed not in allowed:
+        raise MisroutedError(f"written for {addressed[:40]!r}, and came to {here}")
 
 
 def _validate(fields: dict[str, object], record_type: type[R]) -> R:

@@ -5,6 +5,7 @@ ForcemeshError
 ├── DataError              a recording or calibration file is wrong; names file, line, column
 ├── BusError               the hub cannot be reached, or a topic is used against the table
 ├── MessageError           bytes from the bus are not the message that the table promises
+│   └── MisroutedError         they were written for another topic or request
 ├── RefusedError           a request was refused; carries code, number and limit
 ├── SimulationError        the physics diverged or was asked the impossible
 └── ProtocolError          the dialogue with the controller is broken
@@ -48,6 +49,10 @@ class MessageError(ForcemeshError):
         """Keep the code for programs, the text for people."""
         self.code = code
         super().__init__(text)
+
+
+class MisroutedError(MessageError):
+    """Bytes from the bus were written for another topic or request than they came to."""
 
 
 class RefusedError(ForcemeshError):

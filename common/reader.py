@@ -5,7 +5,7 @@ from typing import Generic, NamedTuple, Protocol, TypeVar
 
 from common.clock import NS_PER_S, Clock
 from common.codec import Header, decode
-from common.errors import MessageError
+from common.errors import MessageError, MisroutedError
 from common.messages import Message
 from common.topics import Topic
 
@@ -93,16 +93,16 @@ class Reader(Generic[M]):
         if data is None:
             return False
         try:
-            header, message = decode(data, self.topic.message)
+            header, message = decode(data, self.topic.message, self.topic.key)
+        except MisroutedError as error:  # says nothing of this topic, whatever it decodes into
+            self.counters.misrouted += 1
+            self.counters.last_error = str(error)
+            self._suspect()
+            return False
         except MessageError as error:
             self.counters.undecodable += 1
             self.counters.last_error = str(error)
             self._broken = error
-            self._suspect()
-            return False
-        if header.topic != self.topic.key:  # says nothing of this one, whatever it decodes into
-            self.counters.misrouted += 1
-            self.counters.last_error = f"{self.topic.key}: a message written for {header.topic!r}"
             self._suspect()
             return False
         return self._accept(header, message)

@@ -1,4 +1,4 @@
-"""What was written for another key is not taken, however well it decodes: Zenoh has mixed keys up."""
+"""What was written for another key is not taken, however well it decodes."""
 
 from pathlib import Path
 
@@ -10,7 +10,7 @@ from common.clock import ManualClock
 from common.codec import decode_record, encode, encode_record
 from common.config import load_cell
 from common.endpoints import Bus
-from common.errors import MessageError
+from common.errors import MisroutedError
 from common.memory import MemoryTransport
 from tests.fakes.line import Line
 
@@ -49,7 +49,7 @@ def test_a_request_for_something_else_is_refused(other):
     if other is topics.HOLD:
         assert decode_record(data, m.HoldRequest, other.key) == m.HoldRequest()
         return
-    with pytest.raises(MessageError, match="meant for request/hold"):
+    with pytest.raises(MisroutedError, match="request/hold"):
         decode_record(data, other.message, other.key)
 
 

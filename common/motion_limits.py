@@ -19,6 +19,7 @@ WINDOW_S = 0.25  # no flood of commands gets farther in it than the speed limit 
 WINDOW_MARGIN = 1.25  # periods begin and end inside the window
 JOINT_WINDOW_S = 0.1  # joint speeds are a mean over it: samples repeat, and come with jitter
 AT_REST = 1e-9  # m/s and rad/s
+INSTANT_S = 1e-6  # in less time nothing moves
 NS_PER_S = 1_000_000_000
 
 
@@ -62,7 +63,7 @@ def limit_motion(limits: Limits, before: Pace, T_wished: pin.SE3, dt_s: float) -
         T_wished: Flange in base; must be finite.
         dt_s: Time since the last period.
     """
-    if dt_s <= 0.0:
+    if dt_s < INSTANT_S:
         return replace(before, T_wished=T_wished)
     most = _Most(limits, dt_s)
     now, last = np.array([before.speed_m_s, before.turning_rad_s]), before.T_base_flange
@@ -110,17 +111,19 @@ class _Most:
 
     def closing(self, pair: Array) -> float:
         """Speeds from which steps, each slower by the limit, end exactly at the wish."""
-        way, turn = _size(pair[0]), _size(pair[1])
-        half = 0.5 * self.limits.accel_m_s2 * self.dt_s
-        half_rad = 0.5 * self.limits.accel_rad_s2 * self.dt_s
-        fastest = sqrt(half * (half + 4.0 * way)) - half
-        return _share(pair, fastest, sqrt(half_rad * (half_rad + 4.0 * turn)) - half_rad)
+        way = _closing_share(_size(pair[0]), 0.5 * self.limits.accel_m_s2 * self.dt_s)
+        return min(way, _closing_share(_size(pair[1]), 0.5 * self.limits.accel_rad_s2 * self.dt_s))
 
     def is_behind(self, pair: Array) -> bool:
         limits, dt_s = self.limits, self.dt_s
         way_m = limits.speed_m_s * max(dt_s, 0.5 * limits.speed_m_s / limits.accel_m_s2)
         turn_rad = limits.speed_rad_s * max(dt_s, 0.5 * limits.speed_rad_s / limits.accel_rad_s2)
         return _size(pair[0]) > way_m or _size(pair[1]) > turn_rad
+
+
+def _closing_share(speed: float, half: float) -> float:
+    """Return (sqrt(h (h + 4 v)) - h) / v, at most one, without losing digits where v is small."""
+    return min(1.0, 4.0 * half / (sqrt(half * (half + 4.0 * speed)) + half))
 
 
 def _share(pair: Array, most: float, most_rad: float) -> float:

@@ -20,7 +20,7 @@ endif
 endif
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test check format readme bench bench-tcp chaos chaos-full chaos-network chaos-flood chaos-clocks soak fuzz lock clean
+.PHONY: help setup demo test check format readme bench bench-tcp chaos chaos-full chaos-network chaos-flood chaos-clocks soak fuzz fuzz-codec fuzz-commands lock clean
 
 help: ## list these targets
 	@grep -hE '^[a-z-]+:.*##' Makefile | sed -E 's/:[^#]*## */\t/' | expand -t 10
@@ -79,6 +79,12 @@ soak: setup ## ten minutes of rounds at full rate: no growth, no leak, no false 
 
 fuzz: setup ## look for inputs that break the readers, FUZZ_SECONDS=60 for each: ARGS=receiver
 	@$(BIN)/python -m fuzz --seconds $(FUZZ_SECONDS) $(ARGS)
+
+fuzz-commands: setup ## let an evil arbiter say a million commands: ARGS="--messages 100000 gateway"
+	@$(BIN)/python -m fuzz.commands $(ARGS)
+
+fuzz-codec: setup ## spoil ten million streams of packets, none may be believed: ARGS="--cases 100000"
+	@$(BIN)/python -m fuzz.codec $(ARGS)
 
 lock: ## write both locks anew from pyproject.toml (needs uv): ARGS=--upgrade takes newer versions
 	@test -n "$(UV)" || { echo "make lock needs uv: $(BIN)/python -m pip install uv" >&2; exit 1; }

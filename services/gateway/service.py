@@ -67,6 +67,16 @@ class Gateway:
         self._state = bus.publisher(topics.ROBOT_STATE)
         self.trigger = self._command
 
+    @property
+    def verdict(self) -> Verdict:
+        """What is obeyed right now, or why nothing is."""
+        return self._verdict
+
+    @property
+    def measured(self) -> Measured | None:
+        """What the controller reported last."""
+        return self._connection.measured
+
     def counters(self) -> dict[str, int]:
         """Return what was dropped, refused or lost."""
         return {

@@ -58,7 +58,6 @@ class SimDriver:
         now_ns: int,
     ) -> Trip | None:
         """Do what a permitted command says, or say which limit it breaks."""
-        self._seeded = False
         T_measured = self._arm.T_base_flange
         if lease != self._lease:
             if self._lease is None or lease[0] != self._lease[0]:
@@ -69,6 +68,7 @@ class SimDriver:
         trip = self._guard.wrench(wrench)
         if trip is not None:
             return trip
+        self._seeded = False
         if command.kind == "feedback":
             text = "force feedback in the controller needs a controller, this is a bare arm"
             return tripped("robot_refuses", text)

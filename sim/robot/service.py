@@ -10,7 +10,7 @@ from common.convert import record_of, vec6
 from common.endpoints import Bus
 from common.errors import SimulationError
 from common.messages import LinkHealth, RobotState, RobotStatus, Trip
-from common.permission import NO_COMMAND_YET, CommandGate
+from common.permission import NO_COMMAND_YET, CommandGate, Verdict
 from common.stream_budget import SPEED_MARGIN
 from sim.robot.arm import SimArm
 from sim.robot.driver import SimDriver
@@ -49,6 +49,11 @@ class SimRobot:
         self._state = bus.publisher(topics.ROBOT_STATE)
         self._sensor = SensorFeed(bus.playing("sensor"), cell, self.arm)
         self._trace = wanted_trace(self.arm, bus.clock)
+
+    @property
+    def verdict(self) -> Verdict:
+        """What is obeyed right now, or why nothing is."""
+        return self._verdict
 
     def counters(self) -> dict[str, int]:
         """Return what was dropped or lost."""

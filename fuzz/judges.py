@@ -1,0 +1,208 @@
+"""What may leave a robot's last check, said a second time and without a look at how it checks.
+
+`Path` counts what was commanded over time: way and turn in a window, and how suddenly it begins.
+A stop may be as hard as it likes; everything else has the cell's limit and the margin beside it.
+"""
+
+from collections import Counter, deque
+from math import acos, radians
+
+import numpy as np
+import pinocchio as pin
+
+from common.cell import Cell
+from common.packet_table import Com, FeedbackSwitch
+from fuzz.framer import numbers
+from fuzz.yes_man import pose_of_vec
+
+Array = np.ndarray
+MARGIN = 1.25  # of speed: set points may come a little early
+BURST_S = 0.05  # by so much later than it was let through a set point may leave
+ROUNDING_M = 1e-4
+SLACK_M = 3e-3  # of a commanded arm beyond the workspace on the way of a move
+HALF_S = 0.06
+RELEASED_S = 0.25  # after a force above the ceiling nothing moves any more
+WATCHED_MOTIONS = {Com.MOVE_POSE, Com.MOVE_JOINTS, Com.MOVE_BY_JOINTS, Com.WRENCH}
+
+
+class Path:
+    """A commanded flange over time."""
+
+    def __init__(self, cell: Cell) -> None:
+        """Begin anywhere."""
+        limits = cell.limits
+        self._speed, self._turning = limits.speed_m_s, radians(limits.speed_deg_s)
+        self._accel = limits.accel_m_s2
+        self._points: deque[tuple[float, Array, float, float]] = deque()
+        self._last: tuple[Array, Array] | None = None
+        self.most_m_s = self.most_m = self.most_m_s2 = 0.0
+
+    def jump(self) -> None:
+        """The arm goes another way: the next point is a beginning."""
+        self._last = None
+
+    def add(self, at_s: float, p_m: Array, R: Array) -> list[str]:
+        """Return the limits that this point breaks."""
+        points = self._points
+        way_m = turn_rad = 0.0
+        if self._last is not None:
+            way_m = float(np.linalg.norm(p_m - self._last[0]))
+            trace = float(np.sum(self._last[1] * R))
+            turn_rad = acos(min(1.0, max(-1.0, 0.5 * (trace - 1.0))))
+        self._last = (p_m, R)
+        points.append((at_s, p_m, way_m, turn_rad))
+        while at_s - points[0][0] > 0.25:
+            points.popleft()
+        window_m, window_rad = sum(point[2] for point in points), sum(p[3] for p in points)
+        self.most_m = max(self.most_m, window_m)
+        broken = []
+        if window_m > MARGIN * self._speed * (0.25 + BURST_S) + ROUNDING_M * len(points):
+            broken.append("window")
+        if window_rad > MARGIN * self._turning * (0.25 + BURST_S) + 2e-3 * len(points):
+            broken.append("turning")
+        return broken + self._sudden(at_s)
+
+    def _sudden(self, at_s: float) -> list[str]:
+        """Compare the way of the last 60 ms with that of the 60 ms before."""
+        newer = sum(p[2] for p in self._points if at_s - p[0] < HALF_S)
+        older = sum(p[2] for p in self._points if HALF_S <= at_s - p[0] < 2 * HALF_S)
+        change = newer - older
+        self.most_m_s = max(self.most_m_s, newer / HALF_S)
+        self.most_m_s2 = max(self.most_m_s2, change / HALF_S**2)
+        if change > 1.5 * self._accel * HALF_S**2 + self._speed * (0.02 + BURST_S):
+            return ["acceleration"]
+        return []
+
+
+class ArmJudge:
+    """Judges the commanded joints of an arm whose geometry is known, each millisecond."""
+
+    def __init__(self, cell: Cell) -> None:
+        """Nothing was commanded yet."""
+        self.broken: Counter[str] = Counter()
+        self.path = Path(cell)
+        limits = cell.limits
+        self._low = np.array(limits.workspace_min_m) - SLACK_M
+        self._high = np.array(limits.workspace_max_m) + SLACK_M
+        self._tether_m = limits.tether_m + SLACK_M
+        self._joints = (np.radians(cell.robot.joint_min_deg), np.radians(cell.robot.joint_max_deg))
+        self._fastest = np.radians(cell.robot.joint_speed_max_deg_s) * 1e-3
+        self._q: Array | None = None
+        self._start: Array | None = None
+        self._lease: object = None
+        self._above_s: float | None = None
+
+    def look(self, at_s: float, q: Array, flange: pin.SE3, tcp_m: Array, *, lease: object) -> None:
+        """Judge one millisecond; `lease` is the one that the robot says it obeys, or None."""
+        note = self.broken.update
+        if ((q < self._joints[0] - 1e-9) | (q > self._joints[1] + 1e-9)).any():
+            note(["joint"])
+        if self._q is not None and (np.abs(q - self._q) > self._fastest + 1e-9).any():
+            note(["joint speed"])
+        if ((tcp_m < self._low) | (tcp_m > self._high)).any():
+            note(["workspace"])
+        if lease is not None and lease != self._lease:
+            self._lease, self._start = lease, flange.translation.copy()
+        if self._start is not None:
+            away_m = float(np.linalg.norm(flange.translation - self._start))
+            if lease is not None and away_m > self._tether_m:
+                note(["tether"])
+        moved = self._q is None or not np.array_equal(q, self._q)
+        if self._above_s is not None and moved and at_s - self._above_s > RELEASED_S:
+            note(["force"])
+        note(self.path.add(at_s, flange.translation.copy(), flange.rotation.copy()))
+        self._q = q
+
+    def force(self, at_s: float, *, above: bool) -> None:
+        """The wrench that the robot can read is above the ceiling, or is not."""
+        self._above_s = (at_s if self._above_s is None else self._above_s) if above else None
+
+
+class PacketJudge:
+    """Judges the packets that a gateway sends."""
+
+    def __init__(self, cell: Cell) -> None:
+        """Nothing was sent yet."""
+        assert cell.gateway is not None
+        self.broken: Counter[str] = Counter()
+        self.coms: Counter[int] = Counter()
+        self.path = Path(cell)
+        self._cell, limits, section = cell, cell.limits, cell.gateway
+        self._limits = limits
+        self._T_flange_tcp = cell.tool.T_flange_tcp.pose
+        self._scales = (
+            section.position_per_mm, section.oat_per_deg, section.joint_per_deg,
+            section.force_per_N, section.torque_per_Nm, section.speed_per_mm_s,
+        )  # fmt: skip
+        self._low, self._high = np.array(limits.workspace_min_m), np.array(limits.workspace_max_m)
+        self._kept: tuple[int, ...] | None = None
+        self.start_m: Array | None = None  # where the arm was when the lease began
+
+    def packet(
+        self, at_s: float, chars: bytes, *, kind: str, may_move: bool, T: pin.SE3, q: Array
+    ) -> None:
+        """Judge one packet.
+
+        Args:
+            at_s: When it was sent.
+            chars: The packet.
+            kind: What the command asked for that the gateway says it obeys.
+            may_move: A permitted command is fresh, and no force is above the ceiling.
+            T: Where the controller says that the flange is.
+            q: Where it says that the joints are [rad].
+        """
+        found = numbers(chars)
+        if found is None:
+            self.broken.update(["not a packet"])
+            return
+        com, param, vec = Com(found[1]), found[2], found[3:]
+        self.coms[int(com)] += 1
+        starts = com == Com.FEEDBACK and param != FeedbackSwitch.STOP
+        if (com in WATCHED_MOTIONS or starts) and not may_move:
+            self.broken.update(["moved without leave"])
+        if com == Com.MOVE_POSE:
+            self._pose(at_s, vec, T, is_stream=kind == "setpoint")
+        elif com in {Com.MOVE_JOINTS, Com.MOVE_BY_JOINTS}:
+            self.path.jump()
+            joints = np.array(vec) / self._scales[2]
+            self._joints(joints + np.degrees(q) * (com == Com.MOVE_BY_JOINTS))
+        elif com == Com.SPEEDS:
+            speed = vec[3] / self._scales[5] * 1e-3 * vec[2] / 1e4
+            self._note("speed", speed > self._limits.speed_m_s + 1e-4)
+        elif com == Com.LIMITS:
+            self._kept = vec
+        elif com == Com.TCP:
+            lever = np.array(vec[:3]) / self._scales[0] * 1e-3 - self._T_flange_tcp.translation
+            self._note("lever", bool(np.linalg.norm(lever) > 0.301))
+        elif com == Com.WRENCH:
+            most_N = self._limits.force_N + self._cell.force.setpoint_max_N
+            force_N = float(np.linalg.norm(vec[:3])) / self._scales[3]
+            self._note("force", force_N > most_N + 0.1)
+        elif starts:
+            self.path.jump()
+            self._note("feedback without limits", self._kept is None)
+
+    def _pose(self, at_s: float, vec: tuple[int, ...], T_now: pin.SE3, *, is_stream: bool) -> None:
+        T = pose_of_vec(vec, self._scales)
+        tcp_m = (T * self._T_flange_tcp).translation
+        outside = (tcp_m < self._low - ROUNDING_M) | (tcp_m > self._high + ROUNDING_M)
+        self._note("workspace", bool(outside.any()))
+        if self.start_m is not None:
+            away_m = float(np.linalg.norm(T.translation - self.start_m))
+            self._note("tether", away_m > self._limits.tether_m + ROUNDING_M)
+        if not is_stream:
+            self.path.jump()
+            return
+        step_m = float(np.linalg.norm(T.translation - T_now.translation))
+        most_m = self._limits.step_m + self._limits.speed_m_s * BURST_S + ROUNDING_M
+        self._note("step", step_m > most_m)
+        self.broken.update(self.path.add(at_s, T.translation.copy(), T.rotation.copy()))
+
+    def _joints(self, joint_deg: Array) -> None:
+        robot = self._cell.robot
+        low, high = np.array(robot.joint_min_deg) - 0.01, np.array(robot.joint_max_deg) + 0.01
+        self._note("joint", bool(((joint_deg < low) | (joint_deg > high)).any()))
+
+    def _note(self, name: str, is_broken: bool) -> None:  # noqa: FBT001 - a row of a table
+        if is_broken:
+            self.broken.update([name])

@@ -1,0 +1,43 @@
+"""Ten thousand commands of an evil arbiter: nothing leaves a robot's last check that is too much.
+
+`make fuzz-commands` says a million of them.
+"""
+
+from typing import Any
+
+import pytest
+
+from common.guard import Guard
+from common.stream_budget import StreamBudget
+from fuzz import commands
+
+ROBOTS = pytest.mark.parametrize("robot", ["gateway", "sim"])
+
+
+@ROBOTS
+def test_no_command_gets_past_the_limits(robot: str) -> None:
+    """Workspace, tether, joints, speed, window, acceleration, force; and much of it was obeyed."""
+    table = commands.fuzz(robot, 5000, seed=1)
+    assert table.broken == {}, table.first_broken
+    assert table.obeyed > 200
+    assert table.moved_ms > 200
+    assert len(table.holds) > 8
+
+
+@pytest.mark.parametrize(
+    ("robot", "without", "breaks"),
+    [
+        ("gateway", [(StreamBudget, "spend")], "acceleration"),
+        ("gateway", [(Guard, "setpoint")], "workspace"),
+        ("gateway", [(Guard, "wrench")], "moved without leave"),
+        ("sim", [(Guard, "setpoint"), (Guard, "arm")], "workspace"),
+        ("sim", [(Guard, "wrench")], "force"),
+    ],
+)
+def test_the_judge_sees_what_the_guard_keeps_back(
+    monkeypatch: pytest.MonkeyPatch, robot: str, without: list[tuple[Any, str]], breaks: str
+) -> None:
+    """Without one of its rules a limit is broken, or the test above proves nothing."""
+    for where in without:
+        monkeypatch.setattr(*where, lambda *_arguments: None)
+    assert breaks in commands.fuzz(robot, 2500, seed=2).broken

@@ -98,6 +98,8 @@ class Arbiter:
             self._good_since_ns = None
         else:
             self._good_since_ns = self._good_since_ns or inputs.now_ns
+            if self.state == "BOOT":
+                self.trips = known.predecessor_trips(inputs)
             self.state = after(self.state, "ready")
         found = complaints(inputs, self._terms, self._good_s(inputs), "all")
         self._not_ready = lasting(found) if self.state in MAY_MOVE else found

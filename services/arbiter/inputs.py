@@ -159,6 +159,15 @@ def writers(inputs: Inputs) -> Writers:
     return {name: header.epoch for name, header in headers.items() if header is not None}
 
 
+def predecessor_trips(inputs: Inputs) -> tuple[Trip, ...]:
+    """Return why the arm holds when an arbiter begins anew: it has let nothing through itself."""
+    robot = inputs.robot.fresh
+    if robot is None or robot.accepted is None:
+        return ()
+    text = "another arbiter let the arm move before this one began: it was restarted"
+    return (tripped("writer", text),)
+
+
 def replaced_trips(inputs: Inputs, at_arming: Writers) -> list[Trip]:
     """Return the inputs that another process writes than when the arm was armed."""
     now = writers(inputs)

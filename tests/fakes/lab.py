@@ -8,6 +8,7 @@ import pytest
 
 from cli.virtual import VirtualCell
 from common import topics
+from common.cell import Cell
 from common.convert import pose_of, record_of
 from common.frames import rotate_about_base_axes
 from common.messages import (
@@ -28,14 +29,16 @@ BRAKE_S = 0.25
 class Lab:
     """The cell with a client's eyes and hands."""
 
-    def __init__(self) -> None:
+    def __init__(self, cell: Cell = CELL) -> None:
         """Wait out the preflight, tare and arm."""
-        self.cell = VirtualCell(CELL)
+        self.cell = VirtualCell(cell)
         self.robot = self.cell.client.reader(topics.ROBOT_STATE)
         self.command = self.cell.client.reader(topics.ROBOT_COMMAND)
         self.arbiter = self.cell.client.reader(topics.ARBITER_STATUS)
         self.wrench = self.cell.client.reader(topics.WRENCH)
-        self.cell.advance(1.2)
+        self.cell.advance(
+            1.2 if cell.roles.robot == "sim" else 1.6
+        )  # a controller is greeted first
         assert self.ask(topics.TARE, Empty()).accepted
         assert self.ask(topics.ARM, Empty()).accepted
         self.cell.advance(0.05)

@@ -19,7 +19,7 @@ from common.messages import Trip
 from services.regulator.law import Contact
 from services.regulator.oscillation import Swing, SwingSettings, follow
 
-MAIN_PART = 0.5  # of a touch: more than 60 degrees off the tool's axis is no pushing back
+MAIN_PART = 0.7  # of a touch: more than 45 degrees off the axis of the tool is no pushing back
 
 
 @dataclass(frozen=True, slots=True)

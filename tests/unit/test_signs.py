@@ -1,0 +1,299 @@
+"""H31: a sensor with a wrong sign, axis, frame or unit never presses with 10 N or goes 2 mm on.
+
+All 48 signed permutations of the force axes in the simulated cell, judged by the true contact.
+The first line of defence is the tare, which such a sensor does not pass; here it has been passed
+somehow, and the first touch itself must show that something is wrong.
+"""
+
+import itertools
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cli.virtual import VirtualCell
+from common import topics
+from common.cell import Cell
+from common.config import cell_from_tree
+from common.convert import record_of
+from common.frames import Array
+from common.messages import ArmRequest, Empty, ForceStartRequest, Mode, MoveRequest
+from common.payload import Payload, predict
+from services.wrench.tare import TareLimits, tare
+from sim.robot import service as robot_service
+from sim.robot.ft_sensor import FtSample
+from tests.fakes.bench import CELL
+
+MOST_N, MOST_M = 10.0, 0.002
+PRESS_N = 8.0
+LIFT_M = 0.001
+GAP_M = 0.001
+
+
+def permutations() -> list[Array]:
+    """Return the 48 signed permutations of three axes, the right one first."""
+    axes = np.eye(3)
+    return [
+        np.diag(signs) @ axes[list(order)]
+        for order in itertools.permutations(range(3))
+        for signs in itertools.product((1.0, -1.0), repeat=3)
+    ]
+
+
+def cell_with(**changes: Any) -> Cell:
+    """Return the demo's cell with a plate near by and what else is asked for."""
+    tree: dict[str, Any] = CELL.model_dump(mode="json")
+    tree["sim"]["gap_m"] = GAP_M
+    for dotted, value in changes.items():
+        section, name = dotted.split("__")
+        tree[section][name] = value
+    return cell_from_tree(tree, "a cell")
+
+
+@dataclass
+class Touch:
+    """What truly happened when the tool was pressed on the plate."""
+
+    peak_N: float
+    way_m: float  # from the first touch on
+    codes: set[str]  # why the arm was stopped, empty: it went on pressing
+
+
+class Bench:
+    """An armed cell whose sensor can be rewired between presses, as if that had been tared away."""
+
+    def __init__(self, cell: Cell) -> None:
+        """Wait out the preflight and tare."""
+        self.cell = VirtualCell(cell)
+        self.arm = self.cell.arm
+        self.status = self.cell.client.reader(topics.ARBITER_STATUS)
+        self.cell.advance(1.3)
+        assert self.cell.client.ask(topics.TARE, Empty()).accepted
+        load = -self.arm.data.sensordata[:6]
+        self.rest = load + self.bias(cell)
+        self._p_touch: Array | None = None
+        self._peak_N = self._way_m = 0.0
+
+    @staticmethod
+    def bias(cell: Cell) -> Array:
+        """Return what the simulated sensor adds to the load."""
+        assert cell.sim is not None
+        return np.array([*cell.sim.bias_force_N, *cell.sim.bias_torque_Nm])
+
+    def rewire(self, force: Array, torque: Array | None = None) -> None:
+        """Let the channels show what they should not; the reading at rest stays as it is."""
+        wiring = np.zeros((6, 6))
+        wiring[:3, :3], wiring[3:, 3:] = force, np.eye(3) if torque is None else torque
+
+        def disturb(sample: FtSample) -> FtSample:
+            grown = np.concatenate((sample.force_N, sample.torque_Nm)) - self.rest
+            shown = self.rest + wiring @ grown
+            return FtSample(shown[:3], shown[3:], sample.status, sample.counter)
+
+        self.arm.ft_sensor.disturb = disturb
+
+    def press(
+        self, mode: Mode = "position", press_N: float = PRESS_N, for_s: float = 0.55
+    ) -> Touch:
+        """Arm and press until something stops the arm; return what truly happened."""
+        client = self.cell.client
+        assert client.ask(topics.ARM, ArmRequest()).accepted
+        wanted = ForceStartRequest(mode=mode, setpoint_N=press_N)
+        assert client.ask(topics.FORCE_START, wanted).accepted
+        self._p_touch, self._peak_N, self._way_m = None, 0.0, 0.0
+        self.cell.advance(for_s, self._stopped)
+        trips = self.status.read(self.cell.clock.now_ns()).message
+        codes = {trip.code for trip in trips.trips} if trips and self._stopped() else set()
+        for _ in range(150):
+            self.cell.advance(0.001)
+            self._stopped()
+        return Touch(self._peak_N, self._way_m, codes)
+
+    def lift(self) -> None:
+        """Stop pressing, acknowledge, go back up a little."""
+        client = self.cell.client
+        self.arm.ft_sensor.disturb = lambda sample: sample
+        client.ask(topics.FORCE_STOP, Empty())
+        self.cell.advance(0.12)
+        client.ask(topics.CLEAR, Empty())
+        self.cell.advance(0.02)
+        assert client.ask(topics.ARM, ArmRequest()).accepted
+        T = self.arm.T_base_flange
+        T.translation = T.translation + np.array([0.0, 0.0, LIFT_M - self.arm.lift_off_m])
+        move = MoveRequest(kind="pose", pose=record_of(T), speed_m_s=0.05)
+        assert client.ask(topics.MOVE, move).accepted
+        self.cell.advance(0.3)
+        assert self.arm.lift_off_m > 0.0
+
+    def _stopped(self) -> bool:
+        """Look at the truth; tell whether the arbiter holds."""
+        if self.arm.data.ncon or self._p_touch is not None:
+            force_N = float(np.linalg.norm(self.arm.true_wrench().force_N))
+            p = np.array(self.arm.data.site("tcp").xpos)
+            if self._p_touch is None and force_N > 0.5:
+                self._p_touch = p
+            if self._p_touch is not None:
+                self._way_m = max(self._way_m, float(np.linalg.norm(p - self._p_touch)))
+            self._peak_N = max(self._peak_N, force_N)
+        status = self.status.read(self.cell.clock.now_ns()).message
+        return status is not None and status.state in {"HOLDING", "FAULT"}
+
+
+def shows_pressing(force: Array, cell: Cell) -> float:
+    """Return the part of a push along the tool that a wiring shows along the tool."""
+    R = cell.sensor.T_flange_sensor.pose.rotation
+    return float((R @ force @ R.T)[2, 2])
+
+
+def judge_presses(cell: Cell, wirings: list[Array]) -> int:
+    """Press with each wiring; return how many were stopped by the sign of the first touch."""
+    bench = Bench(cell)
+    stopped = 0
+    for wiring in wirings:
+        bench.rewire(wiring)
+        touch = bench.press()
+        told = f"{wiring.astype(int).tolist()}: {touch}"
+        assert touch.peak_N < MOST_N, told
+        assert touch.way_m < MOST_M, told
+        if shows_pressing(wiring, cell) > 0.9:  # a straight press does not show the other two axes
+            assert not touch.codes, told
+            assert touch.peak_N == pytest.approx(PRESS_N, abs=0.6), told
+        else:
+            assert "sensor_sign" in touch.codes, told
+            stopped += 1
+        bench.lift()
+    return stopped
+
+
+# --- along the tool -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("order", range(6))
+def test_all_48_wirings_of_the_force_axes(order: int) -> None:
+    """40 are stopped at the first touch; the right one and those that differ beside it press well.
+
+    Sensor mounted at 30 degrees about the tool's axis, as in the cells that ship.
+    """
+    assert CELL.sensor.T_flange_sensor.oat_deg == (30.0, 0.0, 0.0)
+    wirings = permutations()[8 * order : 8 * order + 8]
+    along = sum(wiring[2, 2] == 1.0 for wiring in wirings)
+    assert along in (0, 4)
+    assert judge_presses(cell_with(), wirings) == 8 - along
+
+
+@pytest.mark.parametrize("oat_deg", [(0.0, 0.0, 0.0), (30.0, 90.0, 0.0), (30.0, 90.0, 90.0)])
+def test_wirings_of_a_sensor_that_is_mounted_another_way(oat_deg) -> None:
+    """Whichever of its axes lies along the tool: six signs and swaps."""
+    mounting = {"position_m": [0.0, 0.0, 0.02], "oat_deg": oat_deg}
+    com_m = (0.0, 0.0, 0.0)
+    cell = cell_with(sensor__T_flange_sensor=mounting, sim__tool_com_m=com_m, payload__com_m=com_m)
+    eye = np.eye(3)
+    wirings = [eye, -eye, np.diag([-1.0, 1, 1]), np.diag([1.0, -1, 1]), np.diag([1.0, 1, -1])]
+    assert 2 <= judge_presses(cell, [*wirings, eye[[1, 2, 0]]]) <= 4
+
+
+@pytest.mark.parametrize("stiffness_N_m", [5e3, 1e5])
+def test_a_wrong_sign_on_soft_and_on_stiff_plates(stiffness_N_m: float) -> None:
+    """The approach is as slow as the stiffness asks for: 10 N and 2 mm hold for both."""
+    cell = cell_with(sim__stiffness_N_m=stiffness_N_m, contact__stiffness_N_m=stiffness_N_m)
+    cell = cell.model_copy(
+        update={"force": cell.force.model_copy(update={"approach_m_s": cell.approach_limit_m_s})}
+    )
+    bench = Bench(cell)
+    bench.rewire(np.diag([1.0, 1.0, -1.0]))
+    touch = bench.press(for_s=2.0)
+    assert "sensor_sign" in touch.codes
+    assert touch.peak_N < MOST_N
+    assert touch.way_m < MOST_M
+
+
+# --- beside the tool ------------------------------------------------------------------------------
+
+
+def test_what_runs_away_sideways_is_stopped_by_the_work_that_it_seems_to_get() -> None:
+    """Both axes beside the tool reversed, 20 N: the tool creeps until its work shows it."""
+    bench = Bench(cell_with())
+    bench.rewire(np.diag([-1.0, -1.0, 1.0]))
+    touch = bench.press(press_N=20.0, for_s=3.0)
+    assert "sensor_sign" in touch.codes
+    assert touch.way_m < 2.0 * MOST_M
+    bench.lift()
+    bench.rewire(np.eye(3))
+    assert not bench.press(press_N=20.0, for_s=1.0).codes
+
+
+@pytest.mark.parametrize("signs", [(-1.0, -1.0, -1.0), (-1.0, 1.0, 1.0)])
+def test_wrong_torques_are_stopped_while_the_tool_turns(signs) -> None:
+    """Mode both on a tilted plate: instead of lying down the disc would stand up on its edge."""
+    bench = Bench(cell_with(sim__tilt_deg=5.0))
+    bench.rewire(np.eye(3), np.diag(signs))
+    touch = bench.press("both", for_s=2.0)
+    assert "sensor_sign" in touch.codes
+    assert touch.peak_N < 2.0 * MOST_N
+    assert touch.way_m < MOST_M
+
+
+def test_right_torques_lay_the_disc_down() -> None:
+    """The same press, rightly wired, is not stopped."""
+    bench = Bench(cell_with(sim__tilt_deg=5.0))
+    assert not bench.press("both", for_s=2.0).codes
+
+
+# --- the tare, before anything moves --------------------------------------------------------------
+
+
+@pytest.mark.parametrize("unit", [1.0, 1 / 9.80665, 1 / 4.44822, 1e-3, 1e3])
+def test_of_all_wirings_and_units_the_tare_lets_through_what_shows_the_weight(unit: float) -> None:
+    """Tool down: 8 of 48 in newtons, none in kgf, pounds, kN or mN."""
+    payload = Payload(
+        CELL.payload.mass_kg,
+        CELL.payload.com_m,
+        CELL.payload.bias_force_N,
+        CELL.payload.bias_torque_Nm,
+    )
+    R = np.diag([1.0, -1.0, -1.0])
+    weight_N, moment_Nm = (v - b for v, b in zip(predict(payload, R), biases(), strict=True))
+    limits = TareLimits(CELL.force.tare_max_N, CELL.force.tare_max_Nm)
+    passed = 0
+    for wiring in permutations():
+        shown = np.concatenate((unit * wiring @ weight_N, moment_Nm)) + np.concatenate(biases())
+        passed += tare(payload, [shown], R, limits)[1].accepted
+    assert passed == (8 if unit == 1.0 else 0)
+
+
+def biases() -> tuple[Array, Array]:
+    """Return the bias of force and of torque."""
+    return np.array(CELL.payload.bias_force_N), np.array(CELL.payload.bias_torque_Nm)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [{"payload__mass_kg": 1000.0}, {"payload__com_m": (12.0, -8.0, 60.0)}],
+    ids=["grams for kilograms", "millimetres for metres"],
+)
+def test_a_payload_in_wrong_units_is_refused_before_anything_moves(wrong) -> None:
+    """The true weight does not fit; the tare says by how much."""
+    cell = VirtualCell(cell_with(**wrong))
+    cell.advance(0.4)
+    reply = cell.client.ask(topics.TARE, Empty())
+    assert (reply.accepted, reply.code) == (False, "contact")
+
+
+@pytest.mark.parametrize("lever", ["tool__T_flange_tcp", "sensor__T_flange_sensor"])
+def test_a_lever_in_wrong_units_moves_nothing_or_presses_as_it_should(lever, monkeypatch) -> None:
+    """A tool of 160 m is outside the workspace and turns noise into torque; a sensor at 20 m does no harm."""
+    true = cell_with()
+    assert true.sim is not None
+    settings = robot_service.sim_settings(true, true.sim)
+    monkeypatch.setattr(robot_service, "sim_settings", lambda *_: settings)
+    millimetres = {"position_m": (0.0, 0.0, 160.0 if lever.startswith("tool") else 20.0)}
+    bench = Bench(cell_with(**{lever: millimetres}))
+    if lever.startswith("tool"):
+        reply = bench.cell.client.ask(topics.ARM, ArmRequest())
+        assert not reply.accepted
+        assert reply.code in {"workspace", "torque"}
+    else:
+        touch = bench.press()
+        assert touch.peak_N < MOST_N
+        assert touch.way_m < MOST_M

@@ -3,7 +3,7 @@
 import math
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -19,12 +19,17 @@ move = typer.Typer(
 )
 
 POLL_S = 0.02
+TAKEN_S = 0.5  # so long the arbiter must have named another goal, or none, before it is believed
 HEARD_WITHIN_S = 2.0
 INTERRUPTED = 130
 
 SpeedOption = Annotated[
     float | None,
     typer.Option("--speed", min=0.001, max=5000.0, help="Speed [mm/s]; else that of `speed`."),
+]
+AskerOption = Annotated[
+    Literal["operator", "program"],
+    typer.Option("--as", help="Who asks: a person takes the arm from a program."),
 ]
 NoWait = Annotated[bool, typer.Option("--no-wait", help="Do not wait until it is there.")]
 Percent = Annotated[float | None, typer.Option(min=0.1, max=100.0, help="Percent.")]
@@ -93,7 +98,9 @@ def speed(
 @move.command("to", context_settings=NEGATIVE_NUMBERS)
 def move_to(
     pose: Annotated[str, typer.Argument(metavar="X,Y,Z,O,A,T", help="Flange, mm and degrees.")],
+    *,
     speed: SpeedOption = None,
+    asker: AskerOption = "operator",
     no_wait: NoWait = False,
     cell: CellOption = None,
 ) -> None:
@@ -107,13 +114,16 @@ def move_to(
     position_m = tuple(value / 1e3 for value in numbers[:3])
     oat = Oat(*(math.radians(angle) for angle in numbers[3:]))
     record = record_of(pose_from(position_m, R_from_oat(oat)))
-    _move(MoveRequest(kind="pose", pose=record, speed_m_s=_m_s(speed)), no_wait, cell)
+    request = MoveRequest(kind="pose", pose=record, speed_m_s=_m_s(speed), commander=asker)
+    _move(request, no_wait, cell)
 
 
 @move.command("joints", context_settings=NEGATIVE_NUMBERS)
 def move_joints(
     joints: Annotated[str, typer.Argument(metavar="J1,..,J6", help="Joint angles [degrees].")],
+    *,
     speed: SpeedOption = None,
+    asker: AskerOption = "operator",
     no_wait: NoWait = False,
     cell: CellOption = None,
 ) -> None:
@@ -121,13 +131,18 @@ def move_joints(
     joint_rad = _radians(joints)
     from common.messages import MoveRequest
 
-    _move(MoveRequest(kind="joints", joint_rad=joint_rad, speed_m_s=_m_s(speed)), no_wait, cell)
+    request = MoveRequest(
+        kind="joints", joint_rad=joint_rad, speed_m_s=_m_s(speed), commander=asker
+    )
+    _move(request, no_wait, cell)
 
 
 @move.command("by", context_settings=NEGATIVE_NUMBERS)
 def move_by(
     joints: Annotated[str, typer.Argument(metavar="J1,..,J6", help="Joint angles [degrees].")],
+    *,
     speed: SpeedOption = None,
+    asker: AskerOption = "operator",
     no_wait: NoWait = False,
     cell: CellOption = None,
 ) -> None:
@@ -135,7 +150,8 @@ def move_by(
     joint_rad = _radians(joints)
     from common.messages import MoveRequest
 
-    _move(MoveRequest(kind="by", joint_rad=joint_rad, speed_m_s=_m_s(speed)), no_wait, cell)
+    request = MoveRequest(kind="by", joint_rad=joint_rad, speed_m_s=_m_s(speed), commander=asker)
+    _move(request, no_wait, cell)
 
 
 def _radians(text: str) -> "Vec6":
@@ -173,12 +189,13 @@ class _GoalWatcher:
         self._clock = bus.clock
         self._robot = bus.reader(topics.ROBOT_STATE)
         self._arbiter = bus.reader(topics.ARBITER_STATUS)
+        self._mine_s = 0.0  # when the arbiter named this goal last
 
     def wait(self, goal_id: int) -> None:
         """Return when the goal is done; end the verb when it will not be."""
         from rich.console import Console
 
-        started_s = heard_s = time.monotonic()
+        started_s = heard_s = self._mine_s = time.monotonic()
         began = False
         with Console(stderr=True).status(f"goal {goal_id}") as live:
             while True:
@@ -200,15 +217,21 @@ class _GoalWatcher:
                 if state == "refused":
                     fail(f"refused (goal): {goal.reason}", REFUSED)
                 began = began or state == "running"
-                self._end_when_stopped()
+                self._end_when_stopped(goal_id, now_s)
         where = f"{x:.2f}, {y:.2f}, {z:.2f} mm"
         typer.echo(f"done in {time.monotonic() - started_s:.2f} s: flange at {where}")
 
-    def _end_when_stopped(self) -> None:
+    def _end_when_stopped(self, goal_id: int, now_s: float) -> None:
+        """End when the arm was stopped, or somebody else has it: this goal is not coming back."""
         status = self._arbiter.read(self._clock.now_ns()).fresh
-        if status is not None and status.state in ("HOLDING", "FAULT"):
-            why = "; ".join(trip.text for trip in status.trips) or "no reason given"
+        if status is None or status.goal_id == goal_id:
+            self._mine_s = now_s
+            return
+        why = "; ".join(trip.text for trip in status.trips) or "no reason given"
+        if status.state in ("HOLDING", "FAULT"):
             fail(f"the move ended before its goal: the arbiter is {status.state}: {why}", NOT_WELL)
+        if now_s - self._mine_s > TAKEN_S:
+            fail(f"the move ended before its goal: {why}", NOT_WELL)
 
 
 def _speed_now(bus: "Bus") -> "Speed":

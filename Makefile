@@ -49,9 +49,10 @@ format: setup ## let ruff format and fix what it can
 	@$(BIN)/ruff format $(CODE)
 	@$(BIN)/ruff check --fix $(CODE)
 
-readme: setup ## write the bus table into README.md and the faults into docs/faults.md
+readme: setup ## write the bus table into README.md, docs/faults.md and docs/arbitration.md
 	@$(BIN)/python -m tools.readme
 	@$(BIN)/python -m tools.faults_page
+	@$(BIN)/python -m tools.arbitration_page
 
 bench: setup ## measure what the README states
 	@$(BIN)/python -m bench $(ARGS)

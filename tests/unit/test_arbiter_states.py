@@ -7,6 +7,7 @@ import pytest
 
 from common.messages import ArbiterState
 from services.arbiter.states import CLEARS, MAY_MOVE, MEANS, TABLE, after
+from tools.arbitration_page import PAGE, page
 
 STATES: tuple[ArbiterState, ...] = get_args(ArbiterState)
 EVENTS = ("ready", "arm", "take", "begin", "end", "soften", "hold", "fault", "clear")
@@ -105,3 +106,8 @@ def test_whoever_may_not_move_is_told_what_to_do(state: ArbiterState) -> None:
 def test_a_stop_that_has_begun_goes_on_to_the_latch() -> None:
     """From STOPPING nothing leads back to motion: neither an owner's end nor a new wish."""
     assert {after("STOPPING", event) for event in EVENTS} == {"STOPPING", "HOLDING", "FAULT"}
+
+
+def test_the_page_for_people_is_made_from_the_tables() -> None:
+    """docs/arbitration.md shows every state, arrow, rank and reaction as they are."""
+    assert PAGE.read_text(encoding="utf-8") == page(), "make readme"

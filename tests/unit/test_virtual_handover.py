@@ -122,3 +122,13 @@ def test_a_host_that_changes_is_a_hand_over_too() -> None:
     lab.cell.advance(1.0)
     assert lab.status.commander == "regulator"
     assert lab.force_N == pytest.approx(PRESS_N, abs=2.0)
+
+
+@pytest.mark.xfail(strict=True, reason="the regulator looks for the operator alone, not programs")
+def test_force_feedback_is_refused_as_busy_while_a_program_moves_the_arm() -> None:
+    """As while a person does: else it is accepted, and then nothing comes of it."""
+    lab = Lab()
+    assert move(lab, "program", z_m=0.1).accepted
+    lab.cell.advance(0.5)
+    wish = ForceStartRequest(mode="position", setpoint_N=PRESS_N)
+    assert lab.ask(topics.FORCE_START, wish).code == "busy"

@@ -1,0 +1,191 @@
+"""What the robot's own process notices by itself while the arm moves: H21, H41 and H42."""
+
+from collections.abc import Callable
+from contextlib import ExitStack
+
+import numpy as np
+import pytest
+
+from common.clock import ManualClock
+from common.convert import record_of
+from common.packet import PACKET_CHARS
+from common.packet_table import Status
+from fuzz.yes_man import YesMan
+from services.gateway.service import Gateway
+from sim.controller.pendant import Pendant
+from sim.robot.service import SimRobot
+from tests.contract.rig import Rig, goal, pose_goal, shifted
+from tests.contract.robots import PORT, sim_rig
+from tests.fakes.hostile_cell import ARM_STILL_RAD, HostileCell, hostile_cell
+from tests.fakes.hostile_stream import Rewrite, Throttle
+
+UP, DOWN = "to_controller", "to_gateway"
+REPORT_S = 0.040  # two samples of the program's sender are never farther apart here
+BRAKE_S = 0.07
+
+PENDANT: dict[str, tuple[Callable[[Pendant], None], str]] = {
+    "motors off": (lambda pendant: pendant.motor_power(on=False), "robot_motors"),
+    "emergency stop": (lambda pendant: pendant.emergency_stop(), "robot_motors"),
+    "teach": (lambda pendant: pendant.teach(), "robot_teach"),
+    "teach lock": (lambda pendant: pendant.teach_lock(on=True), "robot_lock"),
+    "hold": (lambda pendant: pendant.hold(), "robot_program"),
+    "abort": (lambda pendant: pendant.abort(), "robot_program"),
+}
+BITS = {
+    Status.MOTOR_POWER: "robot_motors",
+    Status.REPEAT_MODE: "robot_teach",
+    Status.TEACH_LOCK_OFF: "robot_lock",
+    Status.PROGRAM_RUNNING: "robot_program",
+    Status.WATCHDOG_LATCHED: "robot_latched",
+    Status.ERROR: "robot_error",
+}
+
+
+# --- H42: the controller says that it does not obey -----------------------------------------------
+
+
+@pytest.mark.parametrize("motion", ["goal", "stream", "feedback"])
+@pytest.mark.parametrize("what", PENDANT)
+def test_what_a_person_does_at_the_pendant_stops_the_arm_under_its_own_code(
+    what: str, motion: str
+) -> None:
+    """Within two reports, and nothing goes on when it is undone."""
+    act, code = PENDANT[what]
+    cell = HostileCell()
+    cell.begin(motion)
+    act(cell.machine.pendant)
+    done_ns = cell.rig.clock.now_ns()
+    assert cell.rig.advance(2 * REPORT_S, lambda: cell.rig.state.hold_code), cell.rig.state
+    assert cell.rig.state.hold_code == code
+    cell.rig.advance(0.5)
+    assert (cell.stopped_ns(done_ns) - done_ns) / 1e9 <= BRAKE_S
+    pendant = cell.machine.pendant
+    pendant.release_emergency_stop()
+    pendant.motor_power(on=True)
+    pendant.repeat()
+    pendant.teach_lock(on=False)
+    q = cell.joints[-1]
+    cell.rig.advance(1.0)
+    assert np.abs(cell.joints[-1] - q).max() <= ARM_STILL_RAD
+    assert cell.rig.state.hold_reason or not cell.rig.state.valid
+
+
+@pytest.mark.parametrize("bit", BITS, ids=[str(bit.name) for bit in BITS])
+def test_a_status_bit_alone_stops_the_arm_and_its_return_does_not_start_it(bit: Status) -> None:
+    """Toggled on the way, so that the controller itself knows nothing of it."""
+    cell = HostileCell()
+    cell.begin("goal")
+
+    def turn(packet: bytes) -> bytes:
+        if packet[7:13] not in {b"000101", b"000102"}:
+            return packet
+        param = int(packet[14:20])
+        return packet[:14] + b"%06d" % (param ^ int(bit)) + packet[20:]
+
+    abuse = cell.network.strike(DOWN, Rewrite(turn=turn))
+    toggled_ns = cell.rig.clock.now_ns()
+    assert cell.rig.advance(2 * REPORT_S, lambda: cell.rig.state.hold_code), cell.rig.state
+    assert cell.rig.state.hold_code == BITS[bit]
+    cell.network.strike(DOWN, Rewrite(turn=lambda packet: packet))
+    cell.rig.advance(0.3)
+    assert abuse.bites
+    assert (cell.stopped_ns(toggled_ns) - toggled_ns) / 1e9 <= BRAKE_S + 2 * REPORT_S
+    cell.assert_stays(0.5)
+    assert cell.rig.state.hold_code == BITS[bit]
+    cell.assert_obeys_after_arming()
+
+
+# --- H41: the arm is not where it was commanded ---------------------------------------------------
+
+
+class Lame(YesMan):
+    """Takes every command and stays where it is."""
+
+    def _move(self, dt_s: float) -> None:
+        pass
+
+
+def lame_rig() -> tuple[Rig, Lame]:
+    """The gateway and a controller that does not do what it says; it stands, armed."""
+    wire = Lame((0.0, 0.0, -1.5, 0.0, -1.5, 0.0))
+    rig = Rig(hostile_cell(PORT), ManualClock(), lambda bus, cell: Gateway(bus, cell, wire))
+    rig.connect()
+    rig.arm()
+    return rig, wire
+
+
+def is_off(rig: Rig, within_s: float) -> None:
+    """It holds for this reason, and the lease is dead."""
+    rig.until(lambda: rig.state.hold_code, within_s)
+    assert rig.state.hold_code == "tracking"
+    rig.say("idle")
+    rig.advance(0.3)
+    assert rig.state.hold_code == "tracking"
+    assert "lease" in rig.state.hold_reason
+
+
+def test_a_controller_that_takes_set_points_and_ignores_them_is_found_out() -> None:
+    """20 mm/s, and the arm stands: by its reports, not by what it takes."""
+    rig, _ = lame_rig()
+    start = rig.T
+    for step in range(1, 400):
+        rig.say("setpoint", pose=record_of(shifted(start, z_m=8e-5 * step)))
+        rig.advance(0.004)
+        if rig.state.hold_code:
+            break
+    is_off(rig, 0.01)
+
+
+@pytest.mark.parametrize("kind", ["pose", "joints", "idle"])
+def test_an_arm_that_leaves_its_way_is_found_out(kind: str) -> None:
+    """Beside the line of a move, out of the joints' proportion, or away from where it rested."""
+    rig, wire = lame_rig()
+    if kind == "pose":
+        rig.say("goal", goal=pose_goal(1, shifted(rig.T, z_m=0.05)))
+    elif kind == "joints":
+        rig.say("goal", goal=goal(1, "joints", joint_rad=tuple(rig.joint_rad + 0.1)))
+    rig.advance(0.1)
+    assert rig.state.hold_code == ""
+    wire.T = shifted(wire.T, x_m=0.015)
+    wire.joint_rad = wire.joint_rad + np.array([0.3, 0.0, 0.0, 0.0, 0.0, 0.0])
+    is_off(rig, 0.3)
+
+
+def test_the_simulated_arm_that_is_pushed_away_holds() -> None:
+    """Somebody leans on it until the servos give way."""
+    with ExitStack() as stack:
+        rig = sim_rig(stack)
+        rig.connect()
+        rig.arm()
+        rig.advance(0.05)
+        assert isinstance(rig.service, SimRobot)
+        arm = rig.service.arm
+        body = arm.model.body("tool").id
+        for push_N in range(0, 20_000, 200):
+            arm.data.xfrc_applied[body][0] = push_N
+            rig.advance(0.02)
+            if rig.state.hold_code:
+                break
+        assert rig.state.hold_code == "tracking"
+
+
+# --- H21: a line that is too slow -----------------------------------------------------------------
+
+
+@pytest.mark.parametrize("bytes_per_s", [300, 150])
+def test_a_line_on_which_a_hold_would_be_late_is_given_up(bytes_per_s: int) -> None:
+    """Permission goes on and packets pile up: close, hold, under a code of its own."""
+    cell = HostileCell()
+    cell.rig.connect()
+    cell.rig.arm()
+    start = cell.rig.T
+    cell.network.strike(UP, Throttle(bytes_per_s=bytes_per_s))
+    cell.rig.say("goal", goal=pose_goal(1, shifted(start, z_m=0.06)))
+    watchdog_s = cell.rig.cell.gateway.watchdog_s
+    cell.rig.until(lambda: cell.rig.state.hold_code, 0.1 + watchdog_s)
+    assert cell.rig.state.hold_code == "link_slow"
+    assert "on its way" in cell.rig.state.hold_reason
+    assert PACKET_CHARS * 2 / bytes_per_s > watchdog_s, "this line would have been quick enough"
+    cell.rig.advance(2.0)
+    cell.assert_stays(0.5)
+    cell.assert_obeys_after_arming()

@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 from common import topics
 from common.clock import NS_PER_S
 from common.endpoints import Bus
-from common.faults import FAULTS
 from common.messages import ArbiterStatus, RobotCommand, RobotState
 
 POLL_S = 0.001
@@ -23,8 +22,6 @@ class Notes:
     # Commands that the robot took for motion: when [ns], and how old they were then [s], 0 unknown.
     accepted: dict[Key, tuple[int, float]] = field(default_factory=dict)
     codes: list[str] = field(default_factory=list)  # of the arbiter's trips, in their order
-    robot_codes: list[str] = field(default_factory=list)  # of the robot's holds
-    states: list[str] = field(default_factory=list)  # of the arbiter
 
 
 class Ear:
@@ -83,14 +80,11 @@ class Ear:
         if robot is not None:
             self._note_robot(robot)
         if arbiter is not None:
-            _note(self.notes.states, arbiter.state)
-            for trip in arbiter.trips:
-                _note(self.notes.codes, trip.code)
+            known = self.notes.codes
+            known.extend(trip.code for trip in arbiter.trips if trip.code not in known)
 
     def _note_robot(self, robot: RobotState) -> None:
         notes, accepted = self.notes, robot.accepted
-        if robot.hold_code in FAULTS:
-            _note(notes.robot_codes, robot.hold_code)
         if accepted is None:
             return
         # A command that was not heard here counts as motion, so that nothing is overlooked.
@@ -104,8 +98,3 @@ class Ear:
 def kind_of(command: RobotCommand) -> str:
     """Return what a command asks for; without a permission it is a hold."""
     return "hold" if command.permission is None else command.kind
-
-
-def _note(list_of: list[str], what: str) -> None:
-    if what not in list_of:
-        list_of.append(what)

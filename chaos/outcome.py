@@ -45,7 +45,6 @@ class Outcome:
     fastest_m_s: float = 0.0
     provoked: list[str] = field(default_factory=list)  # wrongly accepted without arming
     causes: list[str] = field(default_factory=list)  # of arbiter/status
-    robot_causes: list[str] = field(default_factory=list)  # of robot/state
     status_shows: bool = False  # what `forcemesh status` tells names cause or process
     stalled_s: float = 0.0  # longest lateness of the witness meanwhile
     recovered: bool = True  # a person could clear and arm afterwards
@@ -54,9 +53,7 @@ class Outcome:
     @property
     def cause(self) -> str:
         """The first cause that was named."""
-        if self.causes:
-            return self.causes[0]
-        return f"{self.robot_causes[0]} (robot)" if self.robot_causes else ""
+        return self.causes[0] if self.causes else ""
 
 
 def violations(outcome: Outcome, limits: Limits) -> list[str]:

@@ -13,6 +13,7 @@ from cli.cellview import CellView
 from cli.runfile import read_run
 from cli.status import CellStatus, cell_status
 from common.clock import NS_PER_S
+from common.faults import FAULTS
 
 WATCH_S = 2.0  # for motion that nobody asked for
 LOOK_S = 0.5  # after a death, before status is asked
@@ -72,28 +73,29 @@ class Trials:
                 self._ear.during(LOOK_S)
                 outcome.status_shows = self._shows(self._status(), case.role)
             self._rig.start(name)
-            self._until_up()
+            self._until_up(outcome)
             self._ear.during(WATCH_S if case.kind == "restart" else WATCH_S / 2)
         self._note_causes(outcome)
         if case.kind == "restart":
-            self._restart_the_others(name)
+            self._restart_the_others(name, outcome)
         return Window(fault_ns, thaw_ns, self._end(outcome))
 
-    def _restart_the_others(self, name: str) -> None:
+    def _restart_the_others(self, name: str, outcome: Outcome) -> None:
         """Start everything anew but the arm, which could then not be seen to move."""
         arm = self._rig.name_of("robot" if self._rig.cell.roles.robot == "sim" else "sensor")
         others = self._rig.others_than(name, arm)
         self._rig.end(*others)
         self._rig.start(*others)
-        self._until_up()
+        self._until_up(outcome)
         self._ear.during(WATCH_S / 2)
 
-    def _until_up(self) -> None:
-        self._ear.until(lambda: not self._view.missing(), UP_WITHIN_S)
+    def _until_up(self, outcome: Outcome) -> None:
+        if not self._ear.until(lambda: not self._view.missing(), UP_WITHIN_S):
+            outcome.recovered, outcome.note = False, "; ".join(self._view.missing())
 
     def _note_causes(self, outcome: Outcome) -> None:
         notes, arbiter = self._ear.notes, self._ear.arbiter()
-        outcome.causes, outcome.robot_causes = list(notes.codes), list(notes.robot_codes)
+        outcome.causes = [code for code in notes.codes if code in FAULTS]
         held = arbiter is None or arbiter.state not in MAY_MOVE
         outcome.went_on = not notes.codes and not held
         if not outcome.status_shows and not outcome.went_on:

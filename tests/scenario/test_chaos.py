@@ -18,6 +18,7 @@ MS = 1_000_000
 
 
 @pytest.mark.processes
+@pytest.mark.timeout(300)  # a spoilt trial is repeated with a new cell
 def test_two_plugs_are_pulled_and_the_arm_holds():
     """A frozen arbiter and a killed regulator in real processes: every bound is kept."""
     cases = [Case("sim", "arbiter", "freeze-1", "approach", 0), replace(CASE, phase="retreat")]

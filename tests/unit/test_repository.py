@@ -95,7 +95,20 @@ def test_image_gets_the_versions_that_are_tested() -> None:
 
 @pytest.mark.parametrize(
     "target",
-    ["setup", "demo", "test", "check", "format", "bench", "bench-tcp", "fuzz", "lock", "clean"],
+    [
+        "setup",
+        "demo",
+        "test",
+        "check",
+        "format",
+        "bench",
+        "bench-tcp",
+        "chaos",
+        "chaos-full",
+        "fuzz",
+        "lock",
+        "clean",
+    ],
 )
 def test_make_knows_and_lists_its_targets(target: str) -> None:
     """Each command that the documentation names is there, and `make` alone tells of it."""
@@ -155,7 +168,7 @@ def test_ci_runs_what_a_person_runs() -> None:
     text = script.read_text(encoding="utf-8")
     assert os.access(script, os.X_OK)
     assert "set -euo pipefail" in text
-    assert text.splitlines()[-2:] == ["make check", "make test"]
+    assert text.splitlines()[-3:] == ["make check", "make test", "make chaos"]
     assert run("bash", "-n", script).returncode == 0
 
 

@@ -29,6 +29,7 @@ from services.regulator.tuning import tune
 
 STOPPED = "stopped"
 LONGEST_GAP_PERIODS = 3.0  # a longer gap between samples is not integrated over
+MOVERS = ("operator", "program")  # while one of them moves the arm, nothing is proposed
 MOTION_STATES = ("ARMED", "ACTIVE")
 
 
@@ -186,8 +187,8 @@ class Regulator:
             self._end(f"the arbiter is {arbiter.state}")
         elif arbiter.lease != self._session.lease:  # held and armed again between two readings
             self._end("the arm was armed anew")
-        elif arbiter.commander == "operator":
-            self._end("the operator commands the arm")
+        elif arbiter.commander in MOVERS:
+            self._end(f"the {arbiter.commander} commands the arm")
 
     def _end(self, reason: str) -> None:
         self._session, self._stop_reason, self.fault = None, reason, ""
@@ -240,8 +241,8 @@ class Regulator:
             return refusal("not_armed", f"the arbiter is {state}: arm first")
         if arbiter is not None and arbiter.armed_for == "jog":
             return refusal("not_armed", "armed for jog alone: hold, then arm for all")
-        if arbiter is not None and arbiter.commander == "operator":
-            text = "the operator commands the arm: wait for the move to end, or hold"
+        if arbiter is not None and arbiter.commander in MOVERS:
+            text = f"the {arbiter.commander} commands the arm: wait for the move to end, or hold"
             return refusal("busy", text)
         return refusal(worse.code, worse.fault) if worse.fault else None
 

@@ -124,7 +124,6 @@ def test_a_host_that_changes_is_a_hand_over_too() -> None:
     assert lab.force_N == pytest.approx(PRESS_N, abs=2.0)
 
 
-@pytest.mark.xfail(strict=True, reason="the regulator looks for the operator alone, not programs")
 def test_force_feedback_is_refused_as_busy_while_a_program_moves_the_arm() -> None:
     """As while a person does: else it is accepted, and then nothing comes of it."""
     lab = Lab()

@@ -1,5 +1,6 @@
 """The gateway on the bus: the robot's role, played by a Kawasaki controller over TCP."""
 
+from dataclasses import replace
 from math import radians
 
 from common import topics
@@ -119,7 +120,7 @@ class Gateway:
         if self.fault or measured is None:
             return self._gate.revoke(self.fault, self._connection.code)
         if verdict.command is None:
-            return verdict
+            return self._with_cause(verdict)
         if (unfit := self._connection.unfit()) is not None:
             return self._gate.revoke(unfit.text, unfit.code)
         try:
@@ -133,6 +134,13 @@ class Gateway:
             self._refusals += 1
             return self._gate.revoke(str(error), error.code)
         return verdict
+
+    def _with_cause(self, verdict: Verdict) -> Verdict:
+        """Name what the controller lacks right now before why the lease ended: it is the cause."""
+        if (unfit := self._connection.unfit()) is None:
+            return verdict
+        reason = f"{unfit.text}; {verdict.hold_reason}"
+        return replace(verdict, hold_reason=reason, hold_code=unfit.code)
 
     def _obey(self, verdict: Verdict, measured: Measured, now_ns: int) -> None:
         command, accepted = verdict.command, verdict.accepted

@@ -52,13 +52,13 @@ class CommandGate:
             age_ms, limit_ms = reading.age_s * 1e3, command.permission.deadline_s * 1e3
             reason = f"permission {age_ms:.0f} ms old, limit {limit_ms:.0f} ms"
             return self._refuse(reason, "stale")
-        lease = (header.epoch, command.permission.lease)
-        if lease == self._dead_lease:
-            return self._hold(f"lease {lease[1]} ended: {self._dead_reason}", self._dead_code)
         newest = (header.epoch, command.permission.lease, command.permission.turn)
         if newest[0] == self._newest[0] and newest < self._newest:
             reason = f"lease {newest[1]} turn {newest[2]} is over"
             return self._refuse(reason, "no_lease")
+        lease = (header.epoch, command.permission.lease)
+        if lease == self._dead_lease:
+            return self._hold(f"lease {lease[1]} ended: {self._dead_reason}", self._dead_code)
         self._live_lease, self._newest = lease, newest
         previous = self._accepted
         is_new = previous is None or (previous.epoch, previous.seq) != (header.epoch, header.seq)

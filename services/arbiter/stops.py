@@ -14,11 +14,10 @@ import numpy as np
 import pinocchio as pin
 
 from common.cell import Cell
-from common.clock import NS_PER_S
 from common.faults import clipped
 from common.limits import Limits
 from common.messages import Trip, WrenchAtTcp
-from common.motion_limits import Pace, brake, limit_motion
+from common.motion_limits import NS_PER_S, Pace, brake, limit_motion
 from services.arbiter.bounds import Bounds
 from services.arbiter.stream import Moment, Stream
 

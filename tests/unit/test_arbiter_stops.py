@@ -69,6 +69,14 @@ def test_what_is_urgent_is_held_at_once(code: str) -> None:
     assert code not in REACTIONS
 
 
+def test_a_target_for_the_controller_without_content_holds() -> None:
+    """It may begin, and then there is nothing to do."""
+    world = world_with().make_armed()
+    world.propose(None, host="controller")
+    assert world.tick().permission is None
+    assert world.core.status().trips[0].code == "regulator"
+
+
 # --- fade -----------------------------------------------------------------------------------------
 
 velocities = st.tuples(*[st.floats(-0.14, 0.14)] * 3).filter(lambda v: np.linalg.norm(v) > 0.1)

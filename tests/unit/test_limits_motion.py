@@ -1,6 +1,5 @@
 """How commanded poses may move: whatever is wished for, speed and acceleration are kept."""
 
-import math
 from itertools import pairwise
 
 import numpy as np
@@ -10,19 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from common.config import cell_from_tree, dump_cell
-from common.errors import ConfigError
 from common.frames import rotation_between, rotation_from_vector
-from common.limits import Limits, check_joint_speed, check_workspace
+from common.limits import Limits
 from common.motion_limits import (
-    JOINT_WINDOW_S,
-    WINDOW_MARGIN,
-    WINDOW_S,
-    JointTrack,
     Pace,
-    Window,
     brake,
-    check_rate,
     limit_motion,
     resting_place,
     still,
@@ -168,160 +159,6 @@ def test_braking_ends_where_it_was_foretold(wishes) -> None:
     assert size(pace.T_base_flange.translation - T_rest.translation) <= (
         LIMITS.speed_m_s * DT_S + 1e-12
     )
-
-
-# --- windows --------------------------------------------------------------------------------------
-
-
-@given(st.lists(st.tuples(st.integers(0, 50_000_000), st.floats(0.0, 0.02)), max_size=60))
-def test_a_window_counts_every_way_of_the_last_quarter_second(steps) -> None:
-    """Against the plain sum, for any rhythm of commands; a flood of small ones is seen, too."""
-    window, now_ns, all_steps = Window(), 10**9, list[tuple[int, float]]()
-    T = at(np.zeros(3), np.zeros(3))
-    for after_ns, way_m in steps:
-        now_ns += after_ns
-        all_steps.append((now_ns, way_m))
-        window = window.after(now_ns, T, at(np.array([way_m, 0.0, 0.0]), np.zeros(3)))
-        inside_m = sum(way for at_ns, way in all_steps if at_ns > now_ns - WINDOW_S * 1e9)
-        most_m = LIMITS.speed_m_s * WINDOW_S * WINDOW_MARGIN
-        trip = check_rate(LIMITS, window)
-        if abs(inside_m - most_m) > 1e-12:
-            assert (trip is not None) == (inside_m > most_m)
-        if trip is not None:
-            assert (trip.code, trip.limit) == ("rate", most_m)
-            assert trip.value == pytest.approx(inside_m)
-
-
-def test_turns_count_in_the_window_as_well() -> None:
-    """A flood of turns without a way."""
-    T, T_next = at(np.zeros(3), np.zeros(3)), at(np.zeros(3), np.array([0.0, 0.1, 0.0]))
-    most, window = LIMITS.speed_rad_s * WINDOW_S * WINDOW_MARGIN, Window()
-    for count in range(1, 8):
-        window = window.after(10**9, T, T_next)
-        trip = check_rate(LIMITS, window)
-        assert (trip is not None) == (0.1 * count > most)
-        assert trip is None or (trip.code, trip.limit) == ("rate", most)
-    assert most < 0.7
-
-
-@settings(max_examples=40)
-@given(
-    joint=st.integers(0, 5),
-    share=st.floats(-2.0, 2.0),
-    repeats=st.lists(st.integers(1, 3), min_size=60, max_size=60),
-)
-def test_joint_speed_is_right_though_samples_repeat(joint, share, repeats) -> None:
-    """A robot that says each sample once to three times: the mean is off by those periods alone."""
-    track, stamp_ns, speed = JointTrack(), 10**9, share * LIMITS.joint_speed_rad_s[joint]
-    seen = []
-    for count in repeats:
-        q = np.zeros(6)
-        q[joint] = speed * stamp_ns * 1e-9
-        for _ in range(count):
-            track = track.after(stamp_ns, q)
-            stamp_ns += 4_000_000
-            seen.append(track.speed_rad_s)
-    known = [found[joint] for found in seen if found is not None]
-    assert len(known) >= len(seen) - 0.1 / 0.004 - 2
-    doubt = 2 * 0.004 / JOINT_WINDOW_S + 0.001
-    assert all(abs(found - speed) <= abs(speed) * doubt + 1e-9 for found in known)
-    tripped = [check_joint_speed(LIMITS, found) for found in seen if found is not None]
-    if abs(share) * (1.0 + doubt) < 1.0:
-        assert not any(tripped)
-    if abs(share) * (1.0 - doubt) > 1.0:
-        assert all(trip is not None and trip.code == "joint_speed" for trip in tripped)
-        assert all(trip is not None and f"joint {joint + 1} " in trip.text for trip in tripped)
-
-
-def test_a_sample_that_is_said_again_with_its_stamp_changes_nothing() -> None:
-    """Nor does an older one: time only goes on."""
-    track = JointTrack().after(10**9, np.zeros(6)).after(2 * 10**9, np.ones(6))
-    assert track.after(2 * 10**9, np.full(6, 9.0)) is track
-    assert track.after(10**9 + 1, np.full(6, 9.0)) is track
-    assert track.speed_rad_s == pytest.approx(np.ones(6))
-
-
-@pytest.mark.parametrize("joint", range(6))
-def test_each_joint_has_its_speed(joint: int) -> None:
-    """Swept about the limit, both ways; not finite is a trip, too."""
-    fastest = LIMITS.joint_speed_rad_s[joint]
-    for speed in (fastest, -fastest, 1.001 * fastest, -1.001 * fastest, math.nan):
-        speeds = np.zeros(6)
-        speeds[joint] = speed
-        trip = check_joint_speed(LIMITS, speeds)
-        assert (trip is None) == (abs(speed) <= fastest)
-        if trip is not None:
-            assert trip.code == ("joint_speed" if math.isfinite(speed) else "not_finite")
-
-
-# --- planes ---------------------------------------------------------------------------------------
-
-
-def with_plane(point_m, normal) -> Limits:
-    """Return the demo cell's limits and a wall."""
-    tree = CELL.model_dump(mode="json")
-    tree["limits"]["planes"] = [{"point_m": list(point_m), "normal": list(normal)}]
-    return Limits.of(cell_from_tree(tree, "x.yaml"))
-
-
-@given(
-    st.floats(-0.2, 0.2),
-    hnp.arrays(float, 3, elements=st.floats(-3.0, 3.0)).filter(lambda n: size(n) > 0.1),
-    hnp.arrays(float, 3, elements=st.floats(-0.15, 0.15)),
-)
-def test_the_tool_stays_on_the_side_that_the_normal_points_to(offset_m, normal, p) -> None:
-    """Anywhere in the box, for any wall; the normal's length does not matter."""
-    centre = (LIMITS.workspace_min_m + LIMITS.workspace_max_m) / 2.0
-    unit = normal / size(normal)
-    limits = with_plane(centre + offset_m * unit, normal)
-    before_m = float(p @ unit) - offset_m
-    trip = check_workspace(limits, at(centre + p, np.zeros(3)))
-
-    if abs(before_m) > 1e-9:
-        assert (trip is None) == (before_m > 0.0)
-    if trip is not None:
-        assert (trip.code, trip.limit) == ("workspace", 0.0)
-        assert trip.value == pytest.approx(before_m, abs=1e-12)
-        assert "plane 1" in trip.text
-
-
-def test_a_plane_without_a_normal_is_a_mistake() -> None:
-    """Said when the cell file is read, with its place."""
-    with pytest.raises(ConfigError, match=r"limits\.planes\.0: the normal has no length"):
-        with_plane((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
-
-
-# --- ceilings -------------------------------------------------------------------------------------
-
-CEILINGS = {
-    "limits.step_m": 0.2,
-    "limits.step_deg": 90.0,
-    "limits.speed_m_s": 2.0,
-    "limits.speed_deg_s": 360.0,
-    "limits.accel_m_s2": 20.0,
-    "limits.accel_deg_s2": 5000.0,
-    "limits.tether_m": 5.0,
-    "limits.force_N": 1000.0,
-    "limits.torque_Nm": 100.0,
-    "limits.joint_speed_share": 1.0,
-    "force.speed_max_m_s": 0.25,
-    "force.speed_max_rad_s": 2.0,
-    "force.approach_m_s": 0.25,
-    "force.retreat_m": 0.002,
-    "force.retreat_m_s": 0.01,
-}
-
-
-@pytest.mark.parametrize("path", CEILINGS)
-def test_no_cell_file_gets_above_the_ceilings_of_the_code(path: str) -> None:
-    """Swept: the ceiling itself loads, the next number does not, and what it is is said."""
-    section, name = path.split(".")
-    tree = CELL.model_dump(mode="json")
-    tree[section][name] = CEILINGS[path]
-    assert dump_cell(cell_from_tree(tree, "x.yaml"))
-    tree[section][name] = math.nextafter(CEILINGS[path], math.inf)
-    with pytest.raises(ConfigError, match=rf"{section}\.{name}: input should be less than"):
-        cell_from_tree(tree, "x.yaml")
 
 
 def test_a_speed_of_the_regulator_is_reached_in_a_few_periods() -> None:

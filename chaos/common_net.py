@@ -26,14 +26,10 @@ from common.endpoints import Bus
 from common.errors import ForcemeshError
 from common.messages import (
     ArbiterStatus,
-    Empty,
-    ForceStartRequest,
-    HoldRequest,
     Message,
-    MoveRequest,
-    Reply,
     RobotState,
 )
+from common.requests import Empty, ForceStartRequest, HoldRequest, MoveRequest, Reply
 from common.topics import Q, Request
 
 ROOT = Path(__file__).resolve().parent.parent

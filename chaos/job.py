@@ -12,15 +12,10 @@ from common import topics
 from common.convert import pose_of, record_of
 from common.errors import ForcemeshError
 from common.messages import (
-    ArmRequest,
-    Empty,
-    ForceStartRequest,
-    HoldRequest,
     Host,
-    MoveRequest,
     Purpose,
-    Reply,
 )
+from common.requests import ArmRequest, Empty, ForceStartRequest, HoldRequest, MoveRequest, Reply
 
 READY_WITHIN_S = 30.0
 ASK_EVERY_S = 0.05

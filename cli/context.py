@@ -10,7 +10,8 @@ import typer
 if TYPE_CHECKING:
     from common.cell import Cell
     from common.endpoints import Bus
-    from common.messages import Record, Reply
+    from common.messages import Record
+    from common.requests import Reply
     from common.topics import Request
 
 Q = TypeVar("Q", bound="Record")

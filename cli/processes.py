@@ -19,7 +19,7 @@ from common.cell import Cell
 from common.config import dump_cell
 from common.endpoints import Bus
 from common.errors import BusError, ForcemeshError
-from common.messages import HoldRequest
+from common.requests import HoldRequest
 
 # Role: {who plays it in the cell file: module}. None: a process of somebody else's publishes it.
 # fmt: off

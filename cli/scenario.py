@@ -16,7 +16,8 @@ from common.convert import pose_of
 from common.endpoints import Bus, Reader
 from common.errors import ForcemeshError
 from common.frames import Array
-from common.messages import ArmRequest, Empty, ForceStartRequest, Host, Mode, Reply
+from common.messages import Host, Mode
+from common.requests import ArmRequest, Empty, ForceStartRequest, Reply
 from common.topics import Q, Request
 
 SAMPLE_S = 0.001

@@ -29,7 +29,7 @@ def force_start(
 ) -> None:
     """Start force feedback; in free space it approaches along the tool's axis until it touches."""
     from common import topics
-    from common.messages import ForceStartRequest
+    from common.requests import ForceStartRequest
 
     with client_of(cell) as (_, bus):
         request = ForceStartRequest(mode=mode, host=host, setpoint_N=setpoint)
@@ -40,7 +40,7 @@ def force_start(
 def force_stop(cell: CellOption = None) -> None:
     """Stop force feedback; the arm stays where it is."""
     from common import topics
-    from common.messages import Empty
+    from common.requests import Empty
 
     with client_of(cell) as (_, bus):
         ask(bus, topics.FORCE_STOP, Empty())
@@ -60,7 +60,7 @@ def force_gains(
     What is left out keeps its value, so without options the present gains are printed.
     """
     from common import topics
-    from common.messages import GainsRequest
+    from common.requests import GainsRequest
 
     request = GainsRequest(
         force_p_m_per_N=parse_gain(force_p, "m/N"),
@@ -75,7 +75,7 @@ def force_gains(
 def tare(cell: CellOption = None) -> None:
     """Take the present reading as zero force; refused in motion or contact."""
     from common import topics
-    from common.messages import Empty
+    from common.requests import Empty
 
     with client_of(cell) as (_, bus):
         ask(bus, topics.TARE, Empty())

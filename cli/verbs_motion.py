@@ -12,7 +12,8 @@ from cli.numbers import JOINTS, NEGATIVE_NUMBERS, POSE, parse_vector
 
 if TYPE_CHECKING:
     from common.endpoints import Bus
-    from common.messages import MoveRequest, Speed, Vec6
+    from common.messages import Speed, Vec6
+    from common.requests import MoveRequest
 
 move = typer.Typer(
     no_args_is_help=True, help="Move the flange or the joints; waits until it is there."
@@ -43,7 +44,7 @@ def arm(
 ) -> None:
     """Let motion begin, after the preflight."""
     from common import topics
-    from common.messages import ArmRequest
+    from common.requests import ArmRequest
 
     with client_of(cell) as (_, bus):
         ask(bus, topics.ARM, ArmRequest(purpose="jog" if jog else "all"))
@@ -55,7 +56,7 @@ def hold(
 ) -> None:
     """Stop the motion and hold; always accepted. This is not a safety function."""
     from common import topics
-    from common.messages import HoldRequest
+    from common.requests import HoldRequest
 
     with client_of(cell) as (_, bus):
         ask(bus, topics.HOLD, HoldRequest(reason=reason[:400]))
@@ -64,7 +65,7 @@ def hold(
 def clear(cell: CellOption = None) -> None:
     """Acknowledge a hold or a fault; arming is the next step."""
     from common import topics
-    from common.messages import Empty
+    from common.requests import Empty
 
     with client_of(cell) as (_, bus):
         ask(bus, topics.CLEAR, Empty())
@@ -109,7 +110,7 @@ def move_to(
     from common.convert import record_of
     from common.frames import Oat, R_from_oat
     from common.frames import pose as pose_from
-    from common.messages import MoveRequest
+    from common.requests import MoveRequest
 
     position_m = tuple(value / 1e3 for value in numbers[:3])
     oat = Oat(*(math.radians(angle) for angle in numbers[3:]))
@@ -129,7 +130,7 @@ def move_joints(
 ) -> None:
     """Move the joints to angles [degrees]."""
     joint_rad = _radians(joints)
-    from common.messages import MoveRequest
+    from common.requests import MoveRequest
 
     request = MoveRequest(
         kind="joints", joint_rad=joint_rad, speed_m_s=_m_s(speed), commander=asker
@@ -148,7 +149,7 @@ def move_by(
 ) -> None:
     """Move the joints by angles [degrees] from where they are."""
     joint_rad = _radians(joints)
-    from common.messages import MoveRequest
+    from common.requests import MoveRequest
 
     request = MoveRequest(kind="by", joint_rad=joint_rad, speed_m_s=_m_s(speed), commander=asker)
     _move(request, no_wait, cell)
@@ -166,7 +167,7 @@ def _m_s(speed_mm_s: float | None) -> float | None:
 def _move(request: "MoveRequest", no_wait: bool, cell: Path | None) -> None:
     """Ask for a move and wait until it is done; Ctrl-C while waiting asks for a hold."""
     from common import topics
-    from common.messages import HoldRequest
+    from common.requests import HoldRequest
 
     with client_of(cell) as (_, bus):
         watcher = _GoalWatcher(bus)

@@ -13,8 +13,9 @@ from common.clock import Clock
 from common.codec import Header, decode_record, encode, encode_record
 from common.errors import BusError, MessageError
 from common.faults import refusal
-from common.messages import Message, Record, Reply
+from common.messages import Message, Record
 from common.reader import LONGEST_FAULT, Origin, Reader, Reading, Source
+from common.requests import Reply
 from common.topics import CLIENT, Qos, Request, Topic
 
 __all__ = [

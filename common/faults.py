@@ -12,7 +12,8 @@ from dataclasses import dataclass
 from math import isfinite
 from typing import Literal
 
-from common.messages import Reply, Trip
+from common.messages import Trip
+from common.requests import Reply
 
 MOST_BYTES = 400  # of a text, in UTF-8
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Generic, Literal, TypeVar
 
 from common import messages as m
+from common import requests as q
 
 M = TypeVar("M", bound=m.Message)
 Q = TypeVar("Q", bound=m.Record)
@@ -61,15 +62,15 @@ WRENCH_HEALTH    = Topic("wrench/health",    m.Health,          "health",  "heal
 REGULATOR_HEALTH = Topic("regulator/health", m.Health,          "health",  "health",  "regulator", ("arbiter", CLIENT),                                "report", "the same of the regulator")
 ARBITER_HEALTH   = Topic("arbiter/health",   m.Health,          "health",  "health",  "arbiter",   (CLIENT,),                                          "report", "the same of the arbiter")
 
-ARM         = Request("request/arm",         m.ArmRequest,        "arbiter",   "let motion begin, after the preflight")
-HOLD        = Request("request/hold",        m.HoldRequest,       "arbiter",   "stop motion and hold; taken from anybody, always")
-CLEAR       = Request("request/clear",       m.Empty,             "arbiter",   "acknowledge a hold or a fault, back to IDLE")
-MOVE        = Request("request/move",        m.MoveRequest,       "arbiter",   "move to a pose, to joint angles, or by joint angles")
+ARM         = Request("request/arm",         q.ArmRequest,        "arbiter",   "let motion begin, after the preflight")
+HOLD        = Request("request/hold",        q.HoldRequest,       "arbiter",   "stop motion and hold; taken from anybody, always")
+CLEAR       = Request("request/clear",       q.Empty,             "arbiter",   "acknowledge a hold or a fault, back to IDLE")
+MOVE        = Request("request/move",        q.MoveRequest,       "arbiter",   "move to a pose, to joint angles, or by joint angles")
 SPEED       = Request("request/speed",       m.Speed,             "arbiter",   "speeds and accelerations of the moves to come")
-FORCE_START = Request("request/force/start", m.ForceStartRequest, "regulator", "start force feedback in a mode, host and set point")
-FORCE_STOP  = Request("request/force/stop",  m.Empty,             "regulator", "stop force feedback; the arm stays where it is")
-GAINS       = Request("request/force/gains", m.GainsRequest,      "regulator", "set the regulator's gains")
-TARE        = Request("request/tare",        m.Empty,             "wrench",    "take the present reading as zero; refused in motion or contact")
+FORCE_START = Request("request/force/start", q.ForceStartRequest, "regulator", "start force feedback in a mode, host and set point")
+FORCE_STOP  = Request("request/force/stop",  q.Empty,             "regulator", "stop force feedback; the arm stays where it is")
+GAINS       = Request("request/force/gains", q.GainsRequest,      "regulator", "set the regulator's gains")
+TARE        = Request("request/tare",        q.Empty,             "wrench",    "take the present reading as zero; refused in motion or contact")
 # fmt: on
 
 HEALTH = {

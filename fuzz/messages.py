@@ -12,7 +12,8 @@ import msgpack
 
 from common.codec import decode, decode_record, encode, encode_record
 from common.errors import MessageError
-from common.messages import Message, Record, Reply
+from common.messages import Message, Record
+from common.requests import Reply
 from common.topics import REQUESTS, TOPICS
 from fuzz.targets import seeds
 

@@ -10,7 +10,8 @@ from typing import Any, Literal
 from common.clock import NS_PER_S
 from common.convert import pose_of, record_of
 from common.faults import refusal, refused, tripped
-from common.messages import Commander, Goal, MoveRequest, RegulatorTarget, Reply, RobotState, Trip
+from common.messages import Commander, Goal, RegulatorTarget, RobotState, Trip
+from common.requests import MoveRequest, Reply
 from services.arbiter.bounds import Bounds
 from services.arbiter.goals import goal_trip, speed_trip
 from services.arbiter.ranks import goes_before

@@ -13,15 +13,14 @@ from common.messages import (
     ArbiterState,
     ArbiterStatus,
     Goal,
-    MoveRequest,
     Permission,
     Purpose,
-    Reply,
     RobotCommand,
     Speed,
     Trip,
 )
 from common.motion_limits import JointTrack
+from common.requests import MoveRequest, Reply
 from services.arbiter import inputs as known
 from services.arbiter import stops
 from services.arbiter.bounds import Bounds

@@ -5,7 +5,8 @@ import numpy as np
 from common.convert import pose_of
 from common.faults import tripped
 from common.limits import Limits, check_joints
-from common.messages import MoveRequest, RobotState, Speed, Trip
+from common.messages import RobotState, Speed, Trip
+from common.requests import MoveRequest
 from services.arbiter.bounds import Bounds
 
 

@@ -3,7 +3,8 @@
 from dataclasses import dataclass
 
 from common.clock import NS_PER_S
-from common.messages import Asker, Commander, Goal, Host, MoveRequest, RobotState, Speed
+from common.messages import Asker, Commander, Goal, Host, RobotState, Speed
+from common.requests import MoveRequest
 from services.arbiter.stream import Stream
 
 REST_S = 0.1  # the arm must have been at rest for so long, and for three of the robot's reports

@@ -15,13 +15,12 @@ from common.faults import refusal
 from common.messages import (
     ArbiterStatus,
     Feedback,
-    ForceStartRequest,
     RegulatorTarget,
-    Reply,
     RobotState,
     Trip,
     WrenchAtTcp,
 )
+from common.requests import ForceStartRequest, Reply
 from services.regulator.guards import GuardSettings, Seen, Watch, watch
 from services.regulator.law import LawInput, LawState, start_at, step
 from services.regulator.settings import describe_gains, law_settings, merged_gains, pi_gains

@@ -11,8 +11,9 @@ from common.convert import pose_of, vec3
 from common.endpoints import Bus, Origin, Reading
 from common.faults import refusal
 from common.frames import Array, is_finite_pose, rotation_between
-from common.messages import Reply, RobotState, SensorWrench, WrenchAtTcp
+from common.messages import RobotState, SensorWrench, WrenchAtTcp
 from common.payload import Payload
+from common.requests import Reply
 from services.wrench.compensation import Mounting, Wrench, compensate
 from services.wrench.inputs import Pairing, heard, pair
 from services.wrench.plausibility import FINE, Bounds, Complaint, History, judge

@@ -9,9 +9,10 @@ import pytest
 from cli.virtual import VirtualCell
 from common import topics
 from common.config import load_cell
-from common.messages import Empty, ForceStartRequest, Host
+from common.messages import Host
 from common.packet import Packet, encode
 from common.packet_table import Com
+from common.requests import Empty, ForceStartRequest
 from sim.controller.behaviour import Behaviour, pessimistic
 from tests.contract.robots import PORT
 from tests.fakes.hostile_cell import ARM_STILL_RAD, QUICK, WATCHDOG_S, HostileCell

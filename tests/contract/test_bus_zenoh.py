@@ -16,7 +16,8 @@ from common.cell import Cell
 from common.config import load_cell
 from common.endpoints import Bus, Publisher, Reader
 from common.errors import BusError
-from common.messages import ArbiterStatus, ArmRequest, HoldRequest, Message, Reply, WrenchAtTcp
+from common.messages import ArbiterStatus, Message, WrenchAtTcp
+from common.requests import ArmRequest, HoldRequest, Reply
 
 pytestmark = pytest.mark.realtime
 

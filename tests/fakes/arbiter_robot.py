@@ -9,11 +9,10 @@ from common.messages import (
     Feedback,
     Gains,
     GoalReport,
-    MoveRequest,
-    Reply,
     RobotCommand,
     RobotState,
 )
+from common.requests import MoveRequest, Reply
 from tests.fakes.arbiter_world import FIT, MOVE_DOWN, PERIOD_NS, STOPPED, World, shifted
 
 FEEDBACK = Feedback(mode="position", setpoint_force_N=(0.0, 0.0, 5.0), gains=Gains())

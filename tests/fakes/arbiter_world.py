@@ -17,7 +17,6 @@ from common.frames import Oat, R_from_oat
 from common.messages import (
     Health,
     Message,
-    MoveRequest,
     PoseRecord,
     RegulatorTarget,
     RobotCommand,
@@ -26,6 +25,7 @@ from common.messages import (
     SensorWrench,
     WrenchAtTcp,
 )
+from common.requests import MoveRequest
 from common.version import forcemesh_version
 from services.arbiter.core import Arbiter
 from services.arbiter.inputs import Inputs

@@ -9,7 +9,8 @@ from common.clock import ManualClock
 from common.config import load_cell
 from common.endpoints import Bus, Origin, Publisher, Reader
 from common.memory import MemoryTransport
-from common.messages import Message, Record, Reply
+from common.messages import Message, Record
+from common.requests import Reply
 from common.service import Service
 from common.topics import CLIENT, Request, Topic
 

@@ -8,7 +8,8 @@ from common.clock import NS_PER_S, ManualClock
 from common.codec import encode_record
 from common.endpoints import Bus, Origin, Publisher
 from common.memory import MemoryCall
-from common.messages import ArbiterStatus, ArmRequest, Record, RobotCommand
+from common.messages import ArbiterStatus, Record, RobotCommand
+from common.requests import ArmRequest
 from common.topics import HEALTH
 from services.arbiter.service import ArbiterService
 from tests.fakes.arbiter_world import good_messages

@@ -13,12 +13,10 @@ from common.convert import pose_of, record_of
 from common.frames import rotate_about_base_axes
 from common.messages import (
     ArbiterStatus,
-    Empty,
-    ForceStartRequest,
-    MoveRequest,
     PoseRecord,
     RobotState,
 )
+from common.requests import Empty, ForceStartRequest, MoveRequest
 from tests.fakes.bench import CELL
 
 PRESS_N = 20.0

@@ -10,9 +10,9 @@ from common import topics
 from common.convert import record_of
 from common.messages import (
     GoalReport,
-    HoldRequest,
     RegulatorTarget,
 )
+from common.requests import HoldRequest
 from services.arbiter.inputs import PRECONDITIONS
 from tests.fakes.arbiter_world import CELL, FIT, MOVE_DOWN, T_START, shifted
 from tests.fakes.cellmates import Cellmates

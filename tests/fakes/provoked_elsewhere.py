@@ -9,18 +9,16 @@ from common import topics
 from common.endpoints import Origin
 from common.limits import Limits
 from common.messages import (
-    Empty,
     Feedback,
-    ForceStartRequest,
     Gains,
     Message,
     Permission,
-    Reply,
     RobotCommand,
     RobotStatus,
     Trip,
 )
 from common.motion_limits import Window, check_rate
+from common.requests import Empty, ForceStartRequest, Reply
 from common.stream_budget import StreamBudget
 from common.tracking import Tracking
 from services.gateway.link import News

@@ -10,13 +10,12 @@ from common.convert import pose_of
 from common.endpoints import Origin
 from common.messages import (
     ArbiterStatus,
-    ForceStartRequest,
     Message,
     RegulatorTarget,
-    Reply,
     RobotCommand,
     WrenchAtTcp,
 )
+from common.requests import ForceStartRequest, Reply
 from services.regulator.service import Regulator
 from services.regulator.tuning import tune
 from tests.fakes.arbiter_world import good_messages

@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 
 from common.convert import pose_of, record_of
 from common.frames import rotation_from_vector
-from common.messages import Feedback, Gains, GoalReport, MoveRequest, PoseRecord, Speed
+from common.messages import Feedback, Gains, GoalReport, PoseRecord, Speed
+from common.requests import MoveRequest
 from tests.fakes.arbiter_world import (
     CELL,
     MOVE_DOWN,
@@ -291,11 +292,3 @@ def test_a_target_that_is_none_holds(changes: dict[str, object], code: str) -> N
 
     assert (command.kind, command.permission) == ("hold", None)
     assert world.core.status().trips[0].code == code
-
-
-def test_a_target_for_the_controller_without_content_holds() -> None:
-    """It may begin, and then there is nothing to do."""
-    world = World().make_armed()
-    world.propose(None, host="controller")
-    assert world.tick().permission is None
-    assert world.core.status().trips[0].code == "regulator"

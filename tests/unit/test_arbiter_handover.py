@@ -9,7 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from common.convert import pose_of
-from common.messages import Accepted, Asker, Commander, MoveRequest, RobotCommand
+from common.messages import Accepted, Asker, Commander, RobotCommand
+from common.requests import MoveRequest
 from services.arbiter.ranks import RANKS, goes_before
 from services.arbiter.turns import REST_S, SETTLE_WITHIN_S
 from tests.fakes.arbiter_robot import MOTIONS, RobotWorld

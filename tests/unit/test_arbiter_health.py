@@ -4,8 +4,8 @@ import pytest
 
 from common import topics
 from common.endpoints import Bus
-from common.messages import ArmRequest, Empty
 from common.overruns import MOST_OVERRUNS, allowed_gap_s
+from common.requests import ArmRequest, Empty
 from common.service import Runner, reporter_of
 from services.arbiter.inputs import COMMANDING
 from services.regulator.service import Regulator

@@ -4,7 +4,7 @@ import pytest
 
 from common import topics
 from common.endpoints import Bus
-from common.messages import ArmRequest, Empty, ForceStartRequest, HoldRequest, MoveRequest
+from common.requests import ArmRequest, Empty, ForceStartRequest, HoldRequest, MoveRequest
 from common.service import Runner, reporter_of
 from services.wrench.service import WrenchService
 from tests.fakes.bench import CELL

@@ -12,12 +12,11 @@ from common.messages import (
     Feedback,
     Gains,
     GoalReport,
-    MoveRequest,
     RegulatorTarget,
-    Reply,
     RobotCommand,
     Speed,
 )
+from common.requests import MoveRequest, Reply
 from services.arbiter.inputs import PRECONDITIONS
 from services.arbiter.states import MAY_MOVE
 from tests.fakes.arbiter_world import (

@@ -7,14 +7,12 @@ from common.config import cell_hash
 from common.endpoints import Origin
 from common.memory import MemoryCall
 from common.messages import (
-    Empty,
     Health,
-    HoldRequest,
-    MoveRequest,
     RegulatorTarget,
     Speed,
     WrenchAtTcp,
 )
+from common.requests import Empty, HoldRequest, MoveRequest
 from common.version import forcemesh_version
 from tests.fakes.arbiter_world import MOVE_DOWN, good_messages, shifted
 from tests.fakes.bench import CELL

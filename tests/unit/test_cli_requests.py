@@ -18,15 +18,13 @@ from common.cell import Cell
 from common.config import dump_cell, load_cell
 from common.messages import (
     ArbiterStatus,
-    ArmRequest,
     GoalReport,
-    MoveRequest,
     Purpose,
-    Reply,
     RobotCommand,
     RobotState,
     Speed,
 )
+from common.requests import ArmRequest, MoveRequest, Reply
 
 pytestmark = pytest.mark.realtime
 

@@ -19,11 +19,10 @@ from common.guard import Guard
 from common.limits import check_joint_speed, check_step, check_tether, check_workspace
 from common.memory import MemoryCall
 from common.messages import (
-    ArmRequest,
-    MoveRequest,
     Speed,
 )
 from common.reader import RESTART_S
+from common.requests import ArmRequest, MoveRequest
 from common.stream_budget import StreamBudget
 from common.tracking import Tracking
 from tests.fakes.arbiter_world import MOVE_DOWN, World

@@ -10,9 +10,9 @@ from common.clock import NS_PER_S
 from common.config import load_cell
 from common.convert import record_of
 from common.frames import rotation_from_vector
+from common.guard import Guard
 from common.limits import Limits
 from common.messages import Goal, Speed, Trip
-from common.guard import Guard
 from common.stream_budget import SPEED_MARGIN
 from tests.contract.rig import DEMO_CELL, shifted
 

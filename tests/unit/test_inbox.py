@@ -14,7 +14,8 @@ from common.config import load_cell
 from common.endpoints import Bus
 from common.errors import BusError, MessageError
 from common.memory import MemoryCall, MemoryTransport
-from common.messages import ArmRequest, HoldRequest, Reply, Trip
+from common.messages import Trip
+from common.requests import ArmRequest, HoldRequest, Reply
 from common.topics import CLIENT
 
 CELL = load_cell(Path(__file__).resolve().parents[2] / "cells" / "demo.yaml")

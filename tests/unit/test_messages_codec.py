@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from common import messages as m
+from common import requests as q
 from common.codec import (
     HEADER_FIELDS,
     MAX_BYTES,
@@ -25,7 +26,7 @@ from common.topics import REQUESTS, TOPICS
 from tests.fakes.records import full, places, put, records
 
 MESSAGES = sorted({topic.message for topic in TOPICS}, key=lambda t: t.__name__)
-RECORDS = sorted({r.message for r in REQUESTS} | {m.Reply}, key=lambda t: t.__name__)
+RECORDS = sorted({r.message for r in REQUESTS} | {q.Reply}, key=lambda t: t.__name__)
 EVERYTHING: list[type[m.Record]] = [*MESSAGES, *RECORDS]
 HEADER = Header(seq=7, epoch=1, boot="boot", stamp_ns=2)
 

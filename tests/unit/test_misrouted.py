@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from common import messages as m
+from common import requests as q
 from common import topics
 from common.clock import ManualClock
 from common.codec import decode_record, encode, encode_record
@@ -45,9 +46,9 @@ def test_a_topic_on_which_hardly_anything_else_comes_is_not_orderly():
 @pytest.mark.parametrize("other", topics.REQUESTS, ids=lambda request: request.key)
 def test_a_request_for_something_else_is_refused(other):
     """A hold that came to the key of `arm` would otherwise arm."""
-    data = encode_record(m.HoldRequest(), topics.HOLD.key)
+    data = encode_record(q.HoldRequest(), topics.HOLD.key)
     if other is topics.HOLD:
-        assert decode_record(data, m.HoldRequest, other.key) == m.HoldRequest()
+        assert decode_record(data, q.HoldRequest, other.key) == q.HoldRequest()
         return
     with pytest.raises(MisroutedError, match="request/hold"):
         decode_record(data, other.message, other.key)
@@ -55,7 +56,7 @@ def test_a_request_for_something_else_is_refused(other):
 
 def test_a_request_need_not_say_where_it_goes():
     """A client of somebody's own sends the fields of the request alone."""
-    assert decode_record(encode_record(m.Empty()), m.Empty, topics.CLEAR.key) == m.Empty()
+    assert decode_record(encode_record(q.Empty()), q.Empty, topics.CLEAR.key) == q.Empty()
 
 
 def test_a_publisher_writes_the_address():

@@ -9,7 +9,8 @@ from common import topics
 from common.convert import pose_of
 from common.endpoints import Origin
 from common.frames import rotation_between
-from common.messages import ArbiterStatus, Empty, ForceStartRequest, GainsRequest
+from common.messages import ArbiterStatus
+from common.requests import Empty, ForceStartRequest, GainsRequest
 from services.regulator.tuning import tune
 from tests.fakes.arbiter_world import T_START
 from tests.fakes.bench import CELL

@@ -9,7 +9,8 @@ import pytest
 from common import topics
 from common.convert import record_of, vec3
 from common.frames import rotation_from_vector
-from common.messages import ArbiterStatus, ForceStartRequest, RobotCommand, RobotState, WrenchAtTcp
+from common.messages import ArbiterStatus, RobotCommand, RobotState, WrenchAtTcp
+from common.requests import ForceStartRequest
 from tests.fakes.arbiter_world import T_START
 from tests.fakes.bench import CELL
 from tests.fakes.regulator_bench import (

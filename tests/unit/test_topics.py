@@ -7,6 +7,7 @@ import pytest
 import zenoh
 
 from common import messages as m
+from common import requests as q
 from common import topics
 from common.cell import Cell, Deadlines, Rates
 from common.codec import Header, encode
@@ -119,8 +120,8 @@ def test_a_role_serves_each_request(request_row: Request[Any]) -> None:
 
 def test_hold_and_clear_need_no_words() -> None:
     """The request that stops the arm can be sent as an empty map."""
-    assert topics.HOLD.message() == m.HoldRequest()
-    assert topics.CLEAR.message() == m.Empty()
+    assert topics.HOLD.message() == q.HoldRequest()
+    assert topics.CLEAR.message() == q.Empty()
 
 
 @pytest.mark.parametrize("role", ROLES)

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from common import topics
-from common.messages import Empty, RobotCommand
+from common.messages import RobotCommand
+from common.requests import Empty
 from tests.fakes.bench import CELL
 from tests.fakes.lab import BRAKE_S, Lab
 

@@ -8,7 +8,7 @@ import pytest
 
 from common import topics
 from common.config import load_cell
-from common.messages import ForceStartRequest, MoveRequest, Reply
+from common.requests import ForceStartRequest, MoveRequest, Reply
 from tests.fakes.lab import PRESS_N, Lab
 
 TCP = load_cell(Path(__file__).resolve().parents[2] / "cells" / "demo-tcp.yaml")

@@ -9,13 +9,10 @@ from common import topics
 from common.convert import pose_of, record_of
 from common.frames import rotation_between
 from common.messages import (
-    Empty,
-    ForceStartRequest,
-    HoldRequest,
-    MoveRequest,
     PoseRecord,
     Speed,
 )
+from common.requests import Empty, ForceStartRequest, HoldRequest, MoveRequest
 from tests.fakes.lab import BRAKE_S, PRESS_N, Lab
 
 

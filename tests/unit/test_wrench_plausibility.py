@@ -20,7 +20,8 @@ from common.config import cell_from_tree
 from common.endpoints import Reading
 from common.errors import ConfigError
 from common.faults import FAULTS
-from common.messages import Empty, MoveRequest, SensorWrench
+from common.messages import RobotState, SensorWrench
+from common.requests import ArmRequest, MoveRequest
 from services.wrench.inputs import Pairing, heard, pair
 from services.wrench.plausibility import FINE, WILD_APART, Bounds, History, judge
 from sim.robot.ft_sensor import FtSample
@@ -166,8 +167,8 @@ def test_raw_numbers_that_are_not_finite_are_told_at_once(field: str, value: flo
     bench.sensor = {field: (0.5, 12345.0, 0.5)}
     put = bench.transport.publish
 
-    def bent(key: str, qos: Any) -> Callable[[bytes], None]:
-        send = put(key, qos)
+    def bent(key: str, _qos: Any) -> Callable[[bytes], None]:
+        send = put(key, _qos)
 
         def change(data: bytes) -> None:
             fields = msgpack.unpackb(data)
@@ -190,8 +191,8 @@ def test_a_pose_too_old_for_its_wrench_is_told_as_misaligned() -> None:
     waiting: list[tuple[int, bytes]] = []
     put = bench.transport.publish
 
-    def late(key: str, qos: Any) -> Callable[[bytes], None]:
-        send = put(key, qos)
+    def late(key: str, _qos: Any) -> Callable[[bytes], None]:
+        send = put(key, _qos)
 
         def delay(data: bytes) -> None:
             now_ns = bench.clock.now_ns()
@@ -218,10 +219,8 @@ def test_only_what_comes_late_is_misaligned(stream: list[tuple[bool, int]]) -> N
     for is_robot, late_ms in stream:
         stamps[is_robot] = max(stamps) - late_ms * 1_000_000
         seqs[is_robot] += 1
-        sensor, robot = (
-            Reading(None, header(seq, stamp), 0.0, "")
-            for seq, stamp in zip(seqs, stamps, strict=True)
-        )
+        sensor: Reading[SensorWrench] = Reading(None, header(seqs[0], stamps[0]), 0.0, "")
+        robot: Reading[RobotState] = Reading(None, header(seqs[1], stamps[1]), 0.0, "")
         pairing = pair(pairing, sensor, robot)
         apart_s = (stamps[not is_robot] - stamps[is_robot]) / 1e9
         assert pairing.apart_s == pytest.approx(apart_s)
@@ -334,4 +333,4 @@ def test_the_cell_starts_and_arms_with_the_watch_on() -> None:
     for _ in range(100):
         cell.advance(0.03)
         assert wrench.read(cell.clock.now_ns()).fault == ""
-    assert cell.client.ask(topics.ARM, Empty()).accepted
+    assert cell.client.ask(topics.ARM, ArmRequest()).accepted

@@ -5,8 +5,9 @@ import pytest
 
 from common import topics
 from common.frames import GRAVITY_M_S2, rotation_from_vector
-from common.messages import Empty, RobotStatus
+from common.messages import RobotStatus
 from common.payload import Payload
+from common.requests import Empty
 from services.wrench.tare import TareLimits, tare
 from tests.fakes.bench import CELL
 from tests.fakes.wrench_bench import SENSOR_S, TOLD_S, WrenchBench

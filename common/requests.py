@@ -1,0 +1,62 @@
+"""What may be asked of the cell, and the answer: one class per request of common/topics.py."""
+
+from typing import Literal
+
+from pydantic import Field
+
+from common.messages import Asker, Gain3, Host, Mode, PoseRecord, Purpose, Record, Text, Vec6
+
+
+class Empty(Record):
+    """A request that carries nothing."""
+
+
+class ArmRequest(Record):
+    """Let motion begin; for `jog`, moves alone, which is possible in contact as well."""
+
+    purpose: Purpose = "all"
+
+
+class HoldRequest(Record):
+    """Stop the motion and hold, whoever commands."""
+
+    reason: Text = "asked to hold"
+
+
+class MoveRequest(Record):
+    """Move the flange to a pose or the joints to or by angles."""
+
+    kind: Literal["pose", "joints", "by"]
+    pose: PoseRecord | None = None
+    joint_rad: Vec6 | None = None
+    speed_m_s: float | None = Field(None, gt=0.0, le=5.0)
+    commander: Asker = "operator"
+
+
+class ForceStartRequest(Record):
+    """Start force feedback; the set point presses along the tool's z axis."""
+
+    mode: Mode
+    host: Host = "pc"
+    setpoint_N: float = Field(0.0, ge=0.0)
+    commander: Asker = "operator"  # who asks; what then commands is the regulator, of lowest rank
+
+
+class GainsRequest(Record):
+    """Set gains; what is left out keeps its value."""
+
+    force_p_m_per_N: Gain3 | None = None
+    force_i_m_per_Ns: Gain3 | None = None
+    torque_p_rad_per_Nm: Gain3 | None = None
+    torque_i_rad_per_Nms: Gain3 | None = None
+
+
+class Reply(Record):
+    """Answer to every request: accepted, or refused with a code and the number that broke it."""
+
+    accepted: bool
+    code: Text = "ok"
+    rule: int = 0
+    text: Text = ""
+    value: float | None = None
+    limit: float | None = None

@@ -50,7 +50,7 @@ class Gather(Abuse):
     """
 
     size: int = 2 * PACKET_CHARS
-    wait_ns: int = 100 * MS
+    wait_ns: int = 40 * MS
     _since_ns: int | None = None
 
     def pass_on(self, waiting: bytearray, now_ns: int) -> list[bytes]:

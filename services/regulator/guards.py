@@ -19,6 +19,8 @@ from common.messages import Trip
 from services.regulator.law import Contact
 from services.regulator.oscillation import Swing, SwingSettings, follow
 
+WORK_STEP_M, WORK_STEP_RAD = 2e-5, 2e-4  # less is the pose's own noise
+SWUNG_PART = 0.5  # of the work got: a force that is told late seems to give so much back
 MAIN_PART = 0.7  # of a touch: more than 45 degrees off the axis of the tool is no pushing back
 
 
@@ -58,9 +60,10 @@ class Watch:
     """What is remembered from the start of force feedback on."""
 
     first: Seen | None = None
-    last: Seen | None = None
+    worked: Seen | None = None  # up to here its work is counted
     touched: bool = False
-    work_J: float = 0.0  # done on the tool since the first touch
+    given_J: float = 0.0  # work done on the tool by what it touches
+    got_J: float = 0.0  # work done by the tool
     p_search_m: Array | None = None  # where the present search for contact began
     swing: Swing = field(default_factory=Swing)
 
@@ -74,11 +77,9 @@ def watch(before: Watch, seen: Seen, settings: GuardSettings) -> tuple[Watch, Tr
     elif p_search_m is None:
         p_search_m = np.array(seen.T_base_tcp.translation)
     now = replace(
-        before,
+        _count_work(before, seen),
         first=before.first or seen,
-        last=seen,
         touched=touched,
-        work_J=before.work_J + _work_J(before, seen),
         p_search_m=p_search_m,
         swing=follow(before.swing, seen.error, seen.dt_s, settings.swing),
     )
@@ -90,17 +91,20 @@ def _began_free(now: Watch) -> bool:
     return now.first is not None and now.first.contact == "approach"
 
 
-def _work_J(before: Watch, seen: Seen) -> float:
-    """Return the work that the environment has done on the tool since the last sample [J]."""
-    last = before.last
+def _count_work(before: Watch, seen: Seen) -> Watch:
+    """Add the work between tool and environment since it was counted last."""
+    last = before.worked
     if last is None or not before.touched:
-        return 0.0
+        return replace(before, worked=seen)
     way_m = seen.T_base_tcp.translation - last.T_base_tcp.translation
-    work_J = float(seen.force_N @ way_m)
+    turn_rad = rotation_between(last.T_base_tcp.rotation, seen.T_base_tcp.rotation)
+    if np.linalg.norm(way_m) < WORK_STEP_M and np.linalg.norm(turn_rad) < WORK_STEP_RAD:
+        return before
+    work_J = 0.5 * float((seen.force_N + last.force_N) @ way_m)
     if seen.turns:
-        turn_rad = rotation_between(last.T_base_tcp.rotation, seen.T_base_tcp.rotation)
-        work_J += float(seen.torque_Nm @ turn_rad)
-    return work_J
+        work_J += 0.5 * float((seen.torque_Nm + last.torque_Nm) @ turn_rad)
+    given_J, got_J = before.given_J + max(work_J, 0.0), before.got_J + max(-work_J, 0.0)
+    return replace(before, worked=seen, given_J=given_J, got_J=got_J)
 
 
 def _sign_trip(now: Watch, seen: Seen, settings: GuardSettings) -> Trip | None:
@@ -121,13 +125,14 @@ def _sign_trip(now: Watch, seen: Seen, settings: GuardSettings) -> Trip | None:
 
 def _work_trip(now: Watch, _: Seen, settings: GuardSettings) -> Trip | None:
     """What was touched while pressing cannot give back more than it got."""
-    if not _began_free(now) or now.work_J <= settings.given_J:
+    more_J = now.given_J - (1.0 + SWUNG_PART) * now.got_J
+    if not _began_free(now) or more_J <= settings.given_J:
         return None
     text = (
-        f"what is pressed on has moved the tool with {now.work_J * 1e3:.0f} mJ more than it was "
-        "given: a sign or an axis of the sensor is wrong, or somebody pushes the tool"
+        f"what is pressed on has moved the tool with {now.given_J * 1e3:.0f} mJ and got "
+        f"{now.got_J * 1e3:.0f} mJ: a sign or an axis of the sensor is wrong, or somebody pushes"
     )
-    return tripped("sensor_sign", text, value=now.work_J, limit=settings.given_J)
+    return tripped("sensor_sign", text, value=more_J, limit=settings.given_J)
 
 
 def _way_trip(now: Watch, seen: Seen, settings: GuardSettings) -> Trip | None:

@@ -24,6 +24,7 @@ from common.config import load_cell
 from common.endpoints import MOST_AT_ONCE, Inbox
 from common.messages import Health
 from common.requests import Empty
+from common.zenoh_transport import ZenohTransport
 
 DEMO = Path(__file__).resolve().parents[2] / "cells" / "demo.yaml"
 PATIENCE_S = 20.0  # of the test, for a loaded machine

@@ -2,7 +2,6 @@
 
 import os
 import socket
-import subprocess
 import sys
 import time
 from collections.abc import Iterator
@@ -14,7 +13,7 @@ from chaos.witness import Stalls, read_stalls
 from cli.processes import processes_of
 from cli.runfile import FOLDER_VARIABLE, ROOT
 from cli.runlog import RunLog
-from cli.running import Died, Running
+from cli.running import Died, Process, Running
 from common.cell import Cell
 from common.config import dump_cell, load_cell
 from sim.robot.trace import VARIABLE as TRACE_VARIABLE
@@ -75,10 +74,9 @@ class Rig:
             )
         )
         self._exits.callback(self._end_all)
-        words = [sys.executable, "-m", "chaos.witness", str(self._folder / "stalls")]
-        witness = subprocess.Popen(words, cwd=ROOT)
-        self._exits.callback(witness.wait)
-        self._exits.callback(witness.kill)
+        words = (sys.executable, "-m", "chaos.witness", str(self._folder / "stalls"))
+        witness = Running(Process("chaos.witness", ("witness",), words), self._file, self._hear)
+        self._exits.callback(witness.finish, 0.0)
         self.start(*self._processes)
         return self
 

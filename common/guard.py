@@ -211,6 +211,10 @@ def _widened(limits: Limits) -> Limits:
         limits,
         workspace_min_m=limits.workspace_min_m - MEASURED_SLACK_M,
         workspace_max_m=limits.workspace_max_m + MEASURED_SLACK_M,
+        planes=tuple(
+            replace(plane, point_m=plane.point_m - MEASURED_SLACK_M * plane.normal)
+            for plane in limits.planes
+        ),
         joint_min_rad=limits.joint_min_rad - MEASURED_SLACK_RAD,
         joint_max_rad=limits.joint_max_rad + MEASURED_SLACK_RAD,
         tether_m=limits.tether_m + MEASURED_SLACK_M,

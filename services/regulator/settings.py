@@ -3,7 +3,8 @@
 import numpy as np
 
 from common.cell import Cell
-from common.messages import Gains, GainsRequest
+from common.messages import Gains
+from common.requests import GainsRequest
 from services.regulator.law import LawSettings, PiGains
 
 PROBE_N = 5.0  # the first touch shows whether the signs are right: it must stay gentle

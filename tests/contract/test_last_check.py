@@ -1,5 +1,6 @@
 """What the robot's own process notices by itself while the arm moves: H21, H41 and H42."""
 
+import random
 from collections.abc import Callable
 from contextlib import ExitStack
 
@@ -17,7 +18,7 @@ from sim.robot.service import SimRobot
 from tests.contract.rig import Rig, goal, pose_goal, shifted
 from tests.contract.robots import PORT, sim_rig
 from tests.fakes.hostile_cell import ARM_STILL_RAD, HostileCell, hostile_cell
-from tests.fakes.hostile_stream import Rewrite, Throttle
+from tests.fakes.hostile_stream import Reset, Rewrite, Throttle
 
 UP, DOWN = "to_controller", "to_gateway"
 REPORT_S = 0.040  # two samples of the program's sender are never farther apart here
@@ -198,3 +199,32 @@ def test_a_line_on_which_a_hold_would_be_late_is_given_up(bytes_per_s: int) -> N
     cell.rig.advance(2.0)
     cell.assert_stays(0.5)
     cell.assert_obeys_after_arming()
+
+
+# --- H22: the link is lost in motion, at any byte -------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_after_a_reset_at_any_byte_the_first_set_point_is_the_measured_pose(seed: int) -> None:
+    """Nothing is commanded before somebody arms; then the stream begins where the arm is."""
+    cell = HostileCell()
+    cell.begin("stream")
+    abuse = cell.network.strike(UP, Reset(after=random.Random(seed).randrange(300)))
+    cell.rig.advance(0.6)
+    assert abuse.bites
+    cell.rig.connect()
+    cell.assert_stays(0.3)
+    sent = packets_of(cell.hops[-1].to_controller.sent)
+    assert {com for com, _ in sent} == {9, 8, 10}, "hello, hold, limits"
+    cell.rig.arm()
+    measured = packets_of(cell.hops[-1].to_gateway.sent)
+    cell.rig.say("setpoint", pose=record_of(shifted(cell.rig.T, z_m=0.002)))
+    cell.rig.advance(0.1)
+    motions = [vec for com, vec in packets_of(cell.hops[-1].to_controller.sent) if com == 1]
+    assert motions[0] == [vec for com, vec in measured if com == 101][-1]
+
+
+def packets_of(sent: bytes | bytearray) -> list[tuple[int, bytes]]:
+    """Command and vector of each whole packet."""
+    whole = [bytes(sent[at : at + 63]) for at in range(0, len(sent) - 62, 63)]
+    return [(int(chars[7:13]), chars[21:]) for chars in whole]

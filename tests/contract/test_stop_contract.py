@@ -157,7 +157,12 @@ def too_much(rig: Rig) -> None:
 
 @pytest.mark.parametrize(
     ("spoil", "says"),
-    [(no_more, "stale"), (invalid, "unplugged"), (not_a_number, "unreadable"), (too_much, "ceiling")],
+    [
+        (no_more, "stale"),
+        (invalid, "unplugged"),
+        (not_a_number, "unreadable"),
+        (too_much, "ceiling"),
+    ],
 )
 def test_feedback_ends_in_hold_with_a_bad_wrench_and_does_not_come_back(
     controller_rig: Rig, spoil: Callable[[Rig], None], says: str

@@ -155,7 +155,7 @@ def pressing(tmp_path, monkeypatch) -> Iterator[tuple[flood.Watcher, Path]]:
         under_test.tare()
         under_test.make_ready()
         under_test.press(flood.PRESS_N)
-        time.sleep(flood.SETTLE_S)  # health tells of a second and more ago
+        time.sleep(flood.HEALTH_WINDOW_S)  # health tells of a second and more ago
         yield flood.Watcher(under_test, watch), path
 
 
@@ -164,18 +164,18 @@ def test_a_frozen_viewer_and_a_flood_hold_nobody_up(pressing):
     """One second of each: no loop is late that an idle process was not, no put takes long."""
     watcher, path = pressing
     frozen = flood.frozen_viewer(watcher, path, 1.0)
-    flooded, said = flood.flooded(watcher, path, "mixed", seconds=1.0, rate_hz=2000)
+    flooded, said = flood.flooded(watcher, path, "mixed", seconds=1.0, rate_hz=1000)
 
     assert frozen.mistakes == []
     assert flooded.mistakes == []
-    assert json.loads(said)["questions"] > 500
+    assert json.loads(said)["questions"] > 200
 
 
 @pytest.mark.processes
-@pytest.mark.slow
-def test_a_minute_of_rounds_leaks_nothing():
-    """The soak, as short as it can be: no growth, no open files, no hold without need."""
-    seen = soak.soak(minutes=1.0)
+def test_a_few_seconds_of_rounds_leak_nothing(monkeypatch, tmp_path):
+    """The soak itself, as short as it can be: a round, no growth, no open files, no false hold."""
+    monkeypatch.setenv("FORCEMESH_RUN_FOLDER", str(tmp_path))
+    seen = soak.soak(minutes=0.1)
 
-    assert seen.rounds > 3
+    assert seen.rounds >= 1
     assert seen.mistakes == []

@@ -17,14 +17,13 @@ from chaos.common_net import free_port, make_cell, running_cell
 from chaos.flood_peer import session_of
 from chaos.soak_witness import ROW, Witness, witness
 from common import topics
-from common.bus import LONGEST_MESSAGE_B, open_hub
+from common.bus import LONGEST_MESSAGE_B, ZenohTransport, open_hub
 from common.cell import Cell
 from common.codec import encode_record
 from common.config import load_cell
 from common.endpoints import MOST_AT_ONCE, Inbox
 from common.messages import Health
 from common.requests import Empty
-from common.zenoh_transport import ZenohTransport
 
 DEMO = Path(__file__).resolve().parents[2] / "cells" / "demo.yaml"
 PATIENCE_S = 20.0  # of the test, for a loaded machine

@@ -7,9 +7,7 @@ import os
 import subprocess
 import sys
 import time
-from contextlib import ExitStack
 from pathlib import Path
-from threading import Thread
 
 import numpy as np
 import pytest
@@ -17,14 +15,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from chaos import clocks, network
-from chaos.common_net import free_port
 from chaos.network_judge import Bounds, Seen, judge
 from chaos.network_lab import CANNOT_RUN, why_not
 from chaos.network_proxy import Delay
-from common import topics
-from common.bus import open_bus, open_hub
-from common.config import load_cell
-from common.zenoh_transport import ZenohTransport
 
 ROOT = Path(__file__).parents[2]
 BOUNDS = Bounds(last_command_s=0.15, still_s=0.35, fastest_m_s=0.05)
@@ -135,46 +128,6 @@ def test_without_root_nothing_passes_silently(program, monkeypatch, capsys):
 
     assert program.main() == CANNOT_RUN
     assert "NOTHING WAS TESTED" in capsys.readouterr().err
-
-
-@pytest.mark.realtime
-def test_who_has_lost_the_hub_comes_back_as_somebody_else():
-    """A new session, never the old one again: the hub must not read it by the old one's table.
-
-    What was declared before the hub was lost, and meanwhile, is declared in the new one.
-    """
-    endpoint = f"tcp/127.0.0.1:{free_port()}"
-    cell = load_cell(ROOT / "cells" / "demo.yaml", {"cell": "lost", "bus.endpoint": endpoint})
-    with ExitStack() as exits:
-        with open_hub(cell):
-            bus = exits.enter_context(open_bus(cell, "arbiter"))
-            command = bus.transport.publish("lost/command", "stream")
-            holds = bus.transport.serve("lost/hold")
-            assert isinstance(bus.transport, ZenohTransport)
-            identity = bus.transport.identity
-        states = bus.transport.subscribe("lost/state")
-        assert states.take() is None
-        assert holds.take() is None
-        with open_hub(cell), open_bus(cell, topics.CLIENT) as other:
-            commands, state = other.transport.subscribe("lost/command"), None
-            say = other.transport.publish("lost/state", "stream")
-            give_up_s = time.monotonic() + PATIENCE_S
-            heard = None
-            while heard is None or state is None:
-                assert time.monotonic() < give_up_s
-                command(b"command")
-                say(b"state")
-                time.sleep(0.005)
-                heard, state = heard or commands.take(), state or states.take()
-            asker = Thread(target=other.transport.ask, args=("lost/hold", b"hold", PATIENCE_S))
-            asker.start()
-            while (call := holds.take()) is None:
-                assert time.monotonic() < give_up_s
-            call.answer(b"held")
-            asker.join()
-
-        assert (heard, state, call.data) == (b"command", b"state", b"hold")
-        assert bus.transport.identity != identity
 
 
 def needs_namespaces() -> pytest.MarkDecorator:

@@ -93,7 +93,7 @@ def test_status_shows_them_for_people_and_for_programs(cell: Cell, tmp_path: Pat
         text = ask(publisher, ["status", "--cell", str(path)])
     rows = {row["name"]: row["numbers"] for row in report["services"]}
     assert rows["robot"] == NUMBERS
-    assert rows["hub"] == rows["arbiter"] == {}
+    assert set(rows["hub"]) | set(rows["arbiter"]) <= {"put_max_s"}  # what every process measures
     line = next(line for line in text.splitlines() if line.startswith("  robot: "))
     assert line == "  robot: framed round trip p50 12.3 ms, monitor speed 10.0 %, sender 40.0 /s"
 

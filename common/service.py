@@ -22,7 +22,11 @@ from common.endpoints import Bus, Publisher, Reader
 from common.errors import ConfigError, ForcemeshError
 from common.messages import Health
 from common.overruns import Overruns, allowed_gap_s
-from common.priority import has_realtime_priority, take_realtime_priority
+from common.priority import (
+    give_up_realtime_priority,
+    has_realtime_priority,
+    take_realtime_priority,
+)
 from common.topics import HEALTH
 from common.version import forcemesh_version
 
@@ -198,17 +202,19 @@ def main(
     roles = (roles,) if isinstance(roles, str) else roles
     cell = cell_from_arguments(roles[0])
     stop = stop_on_signals()
-    take_realtime_priority()
     with exit_on_error(roles[0]), ExitStack() as exits:
         if player is not None:
             for role in roles:
                 refuse_unless_played_by(cell, role, player)
         bus = exits.enter_context(connect(cell, roles[0]))
+        exits.callback(give_up_realtime_priority)
         service = make_service(bus, cell)
         if isinstance(service, Closable):
             exits.callback(service.close)
         buses = [bus, *(bus.playing(role) for role in roles[1:])]
-        Runner(service, [reporter_of(each, cell) for each in buses], bus.clock).run(stop)
+        runner = Runner(service, [reporter_of(each, cell) for each in buses], bus.clock)
+        take_realtime_priority()
+        runner.run(stop)
 
 
 def refuse_unless_played_by(cell: Cell, role: str, player: str) -> None:

@@ -15,7 +15,7 @@ from common.cell import Cell
 from common.clock import Clock, MonotonicClock
 from common.config import load_cell
 from common.errors import ConfigError
-from common.priority import take_realtime_priority
+from common.priority import give_up_realtime_priority, take_realtime_priority
 from common.service import (
     Runner,
     exit_on_error,
@@ -113,18 +113,20 @@ def run_in_cell(
     """Play the role sensor of a cell whose gateway talks to the program; end on a signal."""
     cell = load_cell(arguments.cell)
     refuse_unless_played_by(cell, "sensor", "sim")
-    take_realtime_priority()
     network = SocketNetwork(arguments.address, arguments.port or gateway_port(cell))
     with ExitStack() as exits:
         bus = exits.enter_context(open_bus(cell, "sensor"))
+        exits.callback(give_up_realtime_priority)
         service = ControllerSensor(bus, cell, network, behaviour=behaviour)
         exits.callback(service.close)
         service.machine.say = say
         start(service.machine, source, arguments)
         watch = Watch(service.machine, network)
         service.machine.after_tick.append(watch.ticked)
+        runner = Runner(service, [reporter_of(bus, cell)], bus.clock)
+        take_realtime_priority()
         service.begin(bus.clock.now_ns())
-        Runner(service, [reporter_of(bus, cell)], bus.clock).run(stop)
+        runner.run(stop)
     return 1 if service.machine.stops else 0
 
 

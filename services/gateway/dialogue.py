@@ -19,13 +19,7 @@ from common.packet import Packet, PacketReader, encode
 from common.packet_table import FEEDBACK_BITS, ID_MAX, NO_ID, Com, Status, id_reached, next_id
 from services.gateway import commands
 from services.gateway.commands import Command, ControllerLimits, PoseCarry
-from services.gateway.reports import (
-    Event,
-    JointReport,
-    PoseReport,
-    parse_hello,
-    parse_report,
-)
+from services.gateway.reports import Event, JointReport, PoseReport, parse_hello, parse_report
 from services.gateway.round_trips import Echoes
 from services.gateway.scales import Scales
 
@@ -97,6 +91,7 @@ class Dialogue:
         if not self.ready:
             hello = parse_hello(packet, self.scales)
             self.ready = True
+            self.echoes.framed.give_up()  # that ours waited to be heard is no round trip
             return hello
         event = parse_report(packet, self.scales)
         if isinstance(event, PoseReport):

@@ -111,7 +111,8 @@ def status_of(cell_file: Path) -> dict:
 def test_killing_a_process_holds_the_arm_and_status_names_it(cell_file, start, role):
     """Kill -9 while force feedback runs: the arm stands, and the screen says who died."""
     cell = load_cell(cell_file)
-    demo = start(*demo_words(cell_file, "--linger", 4))
+    # The run must outlast the new hub: what an ended one says of its dead does not count any more.
+    demo = start(*demo_words(cell_file, "--linger", 15 if role == "hub" else 4))
     with open_bus(cell, topics.CLIENT, patience_s=PATIENCE_S) as bus:
         watcher = Watcher(bus)
         watcher.until(lambda: watcher.state() == "ACTIVE" and watcher.pid(role))

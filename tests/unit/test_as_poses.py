@@ -10,7 +10,9 @@ from tests.fakes.as_language import HERE, HERE_JOINTS, AsLanguage
 
 mm = st.floats(-900, 900, width=32)
 degrees = st.floats(-180, 180, width=32)
-places = st.builds(Transformation, mm, mm, mm, degrees, degrees, degrees)
+# Within 0.001 degrees of a pole A is taken for the pole's: that is no exact algebra any more.
+tilts = degrees.filter(lambda a: a % 180.0 == 0.0 or 0.002 < a % 180.0 < 179.998)
+places = st.builds(Transformation, mm, mm, mm, degrees, tilts, degrees)
 
 
 def bench_of(**poses: Transformation) -> AsLanguage:

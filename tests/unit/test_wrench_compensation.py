@@ -13,12 +13,13 @@ from common.frames import GRAVITY_M_S2, rotation_from_vector
 from common.payload import Payload
 from services.wrench.compensation import Mounting, Wrench, compensate
 from services.wrench.smoothing import Filter, feed
-from services.wrench.tare import TareLimits, tare
+from services.wrench.tare import WEIGHT_SHARE, TareLimits, tare
 from tests.fakes.bench import CELL
 
 NOTHING = Payload(0.0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 OFF_CENTRE = Payload(1.3, (0.012, -0.03, 0.06), (1.5, -2.0, 3.0), (0.05, -0.04, 0.03))
 LIMITS = TareLimits(force_N=10.0, torque_Nm=1.0)
+OF_WEIGHT_N = WEIGHT_SHARE * OFF_CENTRE.mass_kg * GRAVITY_M_S2
 
 vectors = hnp.arrays(float, 3, elements=st.floats(-50.0, 50.0))
 levers = hnp.arrays(float, 3, elements=st.floats(-0.3, 0.3))
@@ -216,7 +217,7 @@ def test_a_step_is_answered_in_seconds_not_in_samples(dt_s) -> None:
 # --- tare -----------------------------------------------------------------------------------------
 
 
-@given(turns, vectors.filter(lambda v: np.linalg.norm(v) < 9.9), turns, levers)
+@given(turns, vectors.filter(lambda v: np.linalg.norm(v) < OF_WEIGHT_N), turns, levers)
 def test_tare_makes_the_present_reading_zero_here_and_everywhere(turn, drift, other, drift_Nm):
     """The bias is in sensor axes: what was drift here is gone in every other orientation."""
     R = rotation_from_vector(turn)
@@ -247,22 +248,27 @@ def test_tare_makes_the_present_reading_zero_here_and_everywhere(turn, drift, ot
 
 @given(turns, vectors, st.floats(0.0, 3.0))
 def test_tare_is_refused_exactly_above_its_limits(turn, push, torque_Nm) -> None:
-    """Force or torque: refused with number and limit, and the payload stays the very same."""
+    """Force, torque, share of the weight: refused with number and limit, the payload unchanged."""
     R = rotation_from_vector(turn)
     force_N = float(np.linalg.norm(push))
-    assume(abs(force_N - LIMITS.force_N) > 1e-6)
+    assume(min(abs(force_N - LIMITS.force_N), abs(force_N - OF_WEIGHT_N)) > 1e-6)
     assume(abs(torque_Nm - LIMITS.torque_Nm) > 1e-6)
     load = reading_of(OFF_CENTRE, R, np.zeros(3), push, np.array([torque_Nm, 0.0, 0.0]))
     reading = np.concatenate([load.force_N, load.torque_Nm])
     tared, reply = tare(OFF_CENTRE, [reading], R, LIMITS)
 
-    allowed = force_N <= LIMITS.force_N and torque_Nm <= LIMITS.torque_Nm
-    assert reply.accepted == allowed
-    if not allowed:
+    rules = [
+        ("contact", force_N, LIMITS.force_N),
+        ("contact", torque_Nm, LIMITS.torque_Nm),
+        ("payload", force_N, OF_WEIGHT_N),
+    ]
+    broken = [rule for rule in rules if rule[1] > rule[2]]
+    assert reply.accepted == (not broken)
+    if broken:
         assert tared is OFF_CENTRE
-        assert reply.code == "contact"
-        wrong, limit = (force_N, 10.0) if force_N > LIMITS.force_N else (torque_Nm, 1.0)
-        assert (reply.value, reply.limit) == (pytest.approx(wrong), limit)
+        code, value, limit = broken[0]
+        assert (reply.code, reply.limit) == (code, pytest.approx(limit))
+        assert reply.value == pytest.approx(value)
 
 
 def test_tare_takes_the_limit_itself() -> None:

@@ -16,7 +16,7 @@ TABLE: dict[ArbiterState, dict[str, ArbiterState]] = {
     "ACTIVE":   {"end": "ARMED",     "take": "SETTLING",  "soften": "STOPPING",
                  "hold": "HOLDING",  "fault": "FAULT"},
     "STOPPING": {"hold": "HOLDING",  "fault": "FAULT"},
-    "HOLDING":  {"clear": "IDLE",    "arm": "ARMED",      "fault": "FAULT"},
+    "HOLDING":  {"clear": "IDLE",    "arm": "ARMED"},
     "FAULT":    {"clear": "IDLE"},
 }
 MEANS: dict[ArbiterState, str] = {

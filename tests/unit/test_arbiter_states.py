@@ -35,7 +35,6 @@ EXPECTED = {
     ("STOPPING", "fault"): "FAULT",
     ("HOLDING", "clear"): "IDLE",
     ("HOLDING", "arm"): "ARMED",
-    ("HOLDING", "fault"): "FAULT",
     ("FAULT", "clear"): "IDLE",
 }
 

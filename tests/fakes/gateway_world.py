@@ -122,17 +122,18 @@ class PacketJudge:
 class GatewayWorld:
     """The gateway, everything around it, and what is always true of it."""
 
-    def __init__(self) -> None:
+    def __init__(self, controller: MoodyController | None = None) -> None:
         """Connect."""
         self.cell = gateway_cell(49152)
         self.clock, self.transport = ManualClock(), MemoryTransport()
-        self.controller = MoodyController()
+        self.controller = controller or MoodyController()
         bus = self._bus("robot")
         self.gateway = Gateway(bus, self.cell, self.controller)
         self.judge = PacketJudge(self.gateway._dialogue.last_id)
         self.lease, self.turn, self.seq, self.epoch = 0, 0, 0, 1
         self.kind = "hold"  # of what was said last
         self.wrench: WrenchAtTcp | None = WrenchAtTcp()
+        self.codes: set[str] = set()  # why it held, or was not heard
         self.sent: list[bytes] = []  # commands, to be played again
         self.allowed: tuple[Lease, int] | None = None  # by the newest good command: until when
         topic = topics.ROBOT_COMMAND
@@ -224,16 +225,29 @@ class GatewayWorld:
         self._look_at_state()
 
     def _look_at_packets(self, lease: Lease | None, *, stopped: bool) -> None:
+        """Judge what was sent in this step.
+
+        What is refused half-way left under the lease that was obeyed when the step began, or under
+        one that began and ended in this very step.
+        """
         packets, self.controller.packets = self.controller.packets, []
-        # What was obeyed when the step began may be refused half-way: it left under the old lease.
-        under = self.judge.live if stopped else lease
+        under = lease or self.judge.live or self._allowed_lease()
         measured = self.gateway.measured
         streams = None if measured is None or self.kind != "setpoint" else measured.T_base_flange
         for packet in packets:
             self.judge.packet(packet, under, streams)
-        if stopped and self.gateway._connection.is_ready:
+        half_way = lease is None and any(packet.com not in UNPERMITTED for packet in packets)
+        if half_way and under is not None:
+            self.judge.dead.add(under)
+        if (stopped or half_way) and self.gateway._connection.is_ready:
             assert packets, "the arm is not braked"
             assert packets[-1].com == Com.HOLD
+
+    def _allowed_lease(self) -> Lease | None:
+        """Return the lease of the newest command, if it may be obeyed now."""
+        if self.allowed is None or self.clock.now_ns() > self.allowed[1]:
+            return None
+        return None if self.allowed[0] in self.judge.dead else self.allowed[0]
 
     def _look_at_state(self) -> None:
         if self._states.poll():
@@ -243,6 +257,7 @@ class GatewayWorld:
             assert bool(state.hold_reason) == bool(state.hold_code)
             assert bool(state.hold_reason) == (self.gateway.verdict.command is None)
             assert state.code in FAULTS or state.valid
+            self.codes |= {state.code, state.hold_code}
 
     def shifted(self, x_m: float, y_m: float, z_m: float) -> Any:
         """Return a pose beside the arm."""

@@ -3,6 +3,7 @@
 Linux kills a process that asked for it when the thread that started it ends, and the wish survives
 exec. A function between fork and exec would do the same, but is not safe once there are threads.
 Elsewhere than on Linux the wish cannot be made: there a supervisor that is killed leaves orphans.
+It starts as an ordinary process, also when whoever starts it goes first: see common/priority.py.
 """
 
 import ctypes
@@ -21,6 +22,8 @@ def main() -> None:
         prctl(PR_SET_PDEATHSIG, int(signal.SIGKILL), 0, 0, 0)
     if os.getppid() != int(supervisor_pid):
         sys.exit("the supervisor ended before this process began")
+    if hasattr(os, "sched_setscheduler"):
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
     os.execv(command[0], command)  # noqa: S606 - the shell is what is not wanted
 
 

@@ -7,12 +7,13 @@ slow reader can never hold a writer up.
 
 import json
 import os
+import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
 import zenoh
 
@@ -125,16 +126,56 @@ def _config(
     return zenoh.Config.from_json5(json.dumps({**part, **common}))
 
 
-@dataclass(slots=True)
+Subscriber: TypeAlias = "zenoh.Subscriber[zenoh.handlers.Handler[zenoh.Sample]]"
+
+
 class ZenohSource:
     """A subscriber whose channel holds one sample."""
 
-    subscriber: "zenoh.Subscriber[zenoh.handlers.Handler[zenoh.Sample]]"
+    def __init__(
+        self, subscriber: "zenoh.Subscriber[zenoh.handlers.Handler[zenoh.Sample]]"
+    ) -> None:
+        """Take from an open subscriber."""
+        self._subscriber = subscriber
+        self._ear: Ear | None = None
 
     def take(self) -> bytes | None:
         """Return the newest payload that was not taken yet."""
-        sample = self.subscriber.try_recv()
+        if self._ear is not None:
+            return self._ear.take()
+        sample = self._subscriber.try_recv()
         return None if sample is None else sample.payload.to_bytes()
+
+    def wait(self, timeout_s: float) -> None:
+        """Sleep until something has come in, or the time [s] is over."""
+        if self._ear is None:  # only who waits needs a thread
+            self._ear = Ear(self._subscriber.recv)
+        self._ear.news.wait(timeout_s)
+
+
+class Ear:
+    """A thread that keeps the newest sample: to wait for one costs a third of looking for it."""
+
+    def __init__(self, receive: Callable[[], zenoh.Sample]) -> None:
+        """Listen until the session is closed."""
+        self.news = threading.Event()
+        self._receive = receive
+        self._newest: deque[zenoh.Sample] = deque(maxlen=1)
+        threading.Thread(target=self._listen, daemon=True).start()
+
+    def take(self) -> bytes | None:
+        """Return the newest payload once."""
+        self.news.clear()  # first: what comes in between wakes once too often, never once too few
+        try:
+            return self._newest.popleft().payload.to_bytes()
+        except IndexError:
+            return None
+
+    def _listen(self) -> None:
+        with suppress(zenoh.ZError):
+            while True:
+                self._newest.append(self._receive())
+                self.news.set()
 
 
 @dataclass(slots=True)

@@ -42,6 +42,7 @@ class Header(Version):
     sensor_seq: int | None = None
 
 
+V = TypeVar("V", bound=Version)
 HEADER_FIELDS = frozenset(Header.model_fields)
 
 
@@ -57,9 +58,10 @@ def decode(data: bytes, message_type: type[M], topic: str | None = None) -> tupl
     MessageError when they are anything else but a header and such a message.
     """
     fields = _unpack(data)
+    header = _of_this_version(fields, Header)
     if topic is not None:
-        _refuse_other(fields, (topic,), topic)
-    return _validate(fields, Header), _validate(fields, message_type)
+        _refuse_other(header, (topic,), topic)
+    return header, _validate(fields, message_type)
 
 
 def encode_record(record: Record, topic: str = "") -> bytes:
@@ -74,8 +76,9 @@ def decode_record(data: bytes, record_type: type[R], topic: str = "") -> R:
     are anything else. A client of somebody's own need not say what its request is for.
     """
     fields = _unpack(data)
+    version = _of_this_version(fields, Version)
     if topic:
-        _refuse_other(fields, ("", topic), topic)
+        _refuse_other(version, ("", topic), topic)
     return _validate(fields, record_type)
 
 
@@ -105,16 +108,20 @@ def _unpack(data: bytes) -> dict[str, object]:
         raise MessageError(f"not MessagePack: {error}") from error
     if not isinstance(fields, dict):
         raise MessageError(f"a {type(fields).__name__} instead of a map of fields")
-    version = _validate(fields, Version).v
-    if version != SCHEMA_VERSION:
-        raise MessageError(f"schema version {version}, this program speaks {SCHEMA_VERSION}")
     return fields
 
 
-def _refuse_other(fields: dict[str, object], allowed: tuple[str, ...], here: str) -> None:
-    addressed = _validate(fields, Version).topic
-    if addressed not in allowed:
-        raise MisroutedError(f"written for {addressed[:40]!r}, and came to {here}")
+def _of_this_version(fields: dict[str, object], head_type: type[V]) -> V:
+    """Return what stands before a body; another version is told first, its head may differ."""
+    version = fields.get("v", SCHEMA_VERSION)
+    if type(version) is int and version != SCHEMA_VERSION:
+        raise MessageError(f"schema version {version}, this program speaks {SCHEMA_VERSION}")
+    return _validate(fields, head_type)
+
+
+def _refuse_other(head: Version, allowed: tuple[str, ...], here: str) -> None:
+    if head.topic not in allowed:
+        raise MisroutedError(f"written for {head.topic[:40]!r}, and came to {here}")
 
 
 def _validate(fields: dict[str, object], record_type: type[R]) -> R:

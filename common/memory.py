@@ -18,6 +18,9 @@ class MemorySource:
         data, self.newest = self.newest, None
         return data
 
+    def wait(self, timeout_s: float) -> None:
+        """Nothing comes in while one waits: on a virtual clock somebody else moves the time on."""
+
 
 @dataclass(slots=True)
 class MemoryCall:

@@ -23,6 +23,9 @@ class Source(Protocol):
     def take(self) -> bytes | None:
         """Return the newest bytes that were not taken yet, or None."""
 
+    def wait(self, timeout_s: float) -> None:
+        """Sleep until there are such bytes, or the time [s] is over."""
+
 
 class Origin(NamedTuple):
     """The sensor sample behind a message."""
@@ -106,6 +109,10 @@ class Reader(Generic[M]):
             self._suspect()
             return False
         return self._accept(header, message)
+
+    def wait(self, timeout_s: float) -> None:
+        """Sleep until something has come in, or the time [s] is over."""
+        self._source.wait(timeout_s)
 
     def read(self, now_ns: int) -> Reading[M]:
         """Take what has come in and judge the newest message at this time."""

@@ -5,6 +5,7 @@ period, so that it always has a word to say. It reads a snapshot, steps, publish
 """
 
 import argparse
+import gc
 import os
 import signal
 import sys
@@ -30,7 +31,6 @@ from common.priority import (
 from common.topics import HEALTH
 from common.version import forcemesh_version
 
-POLL_S = 0.0005
 LONGEST_PAUSE_S = 0.05  # a process that waits longer would be slow to stop
 PATIENCE_PERIODS = 1.5  # a triggered service that hears nothing steps after this many periods
 LATENESS_WINDOW = 512
@@ -169,13 +169,13 @@ class Runner:
             if self.due(now_ns):
                 self.step(now_ns)
             else:
-                self._clock.sleep_s(self._pause_s(now_ns))
+                self._pause(min((self._due_ns - now_ns) / NS_PER_S, LONGEST_PAUSE_S))
 
-    def _pause_s(self, now_ns: int) -> float:
-        """Return how long there is nothing to do: only a trigger has to be looked for."""
-        if self.service.trigger is not None:
-            return POLL_S
-        return min((self._due_ns - now_ns) / NS_PER_S, LONGEST_PAUSE_S)
+    def _pause(self, longest_s: float) -> None:
+        if self.service.trigger is None:
+            self._clock.sleep_s(longest_s)
+        else:
+            self.service.trigger.wait(longest_s)
 
 
 def reporter_of(bus: Bus, cell: Cell) -> HealthReporter:
@@ -213,8 +213,19 @@ def main(
             exits.callback(service.close)
         buses = [bus, *(bus.playing(role) for role in roles[1:])]
         runner = Runner(service, [reporter_of(each, cell) for each in buses], bus.clock)
-        take_realtime_priority()
+        spare_the_loop()
         runner.run(stop)
+
+
+def spare_the_loop() -> None:
+    """Make ready for work in real time, after the start: no long garbage collection, go first.
+
+    What start-up has left in memory stays; to walk through all of it takes tens of milliseconds,
+    and the collector would do so now and then.
+    """
+    gc.collect()
+    gc.freeze()
+    take_realtime_priority()
 
 
 def refuse_unless_played_by(cell: Cell, role: str, player: str) -> None:

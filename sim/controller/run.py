@@ -15,12 +15,13 @@ from common.cell import Cell
 from common.clock import Clock, MonotonicClock
 from common.config import load_cell
 from common.errors import ConfigError
-from common.priority import give_up_realtime_priority, take_realtime_priority
+from common.priority import give_up_realtime_priority
 from common.service import (
     Runner,
     exit_on_error,
     refuse_unless_played_by,
     reporter_of,
+    spare_the_loop,
     stop_on_signals,
 )
 from sim.controller.behaviour import Behaviour, behaviour_in, pessimistic
@@ -124,7 +125,7 @@ def run_in_cell(
         watch = Watch(service.machine, network)
         service.machine.after_tick.append(watch.ticked)
         runner = Runner(service, [reporter_of(bus, cell)], bus.clock)
-        take_realtime_priority()
+        spare_the_loop()
         service.begin(bus.clock.now_ns())
         runner.run(stop)
     return 1 if service.machine.stops else 0

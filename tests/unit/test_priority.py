@@ -72,11 +72,20 @@ def test_a_service_goes_first_only_while_it_works(monkeypatch: pytest.MonkeyPatc
         order.append("is made")
         return Worker()
 
+    monkeypatch.setattr(service.gc, "freeze", lambda: order.append("freeze"))
     for name in ("take", "give_up"):
         monkeypatch.setattr(
             service, f"{name}_realtime_priority", lambda name=name: order.append(name)
         )
     monkeypatch.setattr(service, "cell_from_arguments", lambda _: CELL)
     with pytest.raises(KeyboardInterrupt):
-        service.main("regulator", make, connect=connect)  # type: ignore[arg-type]
-    assert order == ["is made", "take", "works", "says goodbye", "give_up", "leaves the bus"]
+        service.main("regulator", make, connect=connect)
+    assert order == [
+        "is made",
+        "freeze",
+        "take",
+        "works",
+        "says goodbye",
+        "give_up",
+        "leaves the bus",
+    ]

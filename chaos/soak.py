@@ -25,6 +25,7 @@ from common.endpoints import Reader
 from common.errors import ForcemeshError
 from common.priority import take_realtime_priority
 from common.topics import Topic
+from services.arbiter.states import MAY_MOVE
 
 PRESS_N = 20.0
 PRESS_S, RELEASE_S = 2.5, 1.5
@@ -162,10 +163,10 @@ class Soak:
                 self._next_sample_s = at_s + SAMPLE_S
                 for body in self.bodies.values():
                     body.sample(at_s)
-                if self.under_test.state not in ("ARMED", "ACTIVE"):
+                if self.under_test.state not in MAY_MOVE:
                     return False
             time.sleep(POLL_S)
-        return self.under_test.state in ("ARMED", "ACTIVE")
+        return self.under_test.state in MAY_MOVE
 
     def _explain(self, began_ns: int) -> None:
         """Count a hold that nobody asked for, unless the machine stalled."""

@@ -63,8 +63,8 @@ bench-tcp: setup ## play the demo over TCP in every combination: ARGS=--write ma
 chaos: setup ## kill, freeze and restart every process of a moving cell, see that it holds: ARGS="--seed 7"
 	@$(BIN)/python -m chaos $(ARGS)
 
-chaos-full: setup ## the same twenty times each, about two hours; writes docs/chaos.md
-	@$(BIN)/python -m chaos --each 20 --write $(ARGS)
+chaos-full: setup ## the same twenty times each, about 90 minutes, goes on where it was interrupted; writes docs/chaos.md
+	@$(BIN)/python -m chaos --each 20 --journal out/chaos-full.jsonl --write $(ARGS)
 
 chaos-network: setup ## pull, cut and slow the cables of a moving cell, in namespaces (root): ARGS=--write
 	@$(BIN)/python -m chaos.network $(ARGS)

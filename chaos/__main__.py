@@ -6,6 +6,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from chaos.cases import CELLS, Case, CellName, matrix, named
+from chaos.journal import Journal
 from chaos.outcome import violations
 from chaos.page import PAGE, page
 from chaos.run import Report, Runner
@@ -23,12 +24,15 @@ def main() -> int:
     parser.add_argument("--cell", choices=CELLS, help="on this cell alone; with --only: sim")
     parser.add_argument("--seed", type=int, default=0, help="decides the moments")
     parser.add_argument("--write", action="store_true", help=f"put the table into {PAGE}")
+    parser.add_argument("--journal", type=Path, metavar="FILE",
+                        help="keep every trial there, and go on where it ends")  # fmt: skip
     given = parser.parse_args()
     try:
         cases = wanted(given)
     except ValueError as error:
         parser.error(str(error))
-    report = Runner().run(cases)
+    journal = Journal(given.journal)
+    report = Runner(journal).run(journal.left(cases))
     broken = conclude(report)
     if given.write:
         (ROOT / PAGE).write_text(page(report, given.each, datetime.now(UTC)), encoding="utf-8")

@@ -12,6 +12,7 @@ from chaos.cases import Case, CellName
 from chaos.ear import Ear
 from chaos.injector import NoBiteError
 from chaos.job import Job, NotMovingError
+from chaos.journal import Journal
 from chaos.measure import SpoiltError
 from chaos.outcome import Limits, Outcome
 from chaos.rig import Rig, chaos_cell
@@ -49,9 +50,12 @@ def limits_of(cell: Cell) -> Limits:
 class Runner:
     """Keeps a cell up for as long as cases want the same one."""
 
-    def __init__(self) -> None:
-        """Start nothing yet."""
-        self.report = Report()
+    def __init__(self, journal: Journal) -> None:
+        """Start nothing yet; what the journal knows belongs to the report."""
+        self.report = Report(outcomes=list(journal.outcomes), spoilt=list(journal.spoilt))
+        for cell in {outcome.case.cell for outcome in journal.outcomes}:
+            self.report.limits[cell] = limits_of(chaos_cell(cell))
+        self._journal = journal
         self._exits = ExitStack()
         self._trials: Trials | None = None
         self._rig: Rig | None = None
@@ -76,10 +80,12 @@ class Runner:
             except (SpoiltError, NotMovingError, NoBiteError) as error:
                 self._say(f"{case.cell} {case.name:<32} does not count: {error}")
                 self.report.spoilt.append(f"{case.cell} {case.name}: {error}")
+                self._journal.repeated(self.report.spoilt[-1])
                 if not isinstance(error, SpoiltError):
                     self._close()
                 continue
             self.report.outcomes.append(outcome)
+            self._journal.tried(outcome)
             self._say(one_line(outcome, self.report.limits[name]))
             if not outcome.recovered:
                 self._close()

@@ -12,6 +12,7 @@ from chaos.rig import Rig
 from cli.cellview import CellView
 from cli.runfile import read_run
 from cli.status import CellStatus, cell_status
+from common import topics
 from common.clock import NS_PER_S
 from common.faults import FAULTS
 
@@ -73,7 +74,7 @@ class Trials:
                 self._ear.during(LOOK_S)
                 outcome.status_shows = self._shows(self._status(), case.role)
             self._rig.start(name)
-            self._until_up(outcome)
+            self._until_up(outcome, name)
             self._ear.during(WATCH_S if case.kind == "restart" else WATCH_S / 2)
         self._note_causes(outcome)
         if case.kind == "restart":
@@ -86,11 +87,19 @@ class Trials:
         others = self._rig.others_than(name, arm)
         self._rig.end(*others)
         self._rig.start(*others)
-        self._until_up(outcome)
+        self._until_up(outcome, *others)
         self._ear.during(WATCH_S / 2)
 
-    def _until_up(self, outcome: Outcome) -> None:
-        if not self._ear.until(lambda: not self._view.missing(), UP_WITHIN_S):
+    def _until_up(self, outcome: Outcome, *started: str) -> None:
+        """Wait for the new processes: what the old ones said last is still fresh for a while."""
+
+        def up() -> bool:
+            pids = {self._view.pid(role) for role in topics.ROLES}
+            return not self._view.missing() and pids >= {
+                self._rig.running[name].pid for name in started
+            }
+
+        if not self._ear.until(up, UP_WITHIN_S):
             outcome.recovered, outcome.note = False, "; ".join(self._view.missing())
 
     def _note_causes(self, outcome: Outcome) -> None:

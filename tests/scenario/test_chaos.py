@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from chaos.cases import KINDS, PHASES, ROLES, Case, matrix, named
+from chaos.journal import Journal
 from chaos.outcome import Limits, Outcome, violations
 from chaos.run import Runner
 from chaos.truth import Path
@@ -22,7 +23,7 @@ MS = 1_000_000
 def test_two_plugs_are_pulled_and_the_arm_holds():
     """A frozen arbiter and a killed regulator in real processes: every bound is kept."""
     cases = [Case("sim", "arbiter", "freeze-1", "approach", 0), replace(CASE, phase="retreat")]
-    report = Runner().run(cases)
+    report = Runner(Journal(None)).run(cases)
     assert report.untried == []
     assert [outcome.case for outcome in report.outcomes] == cases
     for outcome in report.outcomes:
@@ -112,3 +113,18 @@ def test_a_window_sees_the_stalls_that_touch_it():
     assert longest_stall_s(stalls, 120 * MS, 150 * MS) == pytest.approx(0.030)
     assert longest_stall_s(stalls, 131 * MS, 210 * MS) == pytest.approx(0.006)
     assert longest_stall_s(stalls, 140 * MS, 190 * MS) == 0.0
+
+
+def test_an_interrupted_run_goes_on_with_what_is_left(tmp_path):
+    """What was tried comes back as it was, number by number; only the rest is still to be tried."""
+    path = tmp_path / "out" / "journal.jsonl"
+    first, second = matrix(1, 0)[:2]
+    outcome = held(case=first, moved_m=1e-4, note="words")
+    before = Journal(path)
+    before.repeated("it moved with 1.0 mm/s only")
+    before.tried(outcome)
+
+    after = Journal(path)
+    assert after.outcomes == [outcome]
+    assert after.spoilt == ["it moved with 1.0 mm/s only"]
+    assert after.left([first, second]) == [second]

@@ -6,12 +6,13 @@ from collections.abc import Callable
 from rich.console import Console
 from rich.table import Table
 
-from bench import emulator, latency, settling
+from bench import emulator, faults, latency, settling
 
 PARTS: dict[str, Callable[[], Table]] = {
     "settling": settling.table,
     "emulator": emulator.table,
     "pace": emulator.pace_table,
+    "faults": faults.table,
     "latency": latency.table,
 }
 

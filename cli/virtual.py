@@ -48,11 +48,11 @@ class WorldClock:
 class VirtualCell:
     """Every process of a cell, stepped in turn each virtual millisecond."""
 
-    def __init__(self, cell: Cell) -> None:
-        """Start all services at the same virtual instant."""
+    def __init__(self, cell: Cell, transport: MemoryTransport | None = None) -> None:
+        """Start all services at the same virtual instant, on a bus of one's own if need be."""
         self.cell = cell
         self.clock = ManualClock()
-        self.transport = MemoryTransport()
+        self.transport = transport or MemoryTransport()
         self.transport.advance = self.advance
         self.client = Bus(CLIENT, cell.cell, self.transport, cell, WorldClock(self))
         self.runners: dict[str, Runner] = {}

@@ -1,0 +1,273 @@
+"""Every service and every link of a moving cell fails, on the virtual clock: when does it stand?
+
+The same services as in their processes, at 125 Hz with the deadlines a lab PC has: what is measured
+is what the design promises, to the millisecond, without the machine. `make chaos` does the same to
+real processes.
+"""
+
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from itertools import product
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+import numpy as np
+from rich.table import Table
+
+from cli.scenario import ScenarioError
+from cli.virtual import VirtualCell
+from common import topics
+from common.cell import Cell
+from common.clock import NS_PER_S
+from common.codec import decode
+from common.config import load_cell
+from common.convert import pose_of, record_of
+from common.frames import Array
+from common.memory import MemoryTransport
+from common.messages import Host, RobotCommand, RobotState, Speed
+from common.requests import Empty, ForceStartRequest, MoveRequest
+from common.topics import Qos
+
+CELLS = Path(__file__).resolve().parent.parent / "cells"
+HZ, FROZEN_S, WATCH_S = 125, 1.0, 1.0
+MOVING_M_S, STILL_M_S = 2e-3, 1e-3
+WINDOW = 10  # milliseconds whose way is a speed
+PRESS_N, RELEASE_N = 20.0, 0.0
+LIFT_M, LIFT_M_S = 0.06, 0.1
+SOFT_N_M = 2000.0  # so that pressing takes centimetres
+
+Robot = Literal["sim", "tcp"]
+How = Literal["kill", "freeze", "cut"]
+Motion = Literal["approach", "press", "retreat", "move"]
+ROBOTS: tuple[Robot, ...] = get_args(Robot)
+MOTIONS: tuple[Motion, ...] = get_args(Motion)
+ROLES = ("hub", "robot", "sensor", "wrench", "regulator", "arbiter")
+LINKS = (
+    topics.ROBOT_STATE.key,
+    topics.SENSOR_WRENCH.key,
+    topics.WRENCH.key,
+    topics.REGULATOR_TARGET.key,
+    topics.ROBOT_COMMAND.key,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """One failure: a role that is killed or frozen, or a key of the bus that is cut."""
+
+    robot: Robot
+    how: How
+    what: str
+    motion: Motion
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What came of it."""
+
+    case: Case
+    speed_m_s: float  # of the flange when it happened
+    last_s: float  # until the robot took its last command for motion; 0 when none came any more
+    still_s: float | None  # until the true flange was slower than 1 mm/s for good
+    moved_m: float  # after that, also when it came back
+    held: bool
+
+
+class CutTransport(MemoryTransport):
+    """A bus whose keys can be cut; what the robot says is overheard before."""
+
+    def __init__(self) -> None:
+        """Cut nothing yet."""
+        super().__init__()
+        self.cut: set[str] = set()
+        self.robot: RobotState | None = None
+        self.kinds: dict[tuple[int, int], str] = {}
+
+    def publish(self, key: str, qos: Qos) -> Callable[[bytes], None]:
+        """Return the function that puts bytes on a key, unless it is cut."""
+        put, name = super().publish(key, qos), key.partition("/")[2]
+
+        def put_unless_cut(data: bytes) -> None:
+            self._overhear(name, data)
+            if name not in self.cut:
+                put(data)
+
+        return put_unless_cut
+
+    def _overhear(self, name: str, data: bytes) -> None:
+        if name == topics.ROBOT_STATE.key:
+            self.robot = decode(data, RobotState)[1]
+        elif name == topics.ROBOT_COMMAND.key:
+            header, command = decode(data, RobotCommand)
+            kind = "hold" if command.permission is None else command.kind
+            self.kinds[header.epoch, header.seq] = kind
+
+
+class World:
+    """A virtual cell that can be broken, and the truth about its flange."""
+
+    def __init__(self, robot: Robot) -> None:
+        """Bring it up, tare and arm."""
+        self.bus = CutTransport()
+        self.world = VirtualCell(cell_for(robot), self.bus)
+        self.host: Host = "pc" if robot == "sim" else "controller"
+        self.p_m: list[Array] = []
+        self.last_ns = 0
+        self.world.advance(1.6)
+        self.ask(topics.TARE, Empty())
+        self.ask(topics.SPEED, Speed(mechanical_m_s=LIFT_M_S))
+        self.ask(topics.ARM, Empty())
+        self.live(0.1)
+
+    @property
+    def now_ns(self) -> int:
+        """The virtual time."""
+        return self.world.clock.now_ns()
+
+    def ask(self, request: topics.Request[Any], message: Any) -> None:
+        """Ask as a client. Raises ScenarioError when it is refused."""
+        answer = self.world.client.ask(request, message)
+        if not answer.accepted:
+            raise ScenarioError(f"{request.key}: {answer.text}")
+
+    def live(self, duration_s: float) -> None:
+        """Let time pass, and look at the flange and at what the robot takes each millisecond."""
+        self.world.advance(duration_s, self._look)
+
+    def _look(self) -> bool:
+        self.p_m.append(np.array(self.world.arm.T_base_flange.translation))
+        accepted = None if self.bus.robot is None else self.bus.robot.accepted
+        if accepted is not None:
+            kind = self.bus.kinds.get((accepted.epoch, accepted.seq), "idle")
+            if kind in ("goal", "setpoint", "feedback"):
+                self.last_ns = accepted.at_ns
+        return False
+
+    def speeds_m_s(self) -> Array:
+        """Return the flange's speed over windows of 10 ms. Shape (n,)."""
+        p_m = np.array(self.p_m)
+        way_m: Array = np.linalg.norm(p_m[WINDOW:] - p_m[:-WINDOW], axis=1)
+        return way_m / (WINDOW * 1e-3)
+
+    def begin(self, motion: Motion) -> None:
+        """Be well on the way."""
+        if motion == "move":
+            if self.bus.robot is None:
+                raise ScenarioError("the robot says nothing")
+            T = pose_of(self.bus.robot)
+            T.translation = T.translation + np.array([0.0, 0.0, LIFT_M])
+            self.ask(topics.MOVE, MoveRequest(kind="pose", pose=record_of(T)))
+            self.live(0.3)
+            return
+        self._feedback(PRESS_N, "pc")
+        if motion == "approach":
+            self.live(0.3)
+            return
+        self._until_moving_in_contact()
+        if motion == "retreat":
+            self.live(3.0)
+            self._feedback(RELEASE_N, self.host)
+            self.live(0.15)
+
+    def _feedback(self, setpoint_N: float, host: Host) -> None:
+        wanted = ForceStartRequest(mode="position", host=host, setpoint_N=setpoint_N)
+        self.ask(topics.FORCE_START, wanted)
+
+    def _until_moving_in_contact(self) -> None:
+        """Wait for the plate, and for the arm to follow the force."""
+        begun = len(self.p_m)
+        for _ in range(200):
+            self.live(0.05)
+            pressed = self.world.arm.true_wrench().force_N[2] > 0.2 * PRESS_N
+            if pressed:
+                return
+        raise ScenarioError(f"no contact within {len(self.p_m) - begun} ms")
+
+    def strike(self, case: Case) -> None:
+        """Let it happen, and come back where it comes back: everything goes through the hub."""
+        taken = {"cut": {case.what}, "kill": set(), "freeze": set()}[case.how]
+        self.bus.cut |= set(LINKS) if case.what == "hub" else taken
+        frozen = None if case.how == "cut" else self.world.runners.pop(case.what)
+        self.live(FROZEN_S)
+        if case.how != "kill":
+            self.bus.cut.clear()
+        if case.how == "freeze" and frozen is not None:
+            self.world.runners[case.what] = frozen
+        self.live(WATCH_S)
+
+
+def cell_for(robot: Robot) -> Cell:
+    """Return a demo cell at 125 Hz, with the deadlines that the defaults give a lab PC."""
+    name = "demo.yaml" if robot == "sim" else "demo-tcp.yaml"
+    robot_hz = HZ if robot == "sim" else 40
+    return load_cell(
+        CELLS / name,
+        {
+            "rates": {"robot_hz": robot_hz, "sensor_hz": 2 * HZ, "control_hz": HZ},
+            "deadlines": {},
+            "sim.stiffness_N_m": SOFT_N_M,
+            "contact.stiffness_N_m": SOFT_N_M,
+            "force.approach_m_s": 0.01,
+        },
+    )
+
+
+def cases() -> Iterator[Case]:
+    """Yield every failure that leaves the arm itself alive."""
+    for robot, motion in product(ROBOTS, MOTIONS):
+        arm = "robot" if robot == "sim" else "sensor"
+        for role in ROLES:
+            if role != arm and not (robot == "sim" and role == "sensor"):
+                yield Case(robot, "kill", role, motion)
+                yield Case(robot, "freeze", role, motion)
+        for link in LINKS:
+            yield Case(robot, "cut", link, motion)
+
+
+def run(case: Case) -> Outcome:
+    """Play one case."""
+    world = World(case.robot)
+    world.begin(case.motion)
+    speed_m_s, begun, fault_ns = float(world.speeds_m_s()[-1]), len(world.p_m), world.now_ns
+    world.strike(case)
+    speeds = world.speeds_m_s()[begun - WINDOW :]
+    fast = np.flatnonzero(speeds >= STILL_M_S)
+    still = int(fast[-1]) + 1 if len(fast) else 0
+    at_rest = still < len(speeds)
+    p_m = np.array(world.p_m[begun + still :])
+    state = world.bus.robot
+    return Outcome(
+        case,
+        speed_m_s=speed_m_s,
+        last_s=max(0, world.last_ns - fault_ns) / NS_PER_S,
+        still_s=still * 1e-3 if at_rest else None,
+        moved_m=float(np.linalg.norm(p_m - p_m[0], axis=1).max()) if at_rest else float("inf"),
+        held=state is not None and bool(state.hold_reason),
+    )
+
+
+def table() -> Table:
+    """Return the worst of each robot, failure and role or key, over all motions."""
+    with ProcessPoolExecutor() as pool:
+        outcomes = list(pool.map(run, cases(), chunksize=4))
+    rows = Table(title=f"One failure in motion, {HZ} Hz, virtual clock", title_justify="left")
+    for name in ("robot", "failure", "of", "tried", "last motion taken", "at rest", "moved after"):
+        rows.add_column(name, justify="left" if name in ("robot", "failure", "of") else "right")
+    groups = {(o.case.robot, o.case.how, o.case.what): None for o in outcomes}
+    for key in groups:
+        group = [o for o in outcomes if (o.case.robot, o.case.how, o.case.what) == key]
+        rows.add_row(*key, *worst(group))
+    return rows
+
+
+def worst(group: list[Outcome]) -> tuple[str, ...]:
+    """Return a line of the table; a trial in which the flange did not move does not count."""
+    counted = [o for o in group if o.speed_m_s > MOVING_M_S]
+    rests = [np.inf if o.still_s is None else o.still_s for o in counted]
+    return (
+        str(len(counted)),
+        f"{max(o.last_s for o in counted) * 1e3:.0f} ms",
+        f"{max(rests) * 1e3:.0f} ms",
+        f"{max(o.moved_m for o in counted) * 1e3:.2f} mm",
+    )

@@ -23,6 +23,7 @@ ZERO_VEC: VecInt = (0, 0, 0, 0, 0, 0)
 
 # ASCII digits only: int() alone would take "1_0000", " 12345", "+12345" and full-width digits.
 _FRAME = re.compile(rb"-[0-9]{5}|[0-9]{6}")
+_FRAME_AND_SPACE = re.compile(rb"(?:-[0-9]{5}|[0-9]{6}) ")
 _PACKET = re.compile(rb"(?:(?:-[0-9]{5}|[0-9]{6}) ){9}")
 
 
@@ -98,23 +99,25 @@ class PacketReader:
 
 def _describe(chars: bytes, packets_before: int) -> str:
     """Say which frame of which packet is wrong, and where in the stream it stands."""
-    for index, name in enumerate(FRAME_NAMES):
-        start = index * FRAME_STRIDE
-        frame = chars[start : start + FRAME_CHARS]
-        space = chars[start + FRAME_CHARS : start + FRAME_STRIDE]
-        position = packets_before * PACKET_CHARS + start
-        where = f"packet {packets_before + 1} of the connection"
-        if not _FRAME.fullmatch(frame):
-            return (
-                f"{where}, {name} at character {position + 1}: {_show(frame)} is not an integer "
-                f"in six characters, such as 000123 or -00123"
-            )
-        if space != b" ":
-            return (
-                f"{where}, after {name} at character {position + FRAME_STRIDE}: {_show(space)} "
-                f"stands where a space belongs"
-            )
-    raise AssertionError("the packet is well formed")
+    starts = range(0, PACKET_CHARS, FRAME_STRIDE)
+    wrong = [start for start in starts if not _FRAME_AND_SPACE.fullmatch(_cut(chars, start))]
+    name, start = FRAME_NAMES[wrong[0] // FRAME_STRIDE], wrong[0]
+    frame, space = _cut(chars, start)[:FRAME_CHARS], _cut(chars, start)[FRAME_CHARS:]
+    position = packets_before * PACKET_CHARS + start
+    where = f"packet {packets_before + 1} of the connection"
+    if _FRAME.fullmatch(frame):
+        return (
+            f"{where}, after {name} at character {position + FRAME_STRIDE}: {_show(space)} "
+            f"stands where a space belongs"
+        )
+    return (
+        f"{where}, {name} at character {position + 1}: {_show(frame)} is not an integer "
+        f"in six characters, such as 000123 or -00123"
+    )
+
+
+def _cut(chars: bytes, start: int) -> bytes:
+    return chars[start : start + FRAME_STRIDE]
 
 
 def _show(chars: bytes) -> str:

@@ -110,8 +110,6 @@ class StreamBudget:
     def _acceleration_trip(self, step: Step) -> Trip | None:
         half_ns = HALF_S / S_PER_NS
         middle, first = self._at(step.at_ns - half_ns), self._at(step.at_ns - 2 * half_ns)
-        if middle is None or first is None:
-            return None
         way_m = (step.T.translation - middle.translation) - (middle.translation - first.translation)
         turn_rad = _turn(middle, step.T) - _turn(first, middle)
         text = "set points change their speed faster than the limit"
@@ -123,12 +121,12 @@ class StreamBudget:
                 return tripped("acceleration", text, value=change / HALF_S**2, limit=accel)
         return None
 
-    def _at(self, at_ns: float) -> pin.SE3 | None:
+    def _at(self, at_ns: float) -> pin.SE3:
         """Return what was commanded at a time: each set point holds until the next."""
         for step in reversed(self._steps):
             if step.at_ns <= at_ns:
                 return step.T
-        return self._steps[0].T if self._steps else None
+        return self._steps[0].T
 
     def _put(self, step: Step) -> None:
         """Remember a step, and no more than the window needs; one before tells where it began."""

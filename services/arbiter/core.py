@@ -16,6 +16,7 @@ from common.messages import (
     Permission,
     Purpose,
     RobotCommand,
+    RobotState,
     Speed,
     Trip,
 )
@@ -71,9 +72,10 @@ class Arbiter:
         if self.state in MAY_MOVE:
             self._watch_motion(inputs)
         command = None
-        if self.state in MAY_MOVE and inputs.robot.fresh is not None:
-            T_measured, dt_s = pose_of(inputs.robot.fresh), min(dt_s, self._longest_gap_s)
-            command = self._move_on(inputs, Moment(T_measured, inputs.now_ns, dt_s))
+        robot = inputs.robot.fresh
+        if self.state in MAY_MOVE and robot is not None:
+            moment = Moment(pose_of(robot), inputs.now_ns, min(dt_s, self._longest_gap_s))
+            command = self._move_on(robot, inputs, moment)
         return command or RobotCommand(kind="hold", speed=self._speed, reason=self._hold_reason())
 
     def status(self) -> ArbiterStatus:
@@ -135,13 +137,11 @@ class Arbiter:
         code = "regulator" if row is None or row.kind == "REFUSAL" else row.code
         return tripped(code, f"the regulator gave up: {target.reason}")
 
-    def _move_on(self, inputs: Inputs, moment: Moment) -> RobotCommand | None:
+    def _move_on(self, robot: RobotState, inputs: Inputs, moment: Moment) -> RobotCommand | None:
         """Return what the robot is to do; None when it turned out that it must hold."""
         if self._stopping is not None:
             return self._stop_softly(moment)
-        robot, target = inputs.robot.fresh, inputs.target.fresh
-        if robot is None:
-            return None
+        target = inputs.target.fresh
         step = self._commanders.step(
             robot,
             target if self._armed_for == "all" else None,

@@ -165,7 +165,7 @@ class Driver:
     def _goal_bytes(self, goal: Goal, speed: Speed, now_ns: int) -> bytes:
         if goal.kind == "pose" and goal.pose is not None:
             return self._dialogue.move_to_pose(pose_of(goal.pose), speed, now_ns)
-        if goal.joint_rad is None:
+        if goal.joint_rad is None:  # pragma: no cover - the guard has refused it before
             raise RefusedError("malformed", f"a goal of kind {goal.kind} without its numbers")
         if goal.kind == "by":
             return self._dialogue.move_by_joints(goal.joint_rad, speed, now_ns)
@@ -194,8 +194,9 @@ class Driver:
         """Tell where the arm will be on its way to a goal."""
         if track.T_target is not None:
             self._tracking.line(measured.T_base_flange, track.T_target)
-        elif track.joint_target_rad is not None:
-            self._tracking.turn(measured.joint_rad, track.joint_target_rad)
+        else:
+            target_rad = track.joint_target_rad or measured.joint_rad
+            self._tracking.turn(measured.joint_rad, target_rad)
 
     def _idle(self, now_ns: int) -> None:
         """Permission without a motion: a goal that is still on its way is braked."""

@@ -129,8 +129,6 @@ def _missing(track: Track, measured: Measured) -> str:
         if way_m <= REACHED_M and turn_rad <= REACHED_RAD:
             return ""
         return f"{way_m * 1e3:.2f} mm and {np.degrees(turn_rad):.2f} degrees"
-    if track.joint_target_rad is None:
-        return ""
-    turns = np.array(measured.joint_rad) - np.array(track.joint_target_rad)
+    turns = np.array(measured.joint_rad) - np.array(track.joint_target_rad or measured.joint_rad)
     turn_rad = float(np.abs(turns).max())
     return "" if turn_rad <= REACHED_RAD else f"{np.degrees(turn_rad):.2f} degrees"

@@ -216,6 +216,7 @@ def test_ids_of_an_earlier_connection_take_nothing() -> None:
 def test_the_round_trip_is_measured_from_sending_to_framing() -> None:
     """102 names what the receiver framed: the time between is the round trip."""
     dialogue = greeted()
+    dialogue.hold(0)
     dialogue.feed(joint_report(dialogue.last_id), 3 * MS)
     assert dialogue.echoes.framed.last_s == pytest.approx(0.003)
     dialogue.hold(10 * MS)

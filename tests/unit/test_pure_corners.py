@@ -1,0 +1,128 @@
+"""Corners of the pure modules that no other test comes to: nothing known yet, nothing finite."""
+
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from common import topics
+from common.codec import encode_record
+from common.endpoints import MOST_AT_ONCE
+from common.guard import Guard
+from common.limits import Limits
+from common.memory import MemoryCall, MemoryTransport
+from common.messages import Goal, RobotState, Speed
+from common.motion_limits import JointTrack
+from common.requests import HoldRequest
+from services.arbiter.inputs import limit_trip, robot_complaints
+from services.arbiter.watch import RestWatch
+from services.regulator.guards import GuardSettings, Seen, Watch, watch
+from tests.fakes.arbiter_world import CELL, FIT, T_START, World
+from tests.fakes.line import Line
+from tests.unit.test_inbox import bus_of
+
+LIMITS = Limits.of(CELL)
+JOINTS = (0.0, 0.0, -1.5, 0.0, -1.5, 0.0)
+
+
+# --- the arbiter's inputs -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["robot", "wrench"])
+def test_of_what_is_not_heard_nothing_else_is_said(name: str) -> None:
+    """Neither lights nor limits are judged by an old message; that it is old is said elsewhere."""
+    world = World()
+    world.change("robot", status=FIT.model_copy(update={"error": True}))
+    world.change("wrench", force_N=(0.0, 0.0, 2.0 * CELL.limits.force_N))
+    assert limit_trip(world.inputs(), LIMITS, (0.0, 0.0, 0.0)) is not None
+    world.silent.add(name)
+    assert limit_trip(world.inputs(), LIMITS, (0.0, 0.0, 0.0)) is None
+    assert bool(robot_complaints(world.inputs())) == (name != "robot")
+
+
+def test_an_arm_at_no_place_never_rests() -> None:
+    """A pose without an orientation is nowhere, however often it is repeated."""
+    world, rest = World(), RestWatch(0.004)
+    world.change("robot", orientation_xyzw=(0.0, 0.0, 0.0, 0.0))
+    for _ in range(5):
+        world.now_ns += 1_000_000_000
+        trip = rest.see(world.inputs())
+        assert trip is not None
+        assert trip.code == "moving"
+
+
+# --- the last check -------------------------------------------------------------------------------
+
+
+def test_before_a_lease_no_move_of_joints_is_let_through_and_no_tether_pulls() -> None:
+    """An arm far from nowhere in particular breaks no rule; to move it needs a lease."""
+    guard = Guard(CELL)
+    assert guard.arm(T_START, JOINTS, 0) is None
+    for kind in ("joints", "by"):
+        goal = Goal.model_validate({"id": 1, "kind": kind, "joint_rad": JOINTS})
+        trip = guard.goal(goal, Speed(), T_START, JOINTS)
+        assert trip is not None
+        assert trip.code == "no_lease"
+
+
+def test_from_an_unknown_place_the_end_of_a_move_counts() -> None:
+    """No way can be sampled from nowhere; a good end is let through, a bad one is not."""
+    guard = Guard(CELL)
+    guard.start(T_START)
+    nowhere = pin.SE3(np.eye(3), np.full(3, np.nan))
+    here = World().messages["robot"]
+    assert isinstance(here, RobotState)
+    pose = {"position_m": here.position_m, "orientation_xyzw": here.orientation_xyzw}
+    goal = Goal.model_validate({"id": 1, "kind": "pose", "pose": pose})
+    assert guard.goal(goal, Speed(), nowhere, JOINTS) is None
+    far = Goal.model_validate({"id": 1, "kind": "pose", "pose": pose | {"position_m": (9.0,) * 3}})
+    trip = guard.goal(far, Speed(), nowhere, JOINTS)
+    assert trip is not None
+    assert trip.code == "workspace"
+
+
+def test_without_samples_no_speed_is_known() -> None:
+    """Unknown is not zero."""
+    assert JointTrack().speed_rad_s is None
+
+
+# --- the regulator's guards -----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("turns", [False, True])
+def test_turning_does_work_only_where_the_mode_turns_the_tool(turns: bool) -> None:
+    """2 N m over a tenth of a radian are 0.2 J; in mode position the tool turns for others."""
+    settings = GuardSettings.of(CELL)
+    still = np.zeros(3)
+    seen = Seen(
+        still, np.array([0.0, 0.0, 2.0]), T_START, "contact", np.zeros(6), turns=turns, dt_s=0.004
+    )
+    remembered, _ = watch(Watch(touched=True), seen, settings)
+    turned = pin.SE3(pin.utils.rotate("z", 0.1) @ T_START.rotation, T_START.translation)
+    remembered, _ = watch(remembered, replace(seen, T_base_tcp=turned), settings)
+    assert remembered.given_J == pytest.approx(0.2 if turns else 0.0)
+
+
+# --- readers and inboxes --------------------------------------------------------------------------
+
+
+def test_many_requests_at_once_wait_their_turn() -> None:
+    """So many in one step and no more; the rest is served next, in the order they came."""
+    transport = MemoryTransport()
+    inbox = bus_of("arbiter", transport).inbox(topics.HOLD)
+    said = [f"reason {number}" for number in range(MOST_AT_ONCE + 2)]
+    calls = [MemoryCall(encode_record(HoldRequest(reason=reason))) for reason in said]
+    transport.serve("demo/request/hold").waiting.extend(calls)
+    first = [incoming.request.reason for incoming in inbox.take_all()]
+    then = [incoming.request.reason for incoming in inbox.take_all()]
+    assert (first, then) == (said[:MOST_AT_ONCE], said[MOST_AT_ONCE:])
+
+
+def test_to_wait_for_a_message_is_to_wait_at_its_source(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With the time that is given; nothing is taken by it."""
+    line, waits = Line(), list[float]()
+    monkeypatch.setattr(type(line.source), "wait", lambda source, s: waits.append(s))
+    line.reader.wait(0.25)
+    assert waits == [0.25]
+    assert line.read().code == "missing"

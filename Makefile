@@ -19,8 +19,14 @@ ifneq ($(shell $(PYTHON) -V 2>&1 || true),$(shell $(BIN)/python -V 2>&1 || true)
 endif
 endif
 
+# The tests of the modules that `make coverage` measures, without those that only repeat their ways.
+COVERED_BY = $(foreach name,arbiter faults frames gateway guard inbox limits packet permission pure \
+  endpoints misrouted service_overruns regulator_guards regulator_law wrench_compensation \
+  wrench_plausibility,$(wildcard tests/unit/test_$(name)*.py))
+NO_NEW_BRANCH := mistake_is_found or no_way_through or dead_end or every_fault_of_the_sensor
+
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test check format readme bench bench-tcp chaos chaos-full chaos-network chaos-flood chaos-clocks soak fuzz fuzz-codec fuzz-commands lock clean
+.PHONY: help setup demo test coverage check format readme bench bench-tcp chaos chaos-full chaos-network chaos-flood chaos-clocks soak fuzz fuzz-codec fuzz-commands lock clean
 
 help: ## list these targets
 	@grep -hE '^[a-z-]+:.*##' Makefile | sed -E 's/:[^#]*## */\t/' | expand -t 10
@@ -37,6 +43,10 @@ demo: setup ## press the simulated arm on a plate and let the force go to zero: 
 test: setup ## run every test, then show the largest files and functions: ARGS="-k packet"
 	@PYTHON=$(BIN)/python tools/test.sh $(ARGS)
 	@$(BIN)/python tools/sizes.py
+
+coverage: setup ## take every branch of the modules that decide about motion: the list is in pyproject.toml
+	@CI=1 $(BIN)/python -m pytest -q -n auto -m "not (realtime or processes)" -k "not ($(NO_NEW_BRANCH))" \
+	  --cov --cov-report=term $(COVERED_BY) $(ARGS)
 
 check: setup ## lint, format, types, import contracts, sizes
 	@$(BIN)/ruff check $(CODE)

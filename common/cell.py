@@ -85,10 +85,15 @@ class SensorSection(Section):
     force_range_N: Positive = 500.0
     torque_range_Nm: Positive = 20.0
     frozen_s: float = Field(0.08, ge=0.0, le=0.1)  # one reading for so long; 0: it has no noise
+    driver: Literal["rdt", "robotiq", "bota"] = "rdt"  # rdt: ATI Net F/T, ATI Axia, OnRobot
     address: str = "192.168.1.1"
     port: int = Field(49152, ge=1, le=65535)
     counts_per_N: Positive = 1_000_000.0
     counts_per_Nm: Positive = 1_000_000.0
+    # Whose counts hold: those above, those of the sensor's page netftapi2.xml, or both must agree.
+    calibration: Literal["cell", "page", "both"] = "cell"
+    page_port: int = Field(80, ge=1, le=65535)
+    device: str = "/dev/ttyUSB0"  # robotiq: its serial line; bota: its configuration file
 
 
 class ToolSection(Section):
@@ -233,7 +238,10 @@ class Cell(Section):
             raise ValueError("roles.robot is gateway, so a section `gateway` is needed")
         if "sim" in (self.roles.robot, self.roles.sensor) and self.sim is None:
             raise ValueError("a role is played by sim, so a section `sim` is needed")
-        noiseless = self.roles.sensor == "sim" and self.sim is not None and self.sim.noiseless
+        if self.sim is not None and self.sim.netft and self.roles.sensor != "driver":
+            raise ValueError("sim.netft: the sensor on the arm talks RDT, so roles.sensor is driver")
+        is_sim = self.roles.sensor == "sim" or (self.sim is not None and self.sim.netft)
+        noiseless = is_sim and self.sim is not None and self.sim.noiseless
         if noiseless and self.sensor.frozen_s > 0.0:
             raise ValueError("sensor.frozen_s must be 0: the simulated sensor has no noise")
         return self

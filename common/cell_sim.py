@@ -13,6 +13,7 @@ class SimSection(Section):
     delay_s: float = Field(0.010, ge=0.0, le=0.2)  # of the controller, whole milliseconds
     smoothing_s: float = Field(0.008, ge=0.001, le=0.1)  # of its set points
     as_step_s: float = Field(0.0001, ge=1e-6, le=0.01)  # of the emulated controller's programs
+    netft: bool = False  # the emulated controller serves its sensor over RDT at sensor.port
     as_pessimistic: bool = False  # the worse reading of what the controller's manuals leave open
     stiffness_N_m: float = Field(2e4, ge=1e3, le=2e5)  # of the plate
     tilt_stiffness_Nm_rad: float | None = Field(None, gt=0.0)

@@ -6,13 +6,14 @@ from collections.abc import Callable
 from rich.console import Console
 from rich.table import Table
 
-from bench import emulator, faults, latency, settling
+from bench import emulator, faults, latency, sensor_faults, settling
 
 PARTS: dict[str, Callable[[], Table]] = {
     "settling": settling.table,
     "emulator": emulator.table,
     "pace": emulator.pace_table,
     "faults": faults.table,
+    "sensor-faults": sensor_faults.table,
     "latency": latency.table,
 }
 

@@ -35,6 +35,7 @@ MOVING_M_S, STILL_M_S = 2e-3, 1e-3
 WINDOW = 10  # milliseconds whose way is a speed
 PRESS_N, RELEASE_N = 20.0, 0.0
 LIFT_M, LIFT_M_S = 0.06, 0.1
+APPROACH_N_S = 140.0  # force that grows while the plate is met, as in the demo's cells
 SOFT_N_M = 2000.0  # so that pressing takes centimetres
 
 Robot = Literal["sim", "tcp"]
@@ -107,10 +108,10 @@ class CutTransport(MemoryTransport):
 class World:
     """A virtual cell that can be broken, and the truth about its flange."""
 
-    def __init__(self, robot: Robot) -> None:
-        """Bring it up, tare and arm."""
+    def __init__(self, robot: Robot, **changes: float) -> None:
+        """Bring it up, with a plate of `stiffness_N_m` at `gap_m`, tare and arm."""
         self.bus = CutTransport()
-        self.world = VirtualCell(cell_for(robot), self.bus)
+        self.world = VirtualCell(cell_for(robot, **changes), self.bus)
         self.host: Host = "pc" if robot == "sim" else "controller"
         self.p_m: list[Array] = []
         self.last_ns = 0
@@ -160,17 +161,18 @@ class World:
             self.ask(topics.MOVE, MoveRequest(kind="pose", pose=record_of(T)))
             self.live(0.3)
             return
-        self._feedback(PRESS_N, "pc")
+        self.feedback(PRESS_N, "pc")
         if motion == "approach":
             self.live(0.3)
             return
         self._until_moving_in_contact()
         if motion == "retreat":
             self.live(3.0)
-            self._feedback(RELEASE_N, self.host)
+            self.feedback(RELEASE_N, self.host)
             self.live(0.15)
 
-    def _feedback(self, setpoint_N: float, host: Host) -> None:
+    def feedback(self, setpoint_N: float, host: Host) -> None:
+        """Start force feedback along the tool."""
         wanted = ForceStartRequest(mode="position", host=host, setpoint_N=setpoint_N)
         self.ask(topics.FORCE_START, wanted)
 
@@ -197,7 +199,7 @@ class World:
         self.live(WATCH_S)
 
 
-def cell_for(robot: Robot) -> Cell:
+def cell_for(robot: Robot, *, stiffness_N_m: float = SOFT_N_M, gap_m: float | None = None) -> Cell:
     """Return a demo cell at 125 Hz, with the deadlines that the defaults give a lab PC."""
     name = "demo.yaml" if robot == "sim" else "demo-tcp.yaml"
     robot_hz = HZ if robot == "sim" else 40
@@ -206,9 +208,10 @@ def cell_for(robot: Robot) -> Cell:
         {
             "rates": {"robot_hz": robot_hz, "sensor_hz": 2 * HZ, "control_hz": HZ},
             "deadlines": {},
-            "sim.stiffness_N_m": SOFT_N_M,
-            "contact.stiffness_N_m": SOFT_N_M,
-            "force.approach_m_s": 0.01,
+            "sim.stiffness_N_m": stiffness_N_m,
+            "contact.stiffness_N_m": stiffness_N_m,
+            "force.approach_m_s": min(0.01, APPROACH_N_S / stiffness_N_m),
+            **({} if gap_m is None else {"sim.gap_m": gap_m}),
         },
     )
 

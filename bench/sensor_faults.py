@@ -1,0 +1,175 @@
+"""What a sensor may do wrong to a pressing arm, on the virtual clock: how soon it holds, and why.
+
+The sign is wrong from the start: the first touch must show it, in all 48 ways in which three axes
+can be swapped and turned round.
+"""
+
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from itertools import permutations, product
+
+import numpy as np
+from rich.table import Table
+
+from bench.faults import World
+from common import topics
+from common.clock import NS_PER_S
+from common.frames import Array
+from sim.robot.ft_sensor import FtSample, FtStatus
+
+Disturb = Callable[[FtSample], FtSample | None]
+
+STIFF_N_M = 20_000.0  # the demo's plate
+PRESSED_N, PRESS_S, WITHIN_S, SLIDE_S = 8.0, 1.5, 0.3, 6.0
+TOUCH_N = 0.5
+
+
+def stuck() -> Disturb:
+    """Return a sensor that says the next reading for ever."""
+    kept: list[FtSample] = []
+
+    def disturb(sample: FtSample) -> FtSample:
+        kept.append(sample)
+        return kept[0]
+
+    return disturb
+
+
+def adding(force_N: float, status: FtStatus | None = None) -> Disturb:
+    """Return a sensor that adds a force to one axis, or says that something is wrong with it."""
+
+    def disturb(sample: FtSample) -> FtSample:
+        bent_N = sample.force_N + np.array([0.0, force_N, 0.0])
+        return FtSample(bent_N, sample.torque_Nm, status or sample.status, sample.counter)
+
+    return disturb
+
+
+FAULTS: dict[str, Callable[[], Disturb]] = {
+    "not a number": lambda: adding(np.nan),
+    "infinite": lambda: adding(np.inf),
+    "says that it is saturated": lambda: adding(0.0, "saturated"),
+    "beyond 95 % of its range": lambda: adding(480.0),
+    "says that it has a fault": lambda: adding(0.0, "fault"),
+    "a step larger than physics allows": lambda: adding(250.0),
+    "frozen": stuck,
+    "silent": lambda: lambda _: None,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """How soon it held and what it said; force above before, and way since the first touch."""
+
+    held_s: float
+    code: str
+    more_N: float = 0.0
+    way_m: float = 0.0
+
+
+class Eyes:
+    """Looks at the truth each millisecond until the arbiter holds."""
+
+    def __init__(self, world: World) -> None:
+        """Look at a cell."""
+        self._world, self._arm = world.world, world.world.arm
+        self._arbiter = self._world.client.reader(topics.ARBITER_STATUS)
+        self._command = self._world.client.reader(topics.ROBOT_COMMAND)
+        self._touched_m: Array | None = None
+        self.peak_N = self.way_m = 0.0
+
+    def until_held(self, timeout_s: float) -> float:
+        """Return how long it took to take the permission away [s]; infinite if it did not."""
+        before_ns = self._world.clock.now_ns()
+        self._world.advance(timeout_s, self._held)
+        if not self._held():
+            return float("inf")
+        took_s = (self._world.clock.now_ns() - before_ns) / NS_PER_S
+        self._world.advance(0.3, self._look)
+        return took_s
+
+    def code(self) -> str:
+        """Return the causes that the arbiter tells."""
+        status = self._arbiter.read(self._world.clock.now_ns()).message
+        return ", ".join(dict.fromkeys(trip.code for trip in status.trips)) if status else ""
+
+    def _held(self) -> bool:
+        self._look()
+        command = self._command.read(self._world.clock.now_ns()).message
+        return command is not None and command.permission is None
+
+    def _look(self) -> bool:
+        force_N = float(np.linalg.norm(self._arm.true_wrench().force_N))
+        p_m = np.array(self._arm.T_base_tcp.translation)
+        self.peak_N = max(self.peak_N, force_N)
+        if self._touched_m is None and force_N > TOUCH_N:
+            self._touched_m = p_m
+        if self._touched_m is not None:
+            self.way_m = max(self.way_m, float(np.linalg.norm(p_m - self._touched_m)))
+        return False
+
+
+def fault(name: str) -> Outcome:
+    """Press, let the sensor fail, look."""
+    world = World("sim", gap_m=0.001, stiffness_N_m=STIFF_N_M)
+    world.feedback(PRESSED_N, "pc")
+    world.live(PRESS_S)
+    eyes = Eyes(world)
+    before_N = float(np.linalg.norm(world.world.arm.true_wrench().force_N))
+    world.world.arm.ft_sensor.disturb = FAULTS[name]()
+    held_s = eyes.until_held(WITHIN_S)
+    return Outcome(held_s, eyes.code(), more_N=eyes.peak_N - before_N)
+
+
+def wirings() -> list[Array]:
+    """Return the 48 ways in which three axes can be swapped and turned round."""
+    axes = np.eye(3)
+    signs = list(product((1.0, -1.0), repeat=3))
+    return [np.diag(sign) @ axes[list(order)] for order in permutations(range(3)) for sign in signs]
+
+
+def wiring(number: int) -> Outcome:
+    """Tare, let the force axes be wired in one of these ways, and press."""
+    world = World("sim", gap_m=0.001, stiffness_N_m=STIFF_N_M)
+    sensor, wired = world.world.arm.ft_sensor, wirings()[number]
+    rest = world.world.arm.sample_ft()
+
+    def disturb(sample: FtSample) -> FtSample:
+        force_N = rest.force_N + wired @ (sample.force_N - rest.force_N)
+        return FtSample(force_N, sample.torque_Nm, sample.status, sample.counter)
+
+    sensor.disturb = disturb
+    eyes = Eyes(world)
+    world.feedback(PRESSED_N, "pc")
+    held_s = eyes.until_held(SLIDE_S)
+    return Outcome(held_s, eyes.code(), more_N=eyes.peak_N, way_m=eyes.way_m)
+
+
+def table() -> Table:
+    """Return when each fault was held, under which code, and how much harder the arm pressed."""
+    with ProcessPoolExecutor() as pool:
+        faults = dict(zip(FAULTS, pool.map(fault, FAULTS), strict=True))
+        wired = list(pool.map(wiring, range(len(wirings())), chunksize=4))
+    rows = Table(title=f"Sensor faults at {PRESSED_N:g} N, virtual clock", title_justify="left")
+    for name in ("fault", "held after", "code", "pressed harder by", "way after the touch"):
+        rows.add_column(name)
+    for name, seen in faults.items():
+        rows.add_row(name, f"{seen.held_s * 1e3:.0f} ms", seen.code, f"{seen.more_N:.1f} N", "-")
+    axial = [seen for n, seen in enumerate(wired) if n and wirings()[n][2, 2] != 1.0]
+    sideways = [seen for n, seen in enumerate(wired) if n and wirings()[n][2, 2] == 1.0]
+    rows.add_row(*wired_row("wirings that do not show the press", axial))
+    rows.add_row(*wired_row("wirings that are wrong sideways only", sideways))
+    return rows
+
+
+def wired_row(name: str, seen: list[Outcome]) -> tuple[str, ...]:
+    """Return the line of wrong wirings: how many are stopped, and the worst of them."""
+    stopped = [each for each in seen if np.isfinite(each.held_s)]
+    return (
+        f"{len(stopped)} of {len(seen)} {name}",
+        f"{max(each.held_s for each in stopped) * 1e3:.0f} ms" if stopped else "-",
+        ", ".join(sorted({each.code for each in stopped})),
+        f"{max(each.more_N for each in seen):.1f} N",
+        f"{max(each.way_m for each in seen) * 1e3:.2f} mm",
+    )

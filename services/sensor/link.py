@@ -22,8 +22,9 @@ class LinkSettings:
     port: int
     start: bytes
     stop: bytes
+    ask_after_s: float = 0.25  # of silence, when something came before
     ask_every_s: float = 0.25  # while nothing comes
-    reopen_after: int = 8  # unanswered requests: the network may have changed below the socket
+    reopen_after: int = 8  # unanswered requests: the network may have changed below
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,6 +34,7 @@ class Heard:
     datagrams: list[bytes]
     since_ns: int  # none of them came before
     asked: bool = False  # for a new stream, after these
+    unanswered: int = 0  # requests until now
 
 
 class Link:
@@ -60,11 +62,11 @@ class Link:
         datagrams = self._receive(now_ns)
         if datagrams:
             self.fault, self._unanswered = "", 0
-            self._ask_at_ns = now_ns + round(self.settings.ask_every_s * NS_PER_S)
+            self._ask_at_ns = now_ns + round(self.settings.ask_after_s * NS_PER_S)
         asked = now_ns >= self._ask_at_ns
         if asked:
             self._ask(now_ns)
-        return Heard(datagrams, since_ns, asked)
+        return Heard(datagrams, since_ns, asked, self._unanswered)
 
     def close(self) -> None:
         """Tell the sensor to stop, as far as it can be reached, and close the socket."""
@@ -93,7 +95,7 @@ class Link:
         if not self._fault_is_news:
             self.fault = ""
         self._fault_is_news = False
-        if self._unanswered >= self.settings.reopen_after:
+        if self._unanswered and self._unanswered % self.settings.reopen_after == 0:
             self._drop()
         try:
             if self._socket is None:
@@ -118,7 +120,7 @@ class Link:
     def _drop(self) -> None:
         if self._socket is not None:
             self._socket.close()
-        self._socket, self._unanswered = None, 0
+        self._socket = None
 
     def _note(self, error: OSError | UnicodeError) -> None:
         text = (isinstance(error, OSError) and error.strerror) or str(error)

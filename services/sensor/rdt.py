@@ -11,16 +11,12 @@ from dataclasses import dataclass, replace
 from enum import IntEnum
 from typing import Literal
 
-from common.messages import ZERO3, Vec3
+from services.sensor.driver import Sample, fault_sample, saturation
+from services.sensor.rdt_status import ERROR_BIT, SATURATION_BITS, is_good, status_text
 
 REQUEST = struct.Struct(">HHI")  # header, command, number of records (0: endless)
 RECORD = struct.Struct(">III6i")  # rdt_sequence, ft_sequence, status, Fx Fy Fz Tx Ty Tz
 REQUEST_HEADER = 0x1234
-
-HEALTHY = 0
-MONITOR_CONDITION = 0x8001_0000  # a threshold that the user set in the sensor: the reading is good
-SATURATED_FROM = 0.95  # of the range, on any one axis
-AXES = (("Fx", "N"), ("Fy", "N"), ("Fz", "N"), ("Tx", "N m"), ("Ty", "N m"), ("Tz", "N m"))
 
 LATE_WINDOW = 64  # a record this many places late is no straggler: the stream began anew
 JUMP = 10_000  # more at once is not loss either: over a second at the fastest rate
@@ -72,40 +68,23 @@ class Scale:
     torque_range_Nm: float
 
 
-@dataclass(frozen=True, slots=True)
-class Sample:
-    """A reading in SI, sensor axes, about the sensor's origin, and whether it can be trusted."""
-
-    force_N: Vec3
-    torque_Nm: Vec3
-    status: Literal["ok", "saturated", "fault"] = "ok"
-    reason: str = ""
-
-
-def fault_sample(reason: str) -> Sample:
-    """Return a sample without a reading: a sensor in fault has none."""
-    return Sample(ZERO3, ZERO3, "fault", reason)
-
-
 def sample_of(record: Record, scale: Scale) -> Sample:
     """Return what a record says, in N and N m.
 
     A saturated axis bends the others too, so it takes the whole sample with it; its numbers stay,
     because they show a person which axis it was.
     """
-    if record.status not in {HEALTHY, MONITOR_CONDITION}:
-        return fault_sample(f"the sensor reports status 0x{record.status:08X}")
+    if not is_good(record.status):
+        bits = {bit for bit in range(ERROR_BIT) if record.status >> bit & 1}
+        is_load = bool(bits) and bits <= SATURATION_BITS
+        code = "sensor_saturated" if is_load else "sensor_fault"
+        return fault_sample(code, status_text(record.status))
     fx, fy, fz, tx, ty, tz = record.counts
     force_N = (fx / scale.counts_per_N, fy / scale.counts_per_N, fz / scale.counts_per_N)
     torque_Nm = (tx / scale.counts_per_Nm, ty / scale.counts_per_Nm, tz / scale.counts_per_Nm)
-    ranges = (scale.force_range_N,) * 3 + (scale.torque_range_Nm,) * 3
-    for (axis, unit), value, full in zip(AXES, force_N + torque_Nm, ranges, strict=True):
-        if abs(value) >= SATURATED_FROM * full:
-            reason = (
-                f"{axis} reads {value:.4g} {unit}, "
-                f"{SATURATED_FROM:.0%} or more of its range of {full:g} {unit}"
-            )
-            return Sample(force_N, torque_Nm, "saturated", reason)
+    reason = saturation(force_N, torque_Nm, scale.force_range_N, scale.torque_range_Nm)
+    if reason:
+        return Sample(force_N, torque_Nm, "saturated", reason, "sensor_saturated")
     return Sample(force_N, torque_Nm)
 
 
@@ -144,8 +123,8 @@ def follow(stream: Stream, record: Record, now_ns: int) -> tuple[Stream, Kind]:
     newest = stream.newest
     if newest is None:
         return _begin(stream, record, tally, now_ns), "sample"
-    ahead = _signed(record.rdt_sequence - newest.rdt_sequence)
-    is_later_sample = _signed(record.ft_sequence - newest.ft_sequence) > 0
+    ahead = signed(record.rdt_sequence - newest.rdt_sequence)
+    is_later_sample = signed(record.ft_sequence - newest.ft_sequence) > 0
     if not -LATE_WINDOW < ahead < JUMP or (ahead <= 0 and is_later_sample):
         tally = replace(tally, restarts=tally.restarts + 1)
         return _begin(stream, record, tally, now_ns), "sample"
@@ -178,7 +157,7 @@ def _begin(stream: Stream, record: Record, tally: Tally, now_ns: int) -> Stream:
 
 def _go_on(stream: Stream, record: Record, tally: Tally, now_ns: int) -> tuple[Stream, Kind]:
     newest = stream.newest or record
-    ahead = _signed(record.rdt_sequence - newest.rdt_sequence)
+    ahead = signed(record.rdt_sequence - newest.rdt_sequence)
     gap = ((1 << ahead) - 1) & ~1  # bits of those between the two
     missing = (stream.missing << ahead | gap) & ((1 << LATE_WINDOW) - 1)
     tally = replace(tally, lost=tally.lost + ahead - 1)
@@ -198,6 +177,6 @@ def _go_on(stream: Stream, record: Record, tally: Tally, now_ns: int) -> tuple[S
     return followed, "repeated" if is_repeated else "sample"
 
 
-def _signed(difference: int) -> int:
+def signed(difference: int) -> int:
     """Return a difference of two sequence numbers, which wrap at 32 bits."""
     return (difference + SEQUENCES // 2) % SEQUENCES - SEQUENCES // 2

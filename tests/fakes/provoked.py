@@ -22,7 +22,8 @@ Provoke = Callable[[Cellmates], None]
 # Found in another process, whose words the arbiter passes on with their code:
 WRENCH_CODES = (
     "sensor_silent", "sensor_fault", "sensor_saturated", "sensor_frozen", "sensor_jump",
-    "not_finite",
+    "not_finite", "sensor_stalled", "sensor_restarted", "sensor_stolen", "sensor_lossy",
+    "sensor_copies", "sensor_disorder", "sensor_stranger", "sensor_calibration",
 )
 STATE_CODES = ("robot_link", "link_slow")
 HOLD_CODES = (

@@ -28,6 +28,7 @@ from common.tracking import Tracking
 from tests.fakes.arbiter_world import MOVE_DOWN, World
 from tests.fakes.bench import CELL
 from tests.fakes.cellmates import Cellmates
+from tests.fakes.netft_rig import NetftRig
 from tests.fakes.provoked import HOLD_CODES, IN_MOTION, STATE_CODES, WRENCH_CODES
 from tests.fakes.provoked_elsewhere import (
     BEYOND,
@@ -126,6 +127,21 @@ def ask_nonsense() -> str:
     return "malformed" if b"malformed" in (call.reply or b"") else "no answer"
 
 
+def from_the_sensor(**switches: Any) -> str:
+    """Let the simulated Net F/T do something; return what the driver calls it."""
+    rig = NetftRig()
+    rig.run(0.3)
+    rig.switch(**switches)
+    return rig.first_code()
+
+
+def from_a_sensor_without_a_page() -> str:
+    """Want the counts of a page that cannot be read."""
+    rig = NetftRig(page_fault="HTTP 404", cell={"sensor.calibration": "page"})
+    rig.run(0.01)
+    return rig.first_code()
+
+
 def uncalibrated_force() -> str:
     """Feel, for a second, what nothing in free space could be."""
     cell = Cellmates()
@@ -157,6 +173,14 @@ REACHED: dict[str, Callable[[], str]] = {
     "sensor_saturated": partial(from_the_wrench, force_N=(RANGE_N, 0.0, 0.0)),
     "sensor_frozen":    from_a_frozen_sensor,
     "sensor_jump":      partial(from_the_wrench, force_N=(0.9 * RANGE_N, 0.0, 0.0)),
+    "sensor_stalled":   partial(from_the_sensor, stall="on"),
+    "sensor_restarted": partial(from_the_sensor, restart=True),
+    "sensor_stolen":    partial(from_the_sensor, steal="on"),
+    "sensor_lossy":     partial(from_the_sensor, loss=0.3),
+    "sensor_copies":    partial(from_the_sensor, duplicate=0.3),
+    "sensor_disorder":  partial(from_the_sensor, reorder=0.3),
+    "sensor_stranger":  partial(from_the_sensor, garbage="on"),
+    "sensor_calibration": from_a_sensor_without_a_page,
     "not_finite":       lambda: ruled(check_workspace(LIMITS, NOWHERE)),
     "robot_link":       from_a_gateway_alone,
     "robot_refuses":    from_a_bare_arm,

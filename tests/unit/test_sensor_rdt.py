@@ -14,7 +14,6 @@ from services.sensor.rdt import (
     FROZEN_RECORDS,
     JUMP,
     LATE_WINDOW,
-    MONITOR_CONDITION,
     RECORD,
     SEQUENCES,
     Command,
@@ -29,6 +28,7 @@ from services.sensor.rdt import (
     request,
     sample_of,
 )
+from services.sensor.rdt_status import MONITOR_CONDITION
 from services.sensor.thinning import Thinning, pause, thin
 
 SCALE = Scale(counts_per_N=10_000, counts_per_Nm=100_000, force_range_N=200, torque_range_Nm=8)

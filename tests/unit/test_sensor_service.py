@@ -7,7 +7,7 @@ from itertools import pairwise
 import pytest
 
 from common.clock import NS_PER_S
-from services.sensor.rdt import MONITOR_CONDITION
+from services.sensor.rdt_status import MONITOR_CONDITION
 from tests.fakes.rdt_sensor import PERIOD_S, FakeSensor, Rig, assert_no_numbers
 
 pytestmark = pytest.mark.realtime

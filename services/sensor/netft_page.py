@@ -1,0 +1,144 @@
+"""The page of settings that ATI's sensors serve, `netftapi2.xml`: counts, units, range. Pure.
+
+Counts are per unit, and the unit is whatever somebody chose on the sensor's web page: N with N-mm
+is common, and a torque a thousand times too large is what comes of overlooking it.
+Source: ATI 9610-05-Ethernet Axia chapter 11, unit codes in section 10.5.
+"""
+
+import re
+from dataclasses import dataclass
+
+from common.cell import SensorSection
+from common.errors import DataError
+from services.sensor.driver import FINE, Complaint, Info
+from services.sensor.rdt import Scale
+
+PATH = "/netftapi2.xml"
+SAME = 1e-3  # of two scales, as a share: more is no rounding
+ELEMENT = re.compile(r"<([A-Za-z0-9_]+)>([^<]*)</\1>")
+
+LBF_N, INCH_M, KGF_N = 4.4482216152605, 0.0254, 9.80665
+FORCE_UNITS = {
+    "lbf": LBF_N, "lb": LBF_N, "n": 1.0, "klbf": 1e3 * LBF_N, "klb": 1e3 * LBF_N, "kn": 1e3,
+    "kgf": KGF_N, "kg": KGF_N, "gf": 1e-3 * KGF_N, "g": 1e-3 * KGF_N,
+}  # fmt: skip
+TORQUE_UNITS = {
+    "lbfin": LBF_N * INCH_M, "lbin": LBF_N * INCH_M, "lbfft": 12 * LBF_N * INCH_M,
+    "lbft": 12 * LBF_N * INCH_M, "nm": 1.0, "nmm": 1e-3, "kgfcm": 0.01 * KGF_N,
+    "kgcm": 0.01 * KGF_N, "knm": 1e3,
+}  # fmt: skip
+FORCE_CODES = {1: "lbf", 2: "N", 3: "klbf", 4: "kN", 5: "kgf", 6: "gf"}
+TORQUE_CODES = {1: "lbf-in", 2: "lbf-ft", 3: "Nm", 4: "N-mm", 5: "kgf-cm", 6: "kN-m"}
+
+
+@dataclass(frozen=True, slots=True)
+class Page:
+    """What the sensor says of itself, in SI."""
+
+    counts_per_N: float
+    counts_per_Nm: float
+    force_unit: str  # as the page has it
+    torque_unit: str
+    model: str = ""
+    serial: str = ""
+    force_range_N: float | None = None  # of its strongest axis
+    torque_range_Nm: float | None = None
+
+
+def parse(text: str) -> Page:
+    """Return what a page says.
+
+    Raises:
+        DataError: It is no such page, or something in it cannot be; says what.
+    """
+    found = {name.lower(): value.strip() for name, value in ELEMENT.findall(text)}
+    force_unit, in_N = _unit(found, "fu", FORCE_UNITS, FORCE_CODES)
+    torque_unit, in_Nm = _unit(found, "tu", TORQUE_UNITS, TORQUE_CODES)
+    ratings = [
+        float(part) for part in re.findall(r"[0-9.]+(?:[eE][-+]?[0-9]+)?", found.get("cfgmr", ""))
+    ]
+    is_whole = len(ratings) == 6 and min(ratings) > 0.0
+    return Page(
+        counts_per_N=_counts(found, "cfgcpf") / in_N,
+        counts_per_Nm=_counts(found, "cfgcpt") / in_Nm,
+        force_unit=force_unit,
+        torque_unit=torque_unit,
+        model=found.get("prodname", ""),
+        serial=found.get("cfgcalsn", "") or found.get("setserial", ""),
+        force_range_N=max(ratings[:3]) * in_N if is_whole else None,
+        torque_range_Nm=max(ratings[3:]) * in_Nm if is_whole else None,
+    )
+
+
+def scale_of(sensor: SensorSection, page: Page | None = None) -> Scale:
+    """Return calibration and range: the page's counts if there is one, else the cell file's."""
+    source = sensor if page is None else page
+    return Scale(
+        counts_per_N=source.counts_per_N,
+        counts_per_Nm=source.counts_per_Nm,
+        force_range_N=sensor.force_range_N,
+        torque_range_Nm=sensor.torque_range_Nm,
+    )
+
+
+def disagreement(sensor: SensorSection, page: Page) -> Complaint:
+    """Return in what a cell file and the sensor's page cannot both be right."""
+    pairs = (
+        ("counts_per_N", sensor.counts_per_N, page.counts_per_N, page.force_unit),
+        ("counts_per_Nm", sensor.counts_per_Nm, page.counts_per_Nm, page.torque_unit),
+    )
+    for name, ours, theirs, unit in pairs:
+        if sensor.calibration == "both" and abs(ours / theirs - 1.0) > SAME:
+            text = (
+                f"sensor.{name} is {ours:.9g} in the cell file and {theirs:.9g} on the sensor's "
+                f"page (its unit is {unit}): {ours / theirs:.4g} times as much"
+            )
+            return Complaint("sensor_calibration", text)
+    ranges = (
+        ("force_range_N", sensor.force_range_N, page.force_range_N),
+        ("torque_range_Nm", sensor.torque_range_Nm, page.torque_range_Nm),
+    )
+    for name, wanted, rated in ranges:
+        if rated is not None and wanted > rated * (1.0 + SAME):
+            text = f"sensor.{name} is {wanted:g} in the cell file, the sensor's page says {rated:g}"
+            return Complaint("sensor_calibration", f"{text} for its strongest axis")
+    return FINE
+
+
+def info_of(sensor: SensorSection, page: Page | None) -> Info:
+    """Return what is known of a sensor that talks RDT."""
+    scale = scale_of(sensor, page if sensor.calibration == "page" else None)
+    counts = f"{scale.counts_per_N:.9g} counts per N, {scale.counts_per_Nm:.9g} per N m"
+    units = "" if page is None else f" (its units: {page.force_unit}, {page.torque_unit})"
+    sources = {"cell": "the cell file", "page": "the sensor's page", "both": "cell file and page"}
+    return Info(
+        model=(page.model if page is not None else "") or "RDT sensor",
+        serial=page.serial if page is not None else "",
+        calibration=f"{counts} from {sources[sensor.calibration]}{units}",
+        force_range_N=sensor.force_range_N,
+        torque_range_Nm=sensor.torque_range_Nm,
+    )
+
+
+def _counts(found: dict[str, str], name: str) -> float:
+    try:
+        counts = float(found[name])
+    except (KeyError, ValueError):
+        counts = 0.0
+    if not 0.0 < counts < 1e15:
+        raise DataError(f"no count of {name} in the sensor's page: {found.get(name, 'missing')!r}")
+    return counts
+
+
+def _unit(
+    found: dict[str, str], which: str, units: dict[str, float], codes: dict[int, str]
+) -> tuple[str, float]:
+    """Return a unit and what one of it is in SI; the page's word goes before its number."""
+    word = found.get(f"scfg{which}", "")
+    number = found.get(f"cfg{which}", "")
+    name = word or codes.get(int(number) if number.isdigit() else 0, "")
+    factor = units.get(re.sub(r"[^a-z]", "", name.lower()))
+    if factor is None:
+        said = word or number or "missing"
+        raise DataError(f"the sensor's page has a unit that is not known: cfg{which} is {said!r}")
+    return name, factor

@@ -1,0 +1,70 @@
+"""Fetches the sensor's page over HTTP, in a thread: the sensor's stream does not wait for it."""
+
+import http.client
+import threading
+from typing import Protocol
+
+from common.clock import NS_PER_S
+from common.errors import DataError
+from services.sensor.netft_page import PATH, Page, parse
+
+TIMEOUT_S = 2.0
+AGAIN_S = 1.0
+MOST_BYTES = 200_000
+
+
+class PageSource(Protocol):
+    """Where the page comes from."""
+
+    fault: str
+
+    def poll(self, now_ns: int) -> Page | None:
+        """Return the page once it is there."""
+
+    def forget(self) -> None:
+        """Fetch it anew: the sensor may be another one."""
+
+
+class PageFetch:
+    """Asks again every second until the page has come."""
+
+    def __init__(self, host: str, port: int) -> None:
+        """Fetch nothing yet: the first `poll` begins."""
+        self.fault = "not read yet"
+        self._where = (host, port)
+        self._page: Page | None = None
+        self._next_ns = 0
+        self._thread: threading.Thread | None = None
+
+    def poll(self, now_ns: int) -> Page | None:
+        """Return the page once it is there."""
+        busy = self._thread is not None and self._thread.is_alive()
+        if self._page is None and not busy and now_ns >= self._next_ns:
+            self._next_ns = now_ns + round(AGAIN_S * NS_PER_S)
+            self._thread = threading.Thread(target=self._fetch, daemon=True)
+            self._thread.start()
+        return self._page
+
+    def forget(self) -> None:
+        """Fetch it anew: the sensor may be another one."""
+        self._page, self.fault = None, "not read yet"
+
+    def _fetch(self) -> None:
+        host, port = self._where
+        connection = http.client.HTTPConnection(host, port, timeout=TIMEOUT_S)
+        try:
+            connection.request("GET", PATH)
+            answer = connection.getresponse()
+            text = answer.read(MOST_BYTES).decode("utf-8", errors="replace")
+            if answer.status == http.client.OK:
+                self._page = parse(text)
+            else:
+                self._failed(f"HTTP {answer.status} {answer.reason}")
+        except (OSError, http.client.HTTPException, DataError) as error:
+            self._failed(str(error))
+        finally:
+            connection.close()
+
+    def _failed(self, why: str) -> None:
+        host, port = self._where
+        self.fault = f"http://{host}:{port}{PATH}: {why}"

@@ -1,0 +1,218 @@
+"""The driver for ATI Net F/T, ATI Axia and OnRobot: records of one stream in, samples out."""
+
+from collections.abc import Sequence
+from dataclasses import asdict, replace
+from typing import Protocol
+
+from common.cell import SensorSection
+from common.clock import NS_PER_S
+from services.sensor.driver import FINE, Complaint, Info, Sample, fault_sample
+from services.sensor.link import Heard, Link, LinkSettings
+from services.sensor.netft_page import disagreement, info_of, scale_of
+from services.sensor.page_fetch import PageFetch, PageSource
+from services.sensor.rdt import (
+    Command,
+    Record,
+    Stream,
+    begin_anew,
+    follow,
+    frozen_reason,
+    parse,
+    request,
+    sample_of,
+    signed,
+)
+from services.sensor.rdt_quality import Quality, meaning_of_break
+from services.sensor.rdt_status import MONITOR_CONDITION
+
+# So long every sample is called bad after the sensor was restarted or stolen: whoever keeps only
+# the newest message must not miss it.
+GRUDGE_S = 0.25
+AT_ONCE_S = 0.05  # from a request to its answer, in a local network
+NOTHING_COMES = Complaint(
+    "sensor_silent",
+    "nothing comes: is the address right, is it on, does no other client take the stream?",
+)
+NO_MORE = Complaint("sensor_silent", "nothing comes any more")
+BEING_READ = Complaint("sensor_calibration", "the sensor's page is being read")
+
+
+class Wire(Protocol):
+    """What the driver needs of its link."""
+
+    requests: int
+    fault: str
+
+    @property
+    def where(self) -> str:
+        """Name of the peer for people."""
+
+    def poll(self, now_ns: int) -> Heard:
+        """Return what has come, at once."""
+
+    def close(self) -> None:
+        """Stop the stream."""
+
+
+class RdtDriver:
+    """Follows the numbers of the records: what is lost, doubled, late, stalled or begun anew."""
+
+    def __init__(
+        self, sensor: SensorSection, wire: Wire, page: PageSource | None, *, stale_after_s: float
+    ) -> None:
+        """Read nothing yet. `page`: None where the cell file's counts hold."""
+        self._sensor, self._wire, self._page = sensor, wire, page
+        self._scale = scale_of(sensor) if page is None else None
+        self._page_trouble = FINE
+        self._stale_after_ns = round(stale_after_s * NS_PER_S)
+        self._stream = Stream()
+        self._quality = Quality()
+        self._silence = NOTHING_COMES
+        self._grudge, self._grudge_until_ns = FINE, 0
+        self._last: Record | None = None  # newest one heard, also of an earlier stream
+        self._last_ns = 0
+        self._ft_step = 1
+        self._asked: tuple[int, int] | None = None  # when, and how many were unanswered
+        names = ("malformed", "late", "monitor_conditions", "thefts", "sensor_restarts")
+        self._counts = dict.fromkeys(names, 0)
+
+    @property
+    def where(self) -> str:
+        """Name of the sensor and its address for people."""
+        return self._wire.where
+
+    def counters(self) -> dict[str, int]:
+        """Return what came, what was lost, what was dropped and why."""
+        return {**asdict(self._stream.tally), **self._counts, "requests": self._wire.requests}
+
+    def info(self) -> Info | None:
+        """Return what is known of the sensor, None until its page has been read."""
+        if self._page is None:
+            return info_of(self._sensor, None)
+        page = self._page.poll(0)
+        return None if page is None else info_of(self._sensor, page)
+
+    def close(self) -> None:
+        """Stop the sensor's stream."""
+        self._wire.close()
+
+    def complaint(self) -> Complaint:
+        """Return why no sample comes: the network, the sensor, or this process."""
+        if self._wire.fault:
+            return Complaint("sensor_silent", self._wire.fault)
+        return Complaint(self._silence.code, f"{self.where}: {self._silence.text}")
+
+    def read(self, now_ns: int) -> Sequence[Sample]:
+        """Return every sample that has come since the last call, oldest first."""
+        self._calibrate(now_ns)
+        heard = self._wire.poll(now_ns)
+        age_ns = now_ns - heard.since_ns
+        samples = [self._take(datagram, now_ns, age_ns) for datagram in heard.datagrams]
+        if heard.asked:
+            self._stream = begin_anew(self._stream)
+            self._asked = (now_ns, heard.unanswered)
+            never = self._stream.number == 0
+            self._silence = NOTHING_COMES if never or heard.unanswered > 1 else NO_MORE
+        return [sample for sample in samples if sample is not None]
+
+    # --- one record -------------------------------------------------------------------------------
+
+    def _take(self, datagram: bytes, now_ns: int, age_ns: int) -> Sample | None:
+        record = parse(datagram)
+        if record is None:
+            self._counts["malformed"] += 1
+            text = f"{len(datagram)} bytes came, which are no RDT record of 36"
+            self._silence = Complaint("sensor_stranger", text)
+            return None
+        restarts = self._stream.tally.restarts
+        self._stream, kind = follow(self._stream, record, now_ns)
+        self._look_for_a_break(record, now_ns, is_new=self._stream.tally.restarts > restarts)
+        self._quality = self._quality.moved_on(self._stream.tally, self._stream.number)
+        if kind == "repeated":
+            text = f"the sensor is stalled: ft_sequence stays at {record.ft_sequence}"
+            self._silence = Complaint("sensor_stalled", text)
+        if kind != "sample":
+            return None
+        if age_ns > self._stale_after_ns:
+            # It waited in the socket while this process was held up: nobody knows how long.
+            self._counts["late"] += 1
+            text = f"records have waited up to {age_ns / 1e6:.0f} ms to be read"
+            self._silence = Complaint("overrun", text)
+            return None
+        self._counts["monitor_conditions"] += record.status == MONITOR_CONDITION
+        self._silence = NO_MORE
+        return self._sample(record, now_ns)
+
+    def _sample(self, record: Record, now_ns: int) -> Sample:
+        """Return a sample, or why this one is none, whichever is worst first."""
+        number = self._stream.number
+        if self._scale is None or self._page_trouble.code:
+            said = fault_sample(*(self._page_trouble if self._page_trouble.code else BEING_READ))
+        else:
+            said = sample_of(record, self._scale)
+        if said.status == "ok":
+            frozen = frozen_reason(self._stream, now_ns)
+            causes = (
+                self._grudge if now_ns < self._grudge_until_ns else FINE,
+                Complaint("sensor_frozen", frozen) if frozen else FINE,
+                self._quality.complaint(self._stream.tally, number),
+            )
+            said = next((fault_sample(*cause) for cause in causes if cause.code), said)
+        return replace(said, counter=number, stamp_ns=now_ns)
+
+    def _look_for_a_break(self, record: Record, now_ns: int, *, is_new: bool) -> None:
+        """Judge the first record of a new stream; remember the newest one."""
+        last, asked = self._last, self._asked
+        if last is not None and (asked is not None or is_new):
+            at_once = asked is not None and asked[1] == 1
+            at_once = at_once and now_ns - (asked or (0, 0))[0] <= AT_ONCE_S * NS_PER_S
+            what = meaning_of_break(
+                last,
+                record,
+                silent_s=(now_ns - self._last_ns) / NS_PER_S,
+                ft_step=self._ft_step,
+                at_once=at_once,
+            )
+            if what.code:
+                self._bear_a_grudge(what, now_ns)
+        elif last is not None and signed(record.rdt_sequence - last.rdt_sequence) == 1:
+            self._ft_step = max(signed(record.ft_sequence - last.ft_sequence), 0) or self._ft_step
+        self._asked = None
+        if self._stream.newest is record:
+            self._last, self._last_ns = record, now_ns
+
+    def _bear_a_grudge(self, what: Complaint, now_ns: int) -> None:
+        self._grudge, self._grudge_until_ns = what, now_ns + round(GRUDGE_S * NS_PER_S)
+        is_theft = what.code == "sensor_stolen"
+        self._counts["thefts" if is_theft else "sensor_restarts"] += 1
+        if self._page is not None and not is_theft:
+            self._page.forget()
+            self._scale = None
+
+    # --- its page ---------------------------------------------------------------------------------
+
+    def _calibrate(self, now_ns: int) -> None:
+        """Take the page's counts, or say why there are none."""
+        if self._page is None or self._scale is not None:
+            return
+        page = self._page.poll(now_ns)
+        if page is None:
+            self._page_trouble = Complaint("sensor_calibration", f"its page: {self._page.fault}")
+            return
+        self._page_trouble = disagreement(self._sensor, page)
+        self._scale = scale_of(self._sensor, page if self._sensor.calibration == "page" else None)
+
+
+def rdt_driver(sensor: SensorSection, *, stale_after_s: float) -> RdtDriver:
+    """Return the driver of a cell file, with real sockets."""
+    settings = LinkSettings(
+        sensor.address,
+        sensor.port,
+        start=request(Command.START),
+        stop=request(Command.STOP),
+        # Before the topic is stale, so that the reason is known by then.
+        ask_after_s=0.5 * stale_after_s,
+    )
+    wants_page = sensor.calibration != "cell"
+    page = PageFetch(sensor.address, sensor.page_port) if wants_page else None
+    return RdtDriver(sensor, Link(settings), page, stale_after_s=stale_after_s)

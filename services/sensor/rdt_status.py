@@ -1,0 +1,48 @@
+"""The status word of ATI's sensors: its bits by name. Pure.
+
+Sources: ATI 9620-05-Net F/T section 18.2, 9610-05-Ethernet Axia section 4.8. The two makes share
+bits 16 and 31 and disagree on the others, so where they do, both names are said.
+"""
+
+HEALTHY = 0
+MONITOR_CONDITION = 0x8001_0000  # a threshold that the user set in the sensor: the reading is good
+ERROR_BIT = 31
+SATURATION_BITS = {17, 27, 30}
+
+NAMES = {
+    0: "temperature (Axia)",
+    1: "supply voltage (Axia)",
+    2: "broken gage (Axia)",
+    3: "busy (Axia)",
+    5: "another error (Axia)",
+    16: "monitor condition",
+    17: "saturation or A/D error (Net F/T)",
+    18: "DeviceNet (Net F/T)",
+    19: "EtherNet/IP (Net F/T)",
+    20: "RDT (Net F/T)",
+    21: "CAN (Net F/T)",
+    22: "network (Net F/T)",
+    23: "configuration does not fit the calibration (Net F/T)",
+    24: "settings not valid (Net F/T)",
+    25: "halted by its configuration (Net F/T)",
+    26: "program memory (Net F/T)",
+    27: "gage out of range (Axia), serial line (Net F/T)",
+    28: "simulated error (Axia), analog board (Net F/T)",
+    29: "calibration checksum (Axia), digital board (Net F/T)",
+    30: "range exceeded (Axia), processor or memory (Net F/T)",
+}
+
+
+def is_good(status: int) -> bool:
+    """Tell whether the reading beside a status word can be used.
+
+    The monitor condition is one word, not a mask: a further bit beside it is not harmless.
+    """
+    return status in {HEALTHY, MONITOR_CONDITION}
+
+
+def status_text(status: int) -> str:
+    """Return a status word with the names of its bits."""
+    bits = [bit for bit in range(ERROR_BIT) if status >> bit & 1]
+    names = ", ".join(NAMES.get(bit, f"bit {bit}") for bit in bits) or "an error without a name"
+    return f"the sensor reports status 0x{status:08X}: {names}"

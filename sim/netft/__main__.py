@@ -1,0 +1,110 @@
+"""`python -m sim.netft` streams a still wrench with noise, until SIGTERM or Ctrl-C."""
+
+import argparse
+import sys
+import threading
+import time
+
+import numpy as np
+
+from common.clock import NS_PER_S
+from common.service import exit_on_error, stop_on_signals
+from sim.netft.protocol import FORCE_UNITS, TORQUE_UNITS, About
+from sim.netft.sensor import NetftSensor
+from sim.netft.server import FAULTS, PAGE, NetftServer
+
+MOST_BEHIND = 50  # records; a process that was held up longer loses samples instead
+
+
+def parser() -> argparse.ArgumentParser:
+    """Return what the command line may say."""
+    words = argparse.ArgumentParser(
+        prog="python -m sim.netft",
+        description="A simulated ATI Net F/T: RDT over UDP, netftapi2.xml and fault switches"
+        " over HTTP. Set faults with: curl http://ADDRESS:PAGE_PORT/faults -d 'loss=0.2'",
+        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
+    )
+    words.add_argument("--address", default="127.0.0.1", help="listen on this address only")
+    words.add_argument("--port", type=int, default=49152, help="of RDT, UDP; 0: a free one")
+    words.add_argument("--page-port", type=int, default=8080, help="of HTTP, TCP; 0: a free one")
+    words.add_argument("--rate-hz", type=float, default=1000.0, help="records in a second")
+    words.add_argument("--force", type=vector, default="0,0,10", metavar="X,Y,Z", help="[N]")
+    words.add_argument("--torque", type=vector, default="0,0,0", metavar="X,Y,Z", help="[N m]")
+    words.add_argument("--noise-N", type=float, default=0.1, help="standard deviation")
+    words.add_argument("--noise-Nm", type=float, default=0.005, help="standard deviation")
+    words.add_argument("--counts-per-force", type=float, default=1e6, help="and unit of force")
+    words.add_argument("--counts-per-torque", type=float, default=1e6, help="and unit of torque")
+    words.add_argument("--force-unit", choices=FORCE_UNITS, default="N", help="of the page")
+    words.add_argument("--torque-unit", choices=TORQUE_UNITS, default="Nm", help="of the page")
+    words.add_argument("--seed", type=int, default=0, help="of noise and faults")
+    return words
+
+
+def vector(text: str) -> np.ndarray:
+    """Return three numbers out of a text."""
+    return np.array([float(part) for part in text.split(",")]).reshape(3)
+
+
+def main() -> None:
+    """Stream until told to stop."""
+    given = parser().parse_args()
+    stop = stop_on_signals()
+    about = About(
+        counts_per_force=given.counts_per_force,
+        counts_per_torque=given.counts_per_torque,
+        force_unit=given.force_unit,
+        torque_unit=given.torque_unit,
+        rate_hz=round(given.rate_hz),
+    )
+    with exit_on_error("netft"):
+        server = NetftServer(
+            NetftSensor(about, seed=given.seed),
+            address=given.address,
+            port=given.port,
+            page_port=given.page_port,
+        )
+        where = f"http://{given.address}:{server.page_port}"
+        say(f"RDT at {given.address}:{server.port}, page {where}{PAGE}, switches {where}{FAULTS}")
+        still = np.concatenate((given.force, given.torque))
+        noise = np.array([given.noise_N] * 3 + [given.noise_Nm] * 3)
+        run(server, Stillness(still, noise, given.seed), given.rate_hz, stop)
+        server.close()
+        say(f"{server.sent} records sent, {server.unsendable} unsendable")
+
+
+class Stillness:
+    """A wrench that stays, with noise."""
+
+    def __init__(self, wrench: np.ndarray, noise: np.ndarray, seed: int) -> None:
+        """Take both [N, N m]. Shapes (6,)."""
+        self._wrench, self._noise = wrench, noise
+        self._rng = np.random.default_rng(seed)
+
+    def sample(self) -> list[float]:
+        """Return the next reading."""
+        reading: list[float] = (self._wrench + self._noise * self._rng.standard_normal(6)).tolist()
+        return reading
+
+
+def run(server: NetftServer, source: Stillness, rate_hz: float, stop: threading.Event) -> None:
+    """Measure at a rate until told to stop; what is late is caught up with, up to a limit."""
+    period_ns = round(NS_PER_S / rate_hz)
+    due_ns = time.monotonic_ns()
+    while not stop.is_set():
+        server.poll()
+        now_ns = time.monotonic_ns()
+        due_ns = max(due_ns, now_ns - MOST_BEHIND * period_ns)
+        while due_ns <= now_ns:
+            server.measured(source.sample())
+            due_ns += period_ns
+        time.sleep(max(0, due_ns - time.monotonic_ns()) / NS_PER_S)
+
+
+def say(line: str) -> None:
+    """Print a line at once."""
+    sys.stdout.write(line + "\n")
+    sys.stdout.flush()
+
+
+if __name__ == "__main__":
+    main()

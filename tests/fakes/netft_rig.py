@@ -1,0 +1,151 @@
+"""Driver and simulated Net F/T in one process, on a virtual clock: all the logic, no sockets."""
+
+from collections import deque
+from collections.abc import Callable, Mapping
+from itertools import count
+from typing import Any
+
+import numpy as np
+
+from common.clock import NS_PER_S, ManualClock
+from common.codec import decode
+from common.config import load_cell
+from common.endpoints import Bus
+from common.messages import SensorWrench
+from common.topics import Qos
+from services.sensor.link import Link, LinkSettings
+from services.sensor.netft_page import Page, parse
+from services.sensor.rdt import Command, request
+from services.sensor.rdt_driver import RdtDriver
+from services.sensor.service import SensorDriver
+from sim.netft.protocol import About, page
+from sim.netft.sensor import NetftSensor
+from tests.fakes.rdt_sensor import REAL_CELL
+
+RATE_HZ = 1000
+PERIOD_S = 1.0 / RATE_HZ
+STALE_S = 0.02
+TRUTH = np.array([1.0, -2.0, 12.5, 0.1, -0.2, 0.3])
+NAMES = count(1)
+FITTING = About(force_range_N=200.0, torque_range_Nm=8.0)  # to the cell of the template
+
+
+class LoopSocket:
+    """A UDP socket that reaches one sensor and nobody else."""
+
+    def __init__(self, sensor: NetftSensor) -> None:
+        self.name = f"client {next(NAMES)}"
+        self.inbox: deque[bytes] = deque()
+        self._sensor = sensor
+
+    def recv(self, _size: int) -> bytes:
+        """Return the oldest datagram."""
+        if not self.inbox:
+            raise BlockingIOError
+        return self.inbox.popleft()
+
+    def send(self, data: bytes) -> None:
+        """Hand a request to the sensor."""
+        self._sensor.hear(data, self.name)
+
+    def close(self) -> None:
+        """Hear no more."""
+        self.name = ""
+
+
+class LoopLink(Link):
+    """The driver's link with another kind of socket below it."""
+
+    def __init__(self, sensor: NetftSensor) -> None:
+        start, stop = request(Command.START), request(Command.STOP)
+        super().__init__(LinkSettings("simulated", 49152, start, stop, ask_after_s=STALE_S / 2))
+        self.sensor = sensor
+
+    def _open(self, now_ns: int) -> None:
+        self._emptied_ns = now_ns
+        self._socket: Any = LoopSocket(self.sensor)
+
+    def deliver(self, data: bytes, client: str) -> None:
+        """Let a datagram arrive, if it is for this client."""
+        if self._socket is not None and self._socket.name == client:
+            self._socket.inbox.append(data)
+
+
+class LoopPage:
+    """The sensor's page, there at once or never."""
+
+    def __init__(self, about: About, fault: str = "") -> None:
+        self.fault, self.about, self.fetches = fault, about, 0
+
+    def poll(self, _now_ns: int) -> Page | None:
+        """Return it, unless it cannot be read."""
+        return None if self.fault else parse(page(self.about))
+
+    def forget(self) -> None:
+        """Count that it was wanted anew."""
+        self.fetches += 1
+
+
+class NetftRig:
+    """Sensor, driver and service; `about` is what the sensor is, the cell file what we believe."""
+
+    def __init__(
+        self,
+        about: About = FITTING,
+        *,
+        page_fault: str = "",
+        cell: Mapping[str, object] | None = None,
+    ) -> None:
+        self.cell = load_cell(REAL_CELL, {"rates.sensor_hz": RATE_HZ, **(cell or {})})
+        self.sensor = NetftSensor(about, seed=1)
+        self.link = LoopLink(self.sensor)
+        section = self.cell.sensor
+        wants_page = section.calibration != "cell"
+        self.page = LoopPage(self.sensor.about, page_fault) if wants_page else None
+        self.driver = RdtDriver(section, self.link, self.page, stale_after_s=STALE_S)
+        self.clock = ManualClock()
+        self.said: list[SensorWrench] = []
+        bus = Bus("sensor", self.cell.cell, self, self.cell, self.clock)
+        self.service = SensorDriver(bus, self.cell, self.driver)
+        self.on_the_way: Callable[[bytes], list[bytes]] = lambda data: [data]
+        self._rng = np.random.default_rng(2)
+
+    def publish(self, _key: str, _qos: Qos) -> Callable[[bytes], None]:
+        """Keep every message."""
+        return lambda data: self.said.append(decode(data, SensorWrench)[1])
+
+    def __getattr__(self, name: str) -> Any:
+        raise AttributeError(name)
+
+    def run(self, duration_s: float) -> list[SensorWrench]:
+        """Let the sensor measure and the driver read; return what was said."""
+        before = len(self.said)
+        for _ in range(round(duration_s / PERIOD_S)):
+            self.clock.sleep_s(PERIOD_S)
+            noise = 1e-3 * self._rng.standard_normal(6)
+            for data, client in self.sensor.measure((TRUTH + noise).tolist()):
+                for arrived in self.on_the_way(data):
+                    self.link.deliver(arrived, client)
+            self.service.step(self.clock.now_ns())
+        return self.said[before:]
+
+    def switch(self, **switches: Any) -> None:
+        """Set switches of the sensor; `restart` is one too."""
+        if switches.pop("restart", False):
+            self.sensor.restart()
+        words = {name: str(value) for name, value in switches.items()}
+        self.sensor.switches = self.sensor.switches.changed(words)
+
+    def first_code(self, longest_s: float = 2.0) -> str:
+        """Return the code of the first message that is not valid from now on."""
+        give_up_ns = self.clock.now_ns() + round(longest_s * NS_PER_S)
+        while self.clock.now_ns() < give_up_ns:
+            for message in self.run(0.01):
+                if not message.valid:
+                    return message.code
+        return "all is valid"
+
+    @property
+    def counters(self) -> dict[str, int]:
+        """What the service counts."""
+        return self.service.counters()

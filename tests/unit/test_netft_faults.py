@@ -1,0 +1,193 @@
+"""Every fault of the simulated Net F/T ends in a code of its own; nothing is lost in silence."""
+
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from common.faults import FAULTS
+from services.sensor.rdt_driver import GRUDGE_S
+from sim.netft.protocol import About
+from sim.netft.switches import EVENT, Switches
+from tests.fakes.netft_rig import STALE_S, TRUTH, NetftRig
+
+# fmt: off
+CODES: dict[str, tuple[dict[str, Any], str]] = {
+    "loss":      ({"loss": 0.3},           "sensor_lossy"),
+    "duplicate": ({"duplicate": 0.3},      "sensor_copies"),
+    "reorder":   ({"reorder": 0.3},        "sensor_disorder"),
+    "stall":     ({"stall": "on"},         "sensor_stalled"),
+    "freeze":    ({"freeze": "on"},        "sensor_frozen"),
+    "saturate":  ({"saturate": "on"},      "sensor_saturated"),
+    "mute":      ({"mute": "on"},          "sensor_silent"),
+    "garbage":   ({"garbage": "on"},       "sensor_stranger"),
+    "steal":     ({"steal": "on"},         "sensor_stolen"),
+    "status":    ({"status": 0x80000004},  "sensor_fault"),
+    EVENT:       ({EVENT: True},           "sensor_restarted"),
+}
+# fmt: on
+
+
+def running(**how: Any) -> NetftRig:
+    """Return a rig whose stream has been good for a while."""
+    rig = NetftRig(**how)
+    rig.run(0.3)
+    assert all(message.valid for message in rig.run(0.05))
+    return rig
+
+
+def test_every_switch_has_its_code() -> None:
+    """A new switch needs a new line; no two end in the same code."""
+    assert set(CODES) == {*Switches().words(), EVENT}
+    codes = [code for _, code in CODES.values()]
+    assert len(set(codes)) == len(codes)
+    assert set(codes) <= set(FAULTS)
+
+
+@pytest.mark.parametrize("name", CODES)
+def test_a_fault_of_the_sensor_is_the_first_thing_told(name: str) -> None:
+    """What comes first stops the arm: it names the cause, and not a consequence of it."""
+    switches, code = CODES[name]
+    rig = running()
+    rig.switch(**switches)
+    assert rig.first_code() == code
+    assert rig.said[-1].reason
+
+
+@pytest.mark.parametrize("name", CODES)
+def test_a_sensor_that_is_well_again_is_believed_again(name: str) -> None:
+    """Nothing latches in the driver: holding until a person acts is the arbiter's task."""
+    switches, _ = CODES[name]
+    rig = running()
+    rig.switch(**switches)
+    rig.run(0.4)
+    rig.sensor.switches = Switches()
+    rig.run(0.8)
+    assert all(message.valid for message in rig.run(0.1))
+
+
+@pytest.mark.parametrize("name", ["steal", EVENT])
+def test_a_moment_is_told_long_enough_to_be_heard(name: str) -> None:
+    """Who keeps only the newest message still meets one that is not valid."""
+    rig = running()
+    rig.switch(**CODES[name][0])
+    while rig.run(0.001)[-1:] == [] or rig.said[-1].valid:
+        pass
+    rig.sensor.switches = Switches()
+    told = [message.code for message in rig.run(GRUDGE_S - 0.01)]
+    assert set(told) == {CODES[name][1]}
+
+
+def test_the_second_owner_is_known_before_the_topic_is_stale() -> None:
+    """The stream is asked for at half of the deadline, so silence is not what is told first."""
+    rig = running()
+    rig.sensor.hear(bytes.fromhex("1234 0002 00000000"), "somebody else")
+    messages = rig.run(STALE_S - 0.002)
+    assert [message.code for message in messages if not message.valid][:1] == ["sensor_stolen"]
+    assert rig.counters["thefts"] == 1
+
+
+def test_a_cable_that_was_out_is_no_theft() -> None:
+    """Silence and no answer to several requests: told as silence, then the stream goes on."""
+    rig = running()
+    client, rig.sensor.client = rig.sensor.client, None
+    hear, rig.sensor.hear = rig.sensor.hear, lambda *_: None  # type: ignore[method-assign]
+    codes = {message.code for message in rig.run(1.0) if not message.valid}
+    assert codes == {"sensor_silent"}
+    rig.sensor.hear, rig.sensor.client = hear, client  # type: ignore[method-assign]
+    rig.run(0.6)
+    assert all(message.valid for message in rig.run(0.2))
+    assert (rig.counters["thefts"], rig.counters["sensor_restarts"]) == (0, 0)
+
+
+def test_single_losses_copies_and_swaps_are_counted_and_no_fault() -> None:
+    """A network may cough."""
+    rig = running()
+    rig.switch(loss=0.02, duplicate=0.02, reorder=0.02)
+    messages = rig.run(1.0)
+    assert all(message.valid for message in messages)
+    counters = rig.counters
+    assert min(counters["lost"], counters["duplicates"], counters["reordered"]) > 5
+
+
+@settings(max_examples=10, deadline=None)
+@given(st.floats(0.0, 0.4), st.floats(0.0, 0.4), st.floats(0.0, 0.4), st.integers(0, 99))
+def test_no_record_is_lost_in_silence(
+    loss: float, duplicate: float, reorder: float, seed: int
+) -> None:
+    """Whatever the network does: every record that left was a sample, or stands in a counter."""
+    rig = NetftRig()
+    rig.run(0.01)
+    rig.switch(loss=loss, duplicate=duplicate, reorder=reorder)
+    rig.run(0.3)
+    rig.sensor.switches = Switches()
+    rig.run(0.02)
+    tally, sent = rig.counters, rig.sensor._rdt_sequence
+    samples = tally["records"] - tally["duplicates"] - tally["reordered"] - tally["repeated"]
+    assert samples + tally["reordered"] + tally["lost"] == sent
+    fresh = [message for message in rig.said if message.counter]
+    assert len(fresh) + tally["thinned"] == samples
+    assert fresh[-1].counter == sent
+
+
+def test_numbers_are_what_the_sensor_measured() -> None:
+    """Through counts and back, to the resolution of the counts."""
+    rig = running()
+    message = rig.said[-1]
+    assert (*message.force_N, *message.torque_Nm) == pytest.approx(TRUTH, abs=5e-3)
+
+
+# --- its page -------------------------------------------------------------------------------------
+
+TRAP = About(counts_per_torque=1000.0, torque_unit="N-mm", force_range_N=200, torque_range_Nm=8)
+
+
+def test_units_of_the_page_are_converted() -> None:
+    """Counts per N-mm, taken for counts per N m, would make torque a thousand times as large."""
+    rig = running(about=TRAP, cell={"sensor.calibration": "page", "sensor.counts_per_Nm": 1.0})
+    assert rig.said[-1].torque_Nm == pytest.approx(TRUTH[3:], abs=5e-3)
+
+
+@pytest.mark.parametrize(
+    ("counts", "said"),
+    [({"sensor.counts_per_Nm": 1000.0}, "N-mm"), ({"sensor.counts_per_N": 2e6}, "counts_per_N is")],
+)
+def test_a_cell_file_that_disagrees_with_the_page_is_told(counts: dict, said: str) -> None:
+    """Both are asked for, and they cannot both be right: the sentence has the two numbers."""
+    rig = NetftRig(about=TRAP, cell={"sensor.calibration": "both", **counts})
+    assert rig.run(0.1)[-1].code == "sensor_calibration"
+    assert said in rig.said[-1].reason
+
+
+def test_a_cell_file_that_agrees_with_the_page_is_silent() -> None:
+    """A thousand counts per N-mm are a million per N m."""
+    running(about=TRAP, cell={"sensor.calibration": "both"})
+
+
+def test_a_range_that_the_sensor_does_not_have_is_told() -> None:
+    """Saturation would be looked for where the sensor has long ended."""
+    rig = NetftRig(about=TRAP, cell={"sensor.calibration": "page", "sensor.force_range_N": 500.0})
+    assert rig.run(0.1)[-1].code == "sensor_calibration"
+    assert "force_range_N is 500" in rig.said[-1].reason
+
+
+def test_a_page_that_cannot_be_read_leaves_no_numbers() -> None:
+    """Counts without a scale are no reading."""
+    rig = NetftRig(page_fault="HTTP 404", cell={"sensor.calibration": "page"})
+    message = rig.run(0.1)[-1]
+    assert (message.valid, message.code, message.force_N) == (
+        False,
+        "sensor_calibration",
+        (0.0, 0.0, 0.0),
+    )
+    assert "HTTP 404" in message.reason
+
+
+def test_a_restarted_sensor_is_asked_for_its_page_again() -> None:
+    """It may be another one, on the same address."""
+    rig = running(about=TRAP, cell={"sensor.calibration": "page"})
+    rig.switch(restart=True)
+    rig.run(0.5)
+    assert rig.page is not None
+    assert rig.page.fetches == 1

@@ -169,7 +169,7 @@ class World:
         if motion == "retreat":
             self.live(3.0)
             self.feedback(RELEASE_N, self.host)
-            self.live(0.15)
+            self._until_fast()
 
     def feedback(self, setpoint_N: float, host: Host) -> None:
         """Start force feedback along the tool."""
@@ -185,6 +185,14 @@ class World:
             if pressed:
                 return
         raise ScenarioError(f"no contact within {len(self.p_m) - begun} ms")
+
+    def _until_fast(self) -> None:
+        """Wait until the arm gives way; in the controller force feedback has to start first."""
+        for _ in range(200):
+            self.live(0.01)
+            if self.speeds_m_s()[-1] > 2.0 * MOVING_M_S:
+                return
+        raise ScenarioError("it does not give way")
 
     def strike(self, case: Case) -> None:
         """Let it happen, and come back where it comes back: everything goes through the hub."""

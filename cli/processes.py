@@ -56,6 +56,12 @@ def processes_of(cell: Cell) -> tuple[Process, ...]:
             module = EMULATOR
         if module is not None:
             roles_of[module] = (*roles_of.get(module, ()), role)
+    if cell.sim is not None and cell.sim.netft:
+        # It plays no role of the bus: gateway and driver reach it over TCP and UDP.
+        roles_of = {
+            "services.hub": roles_of.pop("services.hub"),
+            EMULATOR: ("controller",),
+        } | roles_of
     return tuple(
         Process(module, roles, words=WORDS.get(module, ())) for module, roles in roles_of.items()
     )

@@ -17,6 +17,7 @@ from common.config import load_cell
 from common.errors import ConfigError
 from common.priority import give_up_realtime_priority
 from common.service import (
+    HealthReporter,
     Runner,
     exit_on_error,
     refuse_unless_played_by,
@@ -29,8 +30,9 @@ from sim.controller.errors import AsError
 from sim.controller.machine import Machine
 from sim.controller.network import SocketNetwork
 from sim.controller.parser import load
-from sim.controller.service import ControllerSensor
+from sim.controller.service import ControllerNetft, ControllerSensor, EmulatedController
 from sim.controller.syntax import SourceFile
+from sim.netft.feed import server_of
 from sim.robot.arm import SimArm
 from sim.robot.settings import TICK_S, SimSettings
 
@@ -111,24 +113,39 @@ def run_alone(
 def run_in_cell(
     source: SourceFile, arguments: argparse.Namespace, behaviour: Behaviour, stop: threading.Event
 ) -> int:
-    """Play the role sensor of a cell whose gateway talks to the program; end on a signal."""
+    """Be the controller of a cell, with the sensor on its arm; end on a signal."""
     cell = load_cell(arguments.cell)
-    refuse_unless_played_by(cell, "sensor", "sim")
     network = SocketNetwork(arguments.address, arguments.port or gateway_port(cell))
     with ExitStack() as exits:
-        bus = exits.enter_context(open_bus(cell, "sensor"))
+        service, reporters, clock = _with_its_sensor(cell, network, behaviour, exits)
         exits.callback(give_up_realtime_priority)
-        service = ControllerSensor(bus, cell, network, behaviour=behaviour)
         exits.callback(service.close)
         service.machine.say = say
         start(service.machine, source, arguments)
         watch = Watch(service.machine, network)
         service.machine.after_tick.append(watch.ticked)
-        runner = Runner(service, [reporter_of(bus, cell)], bus.clock)
+        runner = Runner(service, reporters, clock)
         spare_the_loop()
-        service.begin(bus.clock.now_ns())
+        service.begin(clock.now_ns())
         runner.run(stop)
     return 1 if service.machine.stops else 0
+
+
+def _with_its_sensor(
+    cell: Cell, network: SocketNetwork, behaviour: Behaviour, exits: ExitStack
+) -> tuple[EmulatedController, list[HealthReporter], Clock]:
+    """Return the controller, the health that it reports, and its clock.
+
+    A sensor that talks RDT is not on the bus: its driver plays that role, and says how it is.
+    """
+    if cell.sim is not None and cell.sim.netft:
+        clock, server = MonotonicClock(), server_of(cell)
+        say(f"RDT at {cell.sensor.address}:{server.port}, page and faults at {server.page_port}")
+        return ControllerNetft(server, clock, cell, network, behaviour=behaviour), [], clock
+    refuse_unless_played_by(cell, "sensor", "sim")
+    bus = exits.enter_context(open_bus(cell, "sensor"))
+    service = ControllerSensor(bus, cell, network, behaviour=behaviour)
+    return service, [reporter_of(bus, cell)], bus.clock
 
 
 def gateway_port(cell: Cell) -> int | None:

@@ -1,16 +1,18 @@
-"""The emulated controller in a cell: it moves the same simulated arm, and plays the role sensor.
+"""The emulated controller in a cell: it moves the same simulated arm, and owns the sensor on it.
 
-Towards the gateway it is a controller on TCP. On the bus it only publishes the readings of the
-sensor on its arm, as sim.robot does.
+Towards the gateway it is a controller on TCP. The sensor's readings go on the bus, as those of
+sim.robot do, or to the driver over RDT, as those of a real one.
 """
 
 from common.cell import Cell
-from common.clock import NS_PER_S
+from common.clock import NS_PER_S, Clock
 from common.endpoints import Bus
 from common.errors import SimulationError
 from sim.controller.behaviour import Behaviour, behaviour_in
 from sim.controller.machine import Machine
 from sim.controller.network import Network
+from sim.netft.feed import RdtFeed
+from sim.netft.server import NetftServer
 from sim.robot.arm import SimArm
 from sim.robot.sensor_feed import SensorFeed
 from sim.robot.service import sim_settings
@@ -18,11 +20,11 @@ from sim.robot.settings import TICK_S
 from sim.robot.trace import wanted_trace
 
 
-class ControllerSensor:
+class EmulatedController:
     """A service whose steps let the controller catch up with the clock."""
 
     def __init__(
-        self, bus: Bus, cell: Cell, network: Network, *, behaviour: Behaviour | None = None
+        self, clock: Clock, cell: Cell, network: Network, *, behaviour: Behaviour | None = None
     ) -> None:
         """Build the arm of this cell and a controller without programs around it.
 
@@ -37,10 +39,9 @@ class ControllerSensor:
             self.arm,
             network,
             behaviour=behaviour or behaviour_in(cell.sim),
-            now_ns=bus.clock.now_ns(),
+            now_ns=clock.now_ns(),
         )
-        self.machine.after_tick.append(SensorFeed(bus, cell, self.arm).ticked)
-        trace = wanted_trace(self.arm, bus.clock)
+        trace = wanted_trace(self.arm, clock)
         if trace is not None:
             self.machine.after_tick.append(trace.ticked)
 
@@ -68,3 +69,42 @@ class ControllerSensor:
     def close(self) -> None:
         """Switch the controller off."""
         self.machine.tcp.close_all()
+
+
+class ControllerSensor(EmulatedController):
+    """Publishes the readings of the sensor on its arm."""
+
+    def __init__(
+        self, bus: Bus, cell: Cell, network: Network, *, behaviour: Behaviour | None = None
+    ) -> None:
+        """Build the controller of this cell and take the topic of the sensor."""
+        super().__init__(bus.clock, cell, network, behaviour=behaviour)
+        self.machine.after_tick.append(SensorFeed(bus, cell, self.arm).ticked)
+
+
+class ControllerNetft(EmulatedController):
+    """Serves the readings of the sensor on its arm to a driver, over RDT."""
+
+    def __init__(
+        self,
+        server: NetftServer,
+        clock: Clock,
+        cell: Cell,
+        network: Network,
+        *,
+        behaviour: Behaviour | None = None,
+    ) -> None:
+        """Build the controller of this cell around the server of its sensor."""
+        super().__init__(clock, cell, network, behaviour=behaviour)
+        self._server = server
+        self.machine.after_tick.append(RdtFeed(server, cell, self.arm).ticked)
+
+    def step(self, now_ns: int) -> None:
+        """Hear the sensor's client, then let programs and arm live up to now."""
+        self._server.poll()
+        super().step(now_ns)
+
+    def close(self) -> None:
+        """Switch the controller and its sensor off."""
+        super().close()
+        self._server.close()

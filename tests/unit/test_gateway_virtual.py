@@ -9,7 +9,7 @@ import pytest
 
 from common.messages import Feedback, Gains, Vec3
 from common.packet import Packet
-from common.packet_table import Com, FeedbackSwitch
+from common.packet_table import FEEDBACK_BITS, Com, FeedbackSwitch
 from services.gateway.driver import CENTRE_STEP_M
 from tests.fakes.gateway_world import GatewayWorld, MoodyController
 
@@ -29,6 +29,10 @@ class Notes(MoodyController):
         if packet.com not in {Com.HEARTBEAT, Com.WRENCH}:
             self.notes.append((Com(packet.com), packet.param))
         super()._take(packet)
+
+    def end_feedback(self) -> None:
+        """Let force feedback end without being asked."""
+        self._status &= ~FEEDBACK_BITS
 
 
 class Cell:
@@ -95,3 +99,18 @@ def test_a_permission_for_the_pc_is_none_for_the_controller(cell: Cell) -> None:
     """The lease ends, under the code of the host; the controller holds."""
     assert cell.noted(host="pc") == [(Com.HOLD, 0)]
     assert cell.world.gateway.verdict.hold_code == "host"
+
+
+def test_force_feedback_without_a_wrench_is_none(cell: Cell) -> None:
+    """A wrench that falls silent ends the lease: the controller would press by an old one."""
+    cell.world.wrench = None
+    said = [one for _ in range(4) for one in cell.noted()]  # longer than a wrench is believed
+    assert said == [(Com.HOLD, 0)]
+    assert "stale" in cell.world.codes
+
+
+def test_feedback_that_the_controller_ended_by_itself_ends_the_lease(cell: Cell) -> None:
+    """Nobody starts it again but a person."""
+    cell.controller.end_feedback()
+    assert cell.noted() == [(Com.HOLD, 0)]
+    assert cell.world.codes >= {"feedback"}

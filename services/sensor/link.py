@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from common.clock import NS_PER_S
 
 RECEIVE_BYTES = 2048
+BUFFER_BYTES = 1 << 20  # as far as the system grants it: a held-up process shall lose nothing here
 RECEIVES_PER_POLL = 1000  # a flood cannot keep the loop
 
 
@@ -110,6 +111,7 @@ class Link:
     def _open(self, now_ns: int) -> None:
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.settimeout(0.0)
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)
         self._emptied_ns = now_ns
         try:
             self._socket.connect((self.settings.host, self.settings.port))

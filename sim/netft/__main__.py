@@ -8,7 +8,7 @@ import time
 import numpy as np
 
 from common.clock import NS_PER_S
-from common.service import exit_on_error, stop_on_signals
+from common.service import exit_on_error, spare_the_loop, stop_on_signals
 from sim.netft.protocol import FORCE_UNITS, TORQUE_UNITS, About
 from sim.netft.sensor import NetftSensor
 from sim.netft.server import FAULTS, PAGE, NetftServer
@@ -67,6 +67,7 @@ def main() -> None:
         say(f"RDT at {given.address}:{server.port}, page {where}{PAGE}, switches {where}{FAULTS}")
         still = np.concatenate((given.force, given.torque))
         noise = np.array([given.noise_N] * 3 + [given.noise_Nm] * 3)
+        spare_the_loop()
         run(server, Stillness(still, noise, given.seed), given.rate_hz, stop)
         server.close()
         say(f"{server.sent} records sent, {server.unsendable} unsendable")

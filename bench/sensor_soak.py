@@ -1,0 +1,202 @@
+"""A thousand records a second over real UDP, for minutes: is one lost, and is each accounted for?
+
+`python -m bench.sensor_soak --minutes 10`: the simulated Net F/T, the hub and the driver run as
+processes; this one reads the topic as every service does, the newest message only.
+"""
+
+import argparse
+import socket
+import sys
+import tempfile
+import time
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+from cli.processes import Supervisor
+from cli.running import Process
+from common import topics
+from common.bus import open_bus
+from common.cell import Cell
+from common.config import dump_cell, load_cell
+from common.endpoints import Reader
+from common.errors import BusError
+from common.messages import Health, SensorWrench
+from common.service import spare_the_loop
+
+ROOT = Path(__file__).resolve().parent.parent
+RATE_HZ = 1000
+MOST_SUPERSEDED = 0.005  # of what was published
+TOLD_EVERY_S = 60.0
+WARM_UP_S = 2.0
+START_WITHIN_S = 30.0
+COUNTS = ("records", "lost", "late", "published", "received", "superseded", "not_valid")
+
+
+@dataclass(slots=True)
+class Seen:
+    """What was counted at one moment, on both ends."""
+
+    records: int = 0
+    lost: int = 0
+    late: int = 0
+    published: int = 0
+    received: int = 0
+    superseded: int = 0
+    not_valid: int = 0
+    reasons: dict[str, int] = field(default_factory=dict)
+
+
+class Soak:
+    """A reader of the driver's topic and health, on a cell that is up."""
+
+    def __init__(self, wrench: Reader[SensorWrench], health: Reader[Health]) -> None:
+        """Begin with what has come."""
+        self._wrench, self._health = wrench, health
+        self.seen = Seen()
+        self._seq = 0
+
+    def live(self, duration_s: float) -> None:
+        """Read as a service does: wait for a message, take the newest."""
+        end_s = time.monotonic() + duration_s
+        while time.monotonic() < end_s:
+            self._wrench.wait(0.05)
+            reading = self._wrench.read(time.monotonic_ns())
+            if reading.header is None or reading.header.seq == self._seq:
+                continue
+            self._seq = reading.header.seq
+            if reading.code:
+                self.seen.not_valid += 1
+                self.seen.reasons[reading.code] = self.seen.reasons.get(reading.code, 0) + 1
+
+    def wait_until_good(self) -> None:
+        """Wait for the first sample; raise BusError when there is none."""
+        give_up_s = time.monotonic() + START_WITHIN_S
+        while self._wrench.read(time.monotonic_ns()).fresh is None:
+            if time.monotonic() > give_up_s:
+                raise BusError(f"no sample within {START_WITHIN_S:g} s")
+            self._wrench.wait(0.05)
+
+    def count(self) -> Seen:
+        """Return both ends' counters; the driver's are a quarter of a second old at most."""
+        seen, counters = self.seen, self._wrench.counters
+        seen.received, seen.superseded = counters.received, counters.superseded
+        health = self._health.read(time.monotonic_ns()).message
+        said = {} if health is None else health.counters
+        seen.records, seen.lost = said.get("records", 0), said.get("lost", 0)
+        seen.late, seen.published = said.get("late", 0), said.get("published", 0)
+        return seen
+
+
+def soak_cell() -> Cell:
+    """Return a cell whose sensor is on free ports of this machine."""
+    ports = [_free_port() for _ in range(3)]
+    return load_cell(
+        ROOT / "cells" / "rs007l-real.yaml",
+        {
+            "cell": f"soak-{ports[0]}",
+            "bus.endpoint": f"tcp/127.0.0.1:{ports[0]}",
+            "rates.sensor_hz": RATE_HZ,
+            "sensor.address": "127.0.0.1",
+            "sensor.port": ports[1],
+            "sensor.page_port": ports[2],
+            "sensor.calibration": "page",
+            "sensor.force_range_N": 500.0,
+            "sensor.torque_range_Nm": 20.0,
+        },
+    )
+
+
+def processes_of(cell: Cell) -> list[Process]:
+    """Return hub, sensor and driver."""
+    ports = ("--port", str(cell.sensor.port), "--page-port", str(cell.sensor.page_port))
+    netft = (sys.executable, "-m", "sim.netft", *ports, "--rate-hz", str(RATE_HZ))
+    return [
+        Process("services.hub", ("hub",)),
+        Process("sim.netft", ("netft",), argv=netft),
+        Process("services.sensor", ("sensor",)),
+    ]
+
+
+def soak(minutes: float) -> Seen:
+    """Run for so long; return what was counted after the warm-up."""
+    cell = soak_cell()
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "cell.yaml"
+        path.write_text(dump_cell(cell), encoding="utf-8")
+        with (
+            Supervisor(cell, path, processes=processes_of(cell)),
+            open_bus(cell, topics.CLIENT, patience_s=10.0) as bus,
+        ):
+            run = Soak(bus.reader(topics.SENSOR_WRENCH), bus.reader(topics.SENSOR_HEALTH))
+            run.wait_until_good()
+            spare_the_loop()
+            run.live(WARM_UP_S)
+            end_s = time.monotonic() + 60.0 * minutes
+            run.seen = Seen()
+            before = replace(run.count())
+            while (left_s := end_s - time.monotonic()) > 0.0:
+                run.live(min(TOLD_EVERY_S, left_s))
+                now = run.count()
+                sys.stderr.write(
+                    f"{now.records} records, {now.lost} lost, {now.superseded} superseded\n"
+                )
+            return _since(before, run.count())
+
+
+def _plain(seen: Seen) -> dict[str, int]:
+    return {name: getattr(seen, name) for name in COUNTS}
+
+
+def _since(before: Seen, after: Seen) -> Seen:
+    earlier = _plain(before)
+    counts: dict[str, Any] = {
+        name: number - earlier[name] for name, number in _plain(after).items()
+    }
+    return replace(after, **counts)
+
+
+def table(seen: Seen, minutes: float) -> Table:
+    """Return what came of it."""
+    rows = Table(title=f"{minutes:g} minutes at {RATE_HZ} Hz over UDP", title_justify="left")
+    rows.add_column("what")
+    rows.add_column("count", justify="right")
+    share = seen.superseded / max(seen.published, 1)
+    rows.add_row("records that the driver took from its socket", str(seen.records))
+    rows.add_row("lost between sensor and driver", str(seen.lost))
+    rows.add_row("dropped because they had waited too long", str(seen.late))
+    rows.add_row("published", str(seen.published))
+    rows.add_row("taken by a reader of the newest only", str(seen.received))
+    rows.add_row("superseded there", f"{seen.superseded} ({share:.3%})")
+    told = ", ".join(f"{code}: {count}" for code, count in seen.reasons.items())
+    rows.add_row("messages that were not valid", f"{seen.not_valid} {told}".strip())
+    return rows
+
+
+def is_good(seen: Seen) -> bool:
+    """Tell whether nothing was lost and little superseded."""
+    few = seen.superseded <= MOST_SUPERSEDED * seen.published
+    return seen.records > 0 and seen.lost == 0 and seen.late == 0 and few
+
+
+def _free_port() -> int:
+    with socket.create_server(("127.0.0.1", 0)) as probe:
+        port: int = probe.getsockname()[1]
+        return port
+
+
+def main() -> None:
+    """Soak, print the table, end with 1 when it is not good."""
+    parser = argparse.ArgumentParser(prog="python -m bench.sensor_soak", description=__doc__)
+    parser.add_argument("--minutes", type=float, default=10.0)
+    minutes = parser.parse_args().minutes
+    seen = soak(minutes)
+    Console().print(table(seen, minutes))
+    sys.exit(0 if is_good(seen) else 1)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,8 +1,16 @@
 """Which driver a cell file asks for: the word `sensor.driver`."""
 
+from collections.abc import Callable
+
 from common.cell import SensorSection
 from services.sensor.driver import Driver
 from services.sensor.rdt_driver import rdt_driver
+from services.sensor.robotiq_driver import robotiq_driver
+
+DRIVERS: dict[str, Callable[..., Driver]] = {
+    "rdt": rdt_driver,  # ATI Net F/T, ATI Axia, OnRobot
+    "robotiq": robotiq_driver,  # FT 300, FT 300-S
+}
 
 
 def driver_of(sensor: SensorSection, *, stale_after_s: float) -> Driver:
@@ -11,4 +19,4 @@ def driver_of(sensor: SensorSection, *, stale_after_s: float) -> Driver:
     Raises:
         ConfigError: A package that this driver needs is not there, or its settings are wrong.
     """
-    return rdt_driver(sensor, stale_after_s=stale_after_s)
+    return DRIVERS[sensor.driver](sensor, stale_after_s=stale_after_s)

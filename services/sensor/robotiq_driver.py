@@ -1,0 +1,190 @@
+"""The driver for a Robotiq FT 300 on a serial line. Needs pyserial: `pip install pyserial`.
+
+100 readings a second, and no more: gains must be lower than with a faster sensor.
+"""
+
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import replace
+from typing import Protocol
+
+from common.cell import SensorSection
+from common.clock import NS_PER_S
+from common.errors import ConfigError
+from services.sensor.driver import Complaint, Info, Sample, fault_sample, saturation
+from services.sensor.robotiq import (
+    BAUD,
+    FORCE_RANGE_N,
+    FRAME_BYTES,
+    RATE_HZ,
+    STOP,
+    TORQUE_RANGE_NM,
+    Frame,
+    Framer,
+    start,
+)
+
+ASK_EVERY_S = 1.0
+FEWEST_STRANGE_BYTES = 8 * FRAME_BYTES  # without a frame among them: something else speaks
+BAD_SHARE = 0.1  # of the frames of the window
+WINDOW = 100
+RECEIVE_BYTES = 4096
+
+
+class Line(Protocol):
+    """What the driver needs of a serial line: pyserial's Serial, opened without waiting."""
+
+    def read(self, size: int) -> bytes:
+        """Return what waits."""
+
+    def write(self, data: bytes) -> int | None:
+        """Send."""
+
+    def close(self) -> None:
+        """Let it go."""
+
+
+class RobotiqDriver:
+    """Asks for the stream, takes frames, asks again while none come, opens the line anew."""
+
+    def __init__(
+        self, sensor: SensorSection, open_line: Callable[[], Line], *, stale_after_s: float
+    ) -> None:
+        """Open nothing yet: the first `read` does. `open_line` may raise OSError."""
+        self._sensor, self._open_line = sensor, open_line
+        self._stale_after_ns = round(stale_after_s * NS_PER_S)
+        self._line: Line | None = None
+        self._framer = Framer()
+        self._counts = dict.fromkeys(("records", "lost", "malformed", "late", "requests"), 0)
+        self._number = 0
+        self._ask_at_ns = 0
+        self._emptied_ns = 0
+        self._fault = ""
+        self._is_late = False
+        self._window: list[int] = []  # how many frames were lost before each of the last ones
+
+    @property
+    def where(self) -> str:
+        """Name of the sensor and its line for people."""
+        return f"FT 300 at {self._sensor.device}"
+
+    def info(self) -> Info:
+        """Return what is known of the sensor."""
+        return Info(
+            "Robotiq FT 300",
+            min(self._sensor.force_range_N, FORCE_RANGE_N),
+            min(self._sensor.torque_range_Nm, TORQUE_RANGE_NM),
+            f"its own calibration, {RATE_HZ:g} Hz",
+        )
+
+    def counters(self) -> dict[str, int]:
+        """Return what came, what was lost, what was no frame."""
+        return {**self._counts, "bad_crc": self._framer.bad_crc}
+
+    def complaint(self) -> Complaint:
+        """Return why no sample comes."""
+        if self._fault:
+            return Complaint("sensor_silent", f"{self.where}: {self._fault}")
+        if self._framer.skipped >= FEWEST_STRANGE_BYTES:
+            text = f"{self._framer.skipped} bytes came, and no frame of an FT 300 among them"
+            return Complaint("sensor_stranger", f"{self.where}: {text}")
+        if self._is_late:
+            return Complaint("overrun", f"{self.where}: readings have waited too long to be read")
+        text = f"{self.where}: nothing comes: is it on, is this its line?"
+        return Complaint("sensor_silent", text)
+
+    def close(self) -> None:
+        """Stop the stream and let the line go."""
+        if self._line is not None:
+            with suppress(OSError):
+                self._line.write(STOP)
+        self._drop()
+
+    def read(self, now_ns: int) -> Sequence[Sample]:
+        """Return every sample that has come since the last call, oldest first."""
+        since_ns, self._emptied_ns = self._emptied_ns or now_ns, now_ns
+        frames = self._framer.feed(self._receive())
+        if frames:
+            self._fault = ""
+            self._ask_at_ns = now_ns + round(ASK_EVERY_S * NS_PER_S)
+        elif now_ns >= self._ask_at_ns:
+            self._ask(now_ns)
+        self._is_late = bool(frames) and now_ns - since_ns > self._stale_after_ns
+        samples = [self._take(each, now_ns) for each in frames]
+        if self._is_late:
+            self._counts["late"] += len(frames)
+            return []
+        return samples
+
+    def _take(self, read: Frame, now_ns: int) -> Sample:
+        # Before the first frame comes the answer to the request, or the rest of a frame.
+        lost = -(-read.skipped // FRAME_BYTES) if self._counts["records"] else 0
+        self._counts["malformed"] += bool(lost)
+        self._counts["lost"] += lost
+        self._counts["records"] += 1
+        self._number += 1 + lost
+        self._window = [*self._window[1 - WINDOW :], lost]
+        said = self._judged(read)
+        return replace(said, counter=self._number, stamp_ns=now_ns)
+
+    def _judged(self, read: Frame) -> Sample:
+        info, lost, frames = self.info(), sum(self._window), len(self._window)
+        reason = saturation(read.force_N, read.torque_Nm, info.force_range_N, info.torque_range_Nm)
+        if reason:
+            return Sample(read.force_N, read.torque_Nm, "saturated", reason, "sensor_saturated")
+        if frames >= WINDOW // 2 and lost > BAD_SHARE * (lost + frames):
+            text = f"{lost} of the last {lost + frames} readings were lost"
+            return fault_sample("sensor_lossy", text)
+        return Sample(read.force_N, read.torque_Nm)
+
+    # --- the line ---------------------------------------------------------------------------------
+
+    def _receive(self) -> bytes:
+        if self._line is None:
+            return b""
+        try:
+            return self._line.read(RECEIVE_BYTES)
+        except OSError as error:
+            self._note(error)
+            self._drop()
+            return b""
+
+    def _ask(self, now_ns: int) -> None:
+        self._ask_at_ns = now_ns + round(ASK_EVERY_S * NS_PER_S)
+        self._counts["requests"] += 1
+        try:
+            if self._line is None:
+                self._line = self._open_line()
+                self._fault = ""
+            self._line.write(start())
+        except OSError as error:
+            self._note(error)
+            self._drop()
+
+    def _drop(self) -> None:
+        if self._line is not None:
+            with suppress(OSError):
+                self._line.close()
+        self._line = None
+
+    def _note(self, error: OSError) -> None:
+        self._fault = error.strerror or str(error)
+
+
+def robotiq_driver(sensor: SensorSection, *, stale_after_s: float) -> RobotiqDriver:
+    """Return the driver of a cell file, with a real serial line.
+
+    Raises:
+        ConfigError: pyserial is not installed.
+    """
+    try:
+        import serial  # noqa: PLC0415 - an extra: only who has this sensor needs it
+    except ImportError as error:
+        mistake = "sensor.driver: robotiq needs pyserial: pip install pyserial"
+        raise ConfigError("the sensor's driver", [mistake]) from error
+
+    def open_line() -> Line:
+        line: Line = serial.Serial(sensor.device, BAUD, timeout=0, write_timeout=0.1)
+        return line
+
+    return RobotiqDriver(sensor, open_line, stale_after_s=stale_after_s)

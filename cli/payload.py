@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 app = typer.Typer(no_args_is_help=True, help="Payload and sensor bias from recordings.")
 
 Vector = list[float]
+MODELS_SHOWN = 6  # beside the plain one
 
 
 class AxesOption(StrEnum):
@@ -146,6 +147,8 @@ def _print_fit(report: dict[str, Any]) -> None:
         ("bias force (N)", "bias_force_N", "bias_force_std_N", 1.0, 3),
         ("bias torque (N·m)", "bias_torque_Nm", "bias_torque_std_Nm", 1.0, 4),
         ("mounting (mrad)", "mounting_rotation_rad", "mounting_rotation_std_rad", 1e3, 2),
+        ("gain of force", "force_gain", "force_gain_std", 1.0, 4),
+        ("gain of torque", "torque_gain", "torque_gain_std", 1.0, 4),
     ):
         if report[std_key] is not None:
             table.add_row(
@@ -158,11 +161,30 @@ def _print_fit(report: dict[str, Any]) -> None:
             _joined(report["gravity_direction_in_base"], 1.0, 4),
             "" if std is None else f"{1e3 * std:.2f} mrad",
         )
+    if report["drift"] is not None:
+        drift = report["drift"]
+        table.add_row("drift of force (N)", _joined(drift["force_N"], 1.0, 3), "")
+        table.add_row("drift of torque (N·m)", _joined(drift["torque_Nm"], 1.0, 4), "")
     console.print(table)
     console.print(_pose_table(report))
     console.print(_model_table(report))
-    for line in report["unsure"]:
-        console.print(f"hardly told by these poses: {line}", markup=False)
+    for line in _remarks(report):
+        console.print(line, markup=False)
+
+
+def _remarks(report: dict[str, Any]) -> list[str]:
+    """Return what is left to say: what was left out, what is unsure, and what to record next."""
+    lines = [f"left out {len(r['lines'])} rows: {r['reason']}" for r in report["rejected"]]
+    lines += [f"hardly told by these poses: {line}" for line in report["unsure"]]
+    lines += [f"not told by this recording: {line}" for line in report["untold"]]
+    advice = report["next_pose"]
+    lines.append(
+        "record next: gravity along "
+        f"({_joined(advice['down_in_sensor'], 1.0, 2)}) in sensor axes; "
+        f"{advice['parameter']} would be sure to {advice['std_after']:.2g} "
+        f"instead of {advice['std_before']:.2g}"
+    )
+    return lines
 
 
 def _pose_table(report: dict[str, Any]) -> Any:
@@ -188,7 +210,9 @@ def _model_table(report: dict[str, Any]) -> Any:
 
     table = Table("model", "rms N", "N·m", "left out N", "N·m", "cond.", "verdict")
     table.title = "models tried: rms residual, and rms on poses left out of the fit"
-    for model in report["models"]:
+    plain, *richer = report["models"]
+    best = sorted(richer, key=lambda model: model["evidence"], reverse=True)
+    for model in (plain, *best[:MODELS_SHOWN]):
         table.add_row(
             model["name"],
             _number(model["rms_force_N"], 3),
@@ -217,7 +241,11 @@ def _print_check(report: dict[str, Any]) -> None:
     ):
         mean, worst = report[f"{key}_mean"], report[f"{key}_max"]
         table.add_row(label, f"{mean:.4f}", f"{worst:.4f}", str(report[line]))
-    Console().print(table)
+    console = Console()
+    console.print(table)
+    if report["drift"] != "none":
+        still = report["residual_force_N_mean_without_drift"]
+        console.print(f"drift of the fit: {report['drift']}; without it {still:.4f} N mean")
 
 
 def _joined(values: Vector, scale: float, digits: int) -> str:

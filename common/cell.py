@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from pydantic import Field, model_validator
 
 from common.cell_sim import SimSection
-from common.cell_terms import Fraction, NotNegative, Positive, Section
+from common.cell_terms import Fraction, Gain, NotNegative, Positive, Section
 from common.messages import Host, Vec3, Vec6
 from common.topics import Topic
 
@@ -102,6 +102,20 @@ class ToolSection(Section):
     T_flange_tcp: FrameSection
 
 
+Gains = tuple[Gain, Gain, Gain]
+
+
+class DriftSection(Section):
+    """How the bias moved while a fit was recorded: kept with the payload, used by no process."""
+
+    start_s: float
+    end_s: float
+    force_N: Vec3
+    torque_Nm: Vec3
+    force_bend_N: Vec3 = (0.0, 0.0, 0.0)
+    torque_bend_Nm: Vec3 = (0.0, 0.0, 0.0)
+
+
 class PayloadSection(Section):
     """Weight below the sensor and the sensor's bias: what `forcemesh payload fit --out` writes."""
 
@@ -111,6 +125,9 @@ class PayloadSection(Section):
     bias_torque_Nm: Vec3 = (0.0, 0.0, 0.0)
     gravity_direction_in_base: Vec3 = (0.0, 0.0, -1.0)
     mounting_rotation_rad: Vec3 = (0.0, 0.0, 0.0)
+    force_gain: Gains = (1.0, 1.0, 1.0)  # what each axis reads per unit of load
+    torque_gain: Gains = (1.0, 1.0, 1.0)
+    drift: DriftSection | None = None
     accept_uncalibrated: bool = False  # arm for force feedback although mass and centre are zero
 
 
@@ -239,7 +256,9 @@ class Cell(Section):
         if "sim" in (self.roles.robot, self.roles.sensor) and self.sim is None:
             raise ValueError("a role is played by sim, so a section `sim` is needed")
         if self.sim is not None and self.sim.netft and self.roles.sensor != "driver":
-            raise ValueError("sim.netft: the sensor on the arm talks RDT, so roles.sensor is driver")
+            raise ValueError(
+                "sim.netft: the sensor on the arm talks RDT, so roles.sensor is driver"
+            )
         is_sim = self.roles.sensor == "sim" or (self.sim is not None and self.sim.netft)
         noiseless = is_sim and self.sim is not None and self.sim.noiseless
         if noiseless and self.sensor.frozen_s > 0.0:

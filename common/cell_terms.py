@@ -6,6 +6,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 Positive = Annotated[float, Field(gt=0.0)]
 NotNegative = Annotated[float, Field(ge=0.0)]
+Gain = Annotated[float, Field(ge=0.5, le=1.5)]
 Fraction = Annotated[float, Field(gt=0.0, le=1.0)]
 
 

@@ -6,19 +6,21 @@ m g_s + b_F and c x m g_s + b_M. What is left of a reading is the environment's:
     F = R (f - b_F - m g_s)
     M = R (t - b_M - c x m g_s) - (R p_sensor_tcp) x F
 
-in base axes, with the sensor's own axes turned by the mounting correction that a recording may
-have revealed; the moment about the tool centre point. Turning the axes does not move the point
-that the moment is taken about, and moving the pose by the whole T_base_sensor would take it
-about the base's origin: both steps are needed, and no third one.
+in base axes, each axis of f - b_F and t - b_M divided by its gain, and the sensor's own axes
+turned by the mounting correction that a recording may have revealed; the moment about the tool
+centre point. Turning the axes does not move the point that the moment is taken about, and moving
+the pose by the whole T_base_sensor would take it about the base's origin: both steps are needed,
+and no third one.
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import pinocchio as pin
 
-from common.frames import Array, rotation_from_vector, skew
-from common.payload import Payload, residual
+from common.frames import GRAVITY_M_S2, Array, rotation_from_vector
+from common.payload import Payload
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,6 +44,19 @@ class Mounting:
         return np.asarray((self.T_flange_sensor.inverse() * self.T_flange_tcp).translation)
 
 
+@dataclass(frozen=True, slots=True)
+class _Constants:
+    """What of a payload is the same for every sample; `to_load`: the reciprocals of the gains."""
+
+    R_mount: Array
+    weight_in_base_N: Array
+    bias_N: Array
+    bias_Nm: Array
+    force_to_load: Array
+    torque_to_load: Array
+    com_m: Array
+
+
 def compensate(
     reading_at_sensor_in_sensor: Wrench,
     *,
@@ -57,14 +72,36 @@ def compensate(
         p_sensor_tcp_in_sensor: Vector from sensor to TCP, sensor axes [m]. Shape (3,).
         payload: Weight below the sensor and the sensor's bias.
     """
-    R_mount = rotation_from_vector(np.asarray(payload.mounting_rotation_rad))
-    R_base_true = R_base_sensor @ R_mount
-    p_sensor_tcp_in_true = R_mount.T @ p_sensor_tcp_in_sensor
-    force_N, torque_Nm = residual(
-        payload,
-        R_base_sensor,
-        force_N=reading_at_sensor_in_sensor.force_N,
-        torque_Nm=reading_at_sensor_in_sensor.torque_Nm,
+    known = _constants(payload)
+    reading = reading_at_sensor_in_sensor
+    R_base_true = R_base_sensor.dot(known.R_mount)
+    load_N = R_base_true.dot((reading.force_N - known.bias_N) * known.force_to_load)
+    load_Nm = R_base_true.dot((reading.torque_Nm - known.bias_Nm) * known.torque_to_load)
+    force_N = load_N - known.weight_in_base_N
+    # The sum of both moments in plain numbers: np.cross alone would cost more than all the rest.
+    cx, cy, cz = R_base_true.dot(known.com_m).tolist()
+    px, py, pz = R_base_sensor.dot(p_sensor_tcp_in_sensor).tolist()
+    wx, wy, wz = known.weight_in_base_N.tolist()
+    fx, fy, fz = force_N.tolist()
+    moved_Nm = np.array(
+        [
+            cy * wz - cz * wy + py * fz - pz * fy,
+            cz * wx - cx * wz + pz * fx - px * fz,
+            cx * wy - cy * wx + px * fy - py * fx,
+        ]
     )
-    torque_Nm = torque_Nm - skew(p_sensor_tcp_in_true) @ force_N
-    return Wrench(R_base_true @ force_N, R_base_true @ torque_Nm)
+    return Wrench(force_N, load_Nm - moved_Nm)
+
+
+@lru_cache(maxsize=4)
+def _constants(payload: Payload) -> _Constants:
+    down = np.array(payload.gravity_direction_in_base)
+    return _Constants(
+        R_mount=rotation_from_vector(np.array(payload.mounting_rotation_rad)),
+        weight_in_base_N=payload.mass_kg * GRAVITY_M_S2 * down,
+        bias_N=np.array(payload.bias_force_N),
+        bias_Nm=np.array(payload.bias_torque_Nm),
+        force_to_load=1.0 / np.array(payload.force_gain),
+        torque_to_load=1.0 / np.array(payload.torque_gain),
+        com_m=np.array(payload.com_m),
+    )

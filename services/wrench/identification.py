@@ -7,12 +7,23 @@ import numpy as np
 import numpy.typing as npt
 
 from common.errors import DataError
-from common.frames import Array, vector_from_rotation
-from common.payload import Payload, Vector, residual
-from services.wrench.least_squares import FORCE_FLOOR_N, LINEAR, TORQUE_FLOOR_NM, State
+from common.frames import Array
+from common.payload import Payload, residual
+from services.wrench.estimates import (
+    HARDLY,
+    Deviations,
+    Parameter,
+    deviations,
+    parameters,
+    payload_of,
+)
+from services.wrench.least_squares import FORCE_FLOOR_N, TORQUE_FLOOR_NM
 from services.wrench.model_choice import Candidate, choose
-from services.wrench.poses import check_poses, sort_into_poses
+from services.wrench.next_pose import NextPose, next_pose
+from services.wrench.payload_model import NAMES, USUAL
+from services.wrench.poses import check_poses
 from services.wrench.recording import Recording, Samples, WrenchAxes
+from services.wrench.screening import Rejected, screen
 
 BOTH_AXES: tuple[WrenchAxes, WrenchAxes] = ("sensor", "base")
 CLEARLY = 2.0  # one reading of the axes must leave residuals this much smaller than the other
@@ -23,29 +34,24 @@ UNSURE = {"mass_kg": 0.1, "com_m": 0.01, "bias_force_N": 1.0, "bias_torque_Nm": 
 
 
 @dataclass(frozen=True, slots=True)
-class Deviations:
-    """Standard deviation of each parameter, named as in Payload; None: it was not fitted."""
-
-    mass_kg: float
-    com_m: Vector
-    bias_force_N: Vector
-    bias_torque_Nm: Vector
-    gravity_tilt_rad: float | None
-    mounting_rotation_rad: Vector | None
-
-
-@dataclass(frozen=True, slots=True)
 class Identification:
-    """A fitted payload with the evidence. Residuals are per pose, shape (n, 3), sensor axes."""
+    """A fitted payload with the evidence. Residuals are per pose, shape (n, 3), sensor axes.
+
+    `untold` names what the recording could not tell; `rejected` the rows that were left out.
+    """
 
     payload: Payload
     std: Deviations
+    parameters: tuple[Parameter, ...]
     chosen: Candidate
     candidates: tuple[Candidate, ...]
+    rejected: tuple[Rejected, ...]
     first_row: npt.NDArray[np.intp]
     residual_force_N: Array
     residual_torque_Nm: Array
     unsure: tuple[str, ...]
+    untold: tuple[str, ...]
+    next_pose: NextPose
     warnings: tuple[str, ...]
 
 
@@ -65,12 +71,17 @@ def identify(samples: Samples) -> Identification:
     Args:
         samples: Static readings in many attitudes, free of contact, in sensor axes.
     """
-    poses = sort_into_poses(samples)
-    check_poses(poses)
+    poses, rejected = screen(samples)
+    try:
+        check_poses(poses)
+    except DataError as error:
+        left_out = "".join(f"; {len(r.rows)} rows left out: {r.reason}" for r in rejected)
+        raise DataError(f"{error}{left_out}") from error
     candidates = choose(poses)
     chosen = next(candidate for candidate in candidates if candidate.chosen)
-    payload = _payload(chosen.solution.state)
-    std = _deviations(chosen)
+    payload = payload_of(chosen.solution, poses.means.time_s)
+    std = deviations(chosen.solution)
+    found = parameters(payload, std, chosen.solution)
     if payload.mass_kg < max(3.0 * std.mass_kg, LEAST_MASS_KG):
         raise DataError(
             f"the recording shows no weight: mass {payload.mass_kg:.4f} kg, "
@@ -81,17 +92,22 @@ def identify(samples: Samples) -> Identification:
         poses.means.R_base_sensor,
         force_N=poses.means.force_N,
         torque_Nm=poses.means.torque_Nm,
+        time_s=poses.means.time_s,
     )
     return Identification(
         payload=payload,
         std=std,
+        parameters=found,
+        rejected=rejected,
         chosen=chosen,
         candidates=candidates,
         first_row=poses.first_row,
         residual_force_N=force,
         residual_torque_Nm=torque,
         unsure=_unsure(std),
-        warnings=_warnings(payload, chosen),
+        untold=_untold(found, candidates),
+        next_pose=next_pose(chosen.solution),
+        warnings=_warnings(payload, candidates[0]),
     )
 
 
@@ -178,34 +194,6 @@ def _rms_text(fit: Identification) -> str:
     return f"{fit.chosen.rms_force_N:.3g} N, {fit.chosen.rms_torque_Nm:.3g} N·m"
 
 
-def _payload(state: State) -> Payload:
-    m, h = float(state.linear[0]), state.linear[1:4]
-    return Payload(
-        mass_kg=m,
-        com_m=_vector(h / max(m, 1e-12)),
-        bias_force_N=_vector(state.linear[4:7]),
-        bias_torque_Nm=_vector(state.linear[7:10]),
-        gravity_direction_in_base=_vector(state.down_in_base),
-        mounting_rotation_rad=_vector(vector_from_rotation(state.R_mount)),
-    )
-
-
-def _deviations(chosen: Candidate) -> Deviations:
-    solution, model = chosen.solution, chosen.model
-    m, h = solution.state.linear[0], solution.state.linear[1:4]
-    std = np.sqrt(np.diag(solution.covariance))
-    to_com = np.hstack([-h[:, None] / m**2, np.eye(3) / m])  # c = h / m
-    com = np.sqrt(np.diag(to_com @ solution.covariance[:4, :4] @ to_com.T))
-    return Deviations(
-        mass_kg=float(std[0]),
-        com_m=_vector(com),
-        bias_force_N=_vector(std[4:7]),
-        bias_torque_Nm=_vector(std[7:10]),
-        gravity_tilt_rad=float(np.hypot(*std[LINEAR : LINEAR + 2])) if model.tilt else None,
-        mounting_rotation_rad=_vector(std[-3:]) if model.mounting else None,
-    )
-
-
 def _unsure(std: Deviations) -> tuple[str, ...]:
     return tuple(
         f"{name} (standard deviation {np.max(getattr(std, name)):.3g})"
@@ -214,7 +202,23 @@ def _unsure(std: Deviations) -> tuple[str, ...]:
     )
 
 
-def _warnings(payload: Payload, chosen: Candidate) -> tuple[str, ...]:
+def _untold(found: tuple[Parameter, ...], candidates: tuple[Candidate, ...]) -> tuple[str, ...]:
+    """Return what stays as unsure as it was: numbers of the model used, and errors not in it."""
+    lines = [
+        f"{p.name}: {p.std:.2g}, and {p.usual:.2g} without the recording"
+        for p in found
+        if not p.told
+    ]
+    richest = max(candidates, key=lambda c: c.model.groups).solution
+    chosen = next(c for c in candidates if c.chosen).model.places
+    std = np.sqrt(np.diag(richest.covariance))
+    for name, place in richest.model.places.items():
+        if name not in chosen and np.min(std[place]) > HARDLY * USUAL[name]:
+            lines.append(f"{NAMES[name]}: nothing, with all errors fitted at once")
+    return tuple(lines)
+
+
+def _warnings(payload: Payload, plain: Candidate) -> tuple[str, ...]:
     warnings = []
     if payload.gravity_direction_in_base[2] > 0.0:
         warnings.append(
@@ -222,14 +226,9 @@ def _warnings(payload: Payload, chosen: Candidate) -> tuple[str, ...]:
             "reports the tool's reaction. Push the tool by hand: unless the force reads along "
             "the push, turn the sign of all six readings before closing a force loop on them"
         )
-    if chosen.solution.conditioning > POOR_CONDITIONING:
+    if plain.solution.conditioning > POOR_CONDITIONING:
         warnings.append(
-            f"condition number {chosen.solution.conditioning:.1f} (fair: 10): the poses differ "
+            f"condition number {plain.solution.conditioning:.1f} (fair: 10): the poses differ "
             "little, the parameters are less sure than the residuals"
         )
     return tuple(warnings)
-
-
-def _vector(v: Array) -> Vector:
-    x, y, z = (float(entry) for entry in v)
-    return x, y, z

@@ -1,50 +1,39 @@
-"""Weighted least squares of the payload model: one chosen model, one set of readings.
+"""Weighted least squares of the payload model with priors: one chosen model, one set of readings.
 
-F = m g_s + b_F and M = h x g_s + b_M with h = m c and g_s = (R_base_sensor R_mount)^T g. With known
-directions this is linear in (m, h, b_F, b_M); tilt of g and R_mount are added by Gauss-Newton.
+Gauss-Newton on the posterior. The noise of force and of torque, and how well the model explains
+the readings at all, come from the evidence: the probability of the readings under the model with
+its unknowns averaged out (MacKay: Bayesian interpolation, Neural Computation 1992).
 """
 
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from common.frames import GRAVITY_M_S2, Array, rotation_from_vector, skew
+from common.frames import Array
+from services.wrench.payload_model import (
+    LINEAR,
+    USUAL,
+    Model,
+    State,
+    extras,
+    jacobian,
+    moved,
+    residuals,
+    upright,
+)
 from services.wrench.recording import Samples
 
-LINEAR = 10
-FORCE_FLOOR_N, TORQUE_FLOOR_NM = 1e-6, 1e-8  # noise-free data must not divide by zero
-ITERATIONS = 50
-REFINEMENTS = 8  # enough where the start is the solution for nearly the same readings
-LARGEST_TURN_RAD = 0.5  # of one step; a longer one leaves the region where it is a step downhill
+# Noise-free data must not divide by zero: what one reading of a very good sensor still errs.
+FORCE_FLOOR_N, TORQUE_FLOOR_NM = 1e-6, 1e-8
+FLOOR = np.array([FORCE_FLOOR_N, TORQUE_FLOOR_NM])
+# Six poses with thirty unknowns leave little to tell the noise from: it counts as one equation
+# more, in which a good sensor errs by so much.
+QUIET = np.array([2e-3, 1e-4])
+QUIET_EQUATIONS = 1.0
+ITERATIONS = 60
 CONVERGED = 1e-7
 RANK_TOLERANCE = 1e-7  # of singular values: squared, it is still above the rounding error
-DOWN = np.array([0.0, 0.0, -1.0])
-
-
-@dataclass(frozen=True, slots=True)
-class Model:
-    """Which parameters beyond mass, moment and bias are fitted."""
-
-    name: str
-    tilt: bool = False
-    mounting: bool = False
-
-    @property
-    def size(self) -> int:
-        """Number of unknowns."""
-        return LINEAR + 2 * self.tilt + 3 * self.mounting
-
-
-@dataclass(frozen=True, slots=True)
-class State:
-    """The unknowns: mass [kg], first moment h [kg m], bias force [N] and torque [Nm], directions.
-
-    `linear` is (m, h, b_F, b_M), shape (10,); `down_in_base` a unit vector; `R_mount` (3, 3).
-    """
-
-    linear: Array
-    down_in_base: Array
-    R_mount: Array
+FOLDS_AT_MOST = 20
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,104 +46,113 @@ class Noise:
 
 @dataclass(frozen=True, slots=True)
 class Solution:
-    """What the fit found. `covariance` is in the order of the step: linear, tilt (2), mount (3)."""
+    """What the fit found. `covariance` and `amplified` are in the order of the model's unknowns.
 
+    `conditioning` is that of all unknowns with their priors; `amplified` tells of each unknown how
+    many times the others make it less sure than it were alone. `evidence` is a logarithm, of which
+    only differences mean something. `left_out` has shape (2, n, 3): the residual of each pose
+    under a fit without it.
+    """
+
+    model: Model
     state: State
     noise: Noise
+    widths: dict[str, float]
     covariance: Array
     conditioning: float
+    amplified: Array
     converged: bool
-    noise_ml: Noise  # without the allowance for the fitted parameters: for likelihoods
+    evidence: float
+    left_out: Array
 
 
-def start_state() -> State:
-    """Return level gravity, no mounting rotation, no payload."""
-    return State(np.zeros(LINEAR), DOWN, np.eye(3))
+@dataclass(frozen=True, slots=True)
+class _Task:
+    """What is fitted to what."""
+
+    samples: Samples
+    weight: Array
+    model: Model
 
 
-def gravity(state: State, samples: Samples) -> Array:
-    """Return g_s of each reading [m/s^2]. Shape (n, 3)."""
-    g = GRAVITY_M_S2 * state.down_in_base
-    return np.asarray(np.einsum("nji,j->ni", samples.R_base_sensor @ state.R_mount, g))
+@dataclass(frozen=True, slots=True)
+class _Normal:
+    """The normal equations at one state: columns scaled to length 1, eigenvectors V."""
+
+    squares: tuple[Array, Array]
+    slope: Array
+    covariance: Array
+    conditioning: float
+    log_det: float
 
 
-def residuals(state: State, samples: Samples) -> tuple[Array, Array]:
-    """Return reading minus model: force [N] and torque [Nm], each (n, 3)."""
-    g_s = gravity(state, samples)
-    m, h, b_F, b_M = np.split(state.linear, [1, 4, 7])
-    return samples.force_N - m * g_s - b_F, samples.torque_Nm - np.cross(h, g_s) - b_M
-
-
-def solve(
-    samples: Samples, weight: Array, model: Model, start: State, *, iterations: int = ITERATIONS
-) -> Solution:
-    """Fit one model: directions of `start` first kept, then fitted where the model has them.
+def solve(samples: Samples, weight: Array, model: Model, start: State) -> Solution:
+    """Fit one model, from the directions of `start`.
 
     Args:
         samples: Readings in sensor axes.
         weight: Weight of each reading. Shape (n,).
         model: What is fitted.
         start: Directions to start from.
-        iterations: At most so many steps.
     """
-    state = _upright(_fitted_linear(samples, weight, start))
-    noise, noise_ml = _noise(state, samples, weight, np.array([4.0, 6.0]))
+    task = _Task(samples, weight, model)
+    state = upright(_fitted_linear(task, start))
+    widths = {name: USUAL[name] for name in model.places}
+    noise = _noise(residuals(state, samples), weight, np.array([4.0, 6.0]))
     converged = False
-    for _ in range(iterations):
-        step, shares, _, _ = _step(state, samples, weight, model=model, noise=noise)
-        state = _upright(_moved(state, step, model))
-        noise, noise_ml = _noise(state, samples, weight, shares)
-        # Signs and turns settle long before the last digit of the variances does.
-        if bool(np.linalg.norm(step) < CONVERGED * (1.0 + np.linalg.norm(state.linear))):
+    for _ in range(ITERATIONS):
+        normal = _normal(state, task, noise, widths)
+        step = normal.covariance @ normal.slope
+        state = upright(moved(state, step, model))
+        widths = _widened(state, model)
+        borne = [float(np.sum(normal.covariance * square)) for square in normal.squares]
+        before, noise = noise, _noise(residuals(state, samples), weight, np.array(borne))
+        # The noise is only waited for roughly: signs and turns settle long before it.
+        settled = bool(np.all(np.abs(np.log(noise / before)) < 1e-2))
+        if settled and np.linalg.norm(step) < CONVERGED * (1.0 + np.linalg.norm(state.linear)):
             converged = True
             break
-    _, _, covariance, conditioning = _step(state, samples, weight, model=model, noise=noise)
-    return Solution(state, noise, covariance, conditioning, converged, noise_ml)
-
-
-def jacobians(state: State, samples: Samples, model: Model) -> tuple[Array, Array]:
-    """Return the derivatives of the model's force and torque, each (n, 3, model.size)."""
-    g_s = gravity(state, samples)
-    n = len(samples)
-    force, torque = np.zeros((n, 3, LINEAR)), np.zeros((n, 3, LINEAR))
-    force[:, :, 0] = g_s
-    force[:, :, 4:7] = np.eye(3)
-    torque[:, :, 1:4] = -_skews(g_s)
-    torque[:, :, 7:10] = np.eye(3)
-    turns = []
-    if model.tilt:  # g' = exp([e]x) g, e perpendicular to g
-        g = GRAVITY_M_S2 * state.down_in_base
-        turn = -skew(g) @ _across(state.down_in_base)
-        turns.append(np.swapaxes(samples.R_base_sensor @ state.R_mount, 1, 2) @ turn)
-    if model.mounting:  # R_mount' = R_mount exp([d]x), so g_s' = g_s + [g_s]x d
-        turns.append(_skews(g_s))
-    if not turns:
-        return force, torque
-    g_turn = np.concatenate(turns, axis=2)
-    m, h = state.linear[0], state.linear[1:4]
-    return (
-        np.concatenate([force, m * g_turn], axis=2),
-        np.concatenate([torque, skew(h) @ g_turn], axis=2),
+    normal = _normal(state, task, noise, widths)
+    information = np.diag(normal.squares[0] + normal.squares[1]) + 1.0 / _variances(model, widths)
+    return Solution(
+        model=model,
+        state=state,
+        noise=Noise(float(noise[0]), float(noise[1])),
+        widths=widths,
+        covariance=normal.covariance,
+        conditioning=normal.conditioning,
+        amplified=np.sqrt(np.diag(normal.covariance) * information),
+        converged=converged,
+        evidence=_evidence(state, task, noise, widths, log_det=normal.log_det),
+        left_out=_left_out(state, task, noise, normal.covariance),
     )
 
 
-def _step(
-    state: State, samples: Samples, weight: Array, *, model: Model, noise: Noise
-) -> tuple[Array, Array, Array, float]:
-    """Return Gauss-Newton step, unknowns borne by force and torque, covariance, conditioning."""
-    blocks = zip(
-        jacobians(state, samples, model),
-        residuals(state, samples),
-        (noise.force_N, noise.torque_Nm),
-        strict=True,
-    )
-    squares, slope = [], np.zeros(model.size)
-    for J, error, deviation in blocks:
-        A = (J * (np.sqrt(weight) / deviation)[:, None, None]).reshape(-1, model.size)
-        r = (error * (np.sqrt(weight) / deviation)[:, None]).ravel()
-        squares.append(A.T @ A)
-        slope += A.T @ r
-    total = squares[0] + squares[1]
+def _variances(model: Model, widths: dict[str, float]) -> Array:
+    """Return the variance of each unknown before the recording: endless for the linear ones."""
+    variances = np.full(model.size, np.inf)
+    for name, place in model.places.items():
+        variances[place] = widths[name] ** 2
+    return variances
+
+
+def _widened(state: State, model: Model) -> dict[str, float]:
+    """Return the usual size of each group, or its rms where the recording shows more."""
+    found = {n: float(np.sqrt(np.mean(v**2))) for n, v in extras(state, model).items()}
+    return {name: max(USUAL[name], size) for name, size in found.items()}
+
+
+def _normal(state: State, task: _Task, noise: Array, widths: dict[str, float]) -> _Normal:
+    samples, model = task.samples, task.model
+    scale = np.sqrt(task.weight)[None, :, None] / noise[:, None, None]
+    A = (jacobian(state, samples, model) * scale[..., None]).reshape(2, -1, model.size)
+    r = (residuals(state, samples) * scale).reshape(2, -1)
+    squares = (A[0].T @ A[0], A[1].T @ A[1])
+    prior = 1.0 / _variances(model, widths)
+    slope = A[0].T @ r[0] + A[1].T @ r[1]
+    for name, value in extras(state, model).items():
+        slope[model.places[name]] -= value * prior[model.places[name]]
+    total = squares[0] + squares[1] + np.diag(prior)
     length = np.sqrt(np.diag(total))
     length[length == 0.0] = 1.0
     # Columns of length 1 make the conditioning free of units (Belsley, Kuh, Welsch 1980).
@@ -163,66 +161,53 @@ def _step(
     conditioning = float(s[-1] / s[0]) if s[0] > 0.0 else np.inf
     keep = s > s[-1] * RANK_TOLERANCE
     half = V[:, keep] / s[keep] / length[:, None]
-    covariance = half @ half.T
-    shares = np.array([np.trace(covariance @ square) for square in squares])
-    return covariance @ slope, shares, covariance, conditioning
+    log_det = 2.0 * float(np.log(s[keep]).sum() + np.log(length).sum())
+    return _Normal(squares, slope, half @ half.T, conditioning, log_det)
 
 
-def _fitted_linear(samples: Samples, weight: Array, start: State) -> State:
-    noise = Noise(1.0, 1.0)  # the two blocks share no unknown here, so their weights do not matter
+def _evidence(
+    state: State, task: _Task, noise: Array, widths: dict[str, float], *, log_det: float
+) -> float:
+    """Return the logarithm of the evidence (Laplace's approximation), up to a common constant."""
+    squares = (task.weight[:, None] * residuals(state, task.samples) ** 2).sum(axis=(1, 2))
+    equations = 3.0 * len(task.samples) + QUIET_EQUATIONS
+    squares = squares + QUIET_EQUATIONS * QUIET**2
+    fit = float(np.sum(squares / noise**2 + 2.0 * equations * np.log(noise)))
+    prior = 0.0
+    for name, value in extras(state, task.model).items():
+        prior += float(value @ value) / widths[name] ** 2 + 2.0 * value.size * np.log(widths[name])
+    return -0.5 * (fit + prior + log_det)
+
+
+def _left_out(state: State, task: _Task, noise: Array, covariance: Array) -> Array:
+    """Return the residuals of poses under fits without them, by the hat matrix.
+
+    Exact for linear models, and close for small turns. Each pose is left out alone; in long
+    recordings whole stretches are, as neighbours are alike. Infinite where there is no fit.
+    """
+    samples, model, n = task.samples, task.model, len(task.samples)
+    scale = np.sqrt(task.weight)[None, :, None] / noise[:, None, None]
+    A = jacobian(state, samples, model) * scale[..., None]
+    r = residuals(state, samples) * scale
+    left_out = np.full((2, n, 3), np.inf)
+    for fold in np.array_split(np.arange(n), min(n, FOLDS_AT_MOST)):
+        rows = A[:, fold].reshape(-1, model.size)
+        kept = np.eye(len(rows)) - rows @ covariance @ rows.T
+        if np.linalg.eigvalsh(kept)[0] > 1e-9:
+            error = np.linalg.solve(kept, r[:, fold].ravel()).reshape(2, -1, 3)
+            left_out[:, fold] = error / scale[:, fold]
+    return left_out
+
+
+def _fitted_linear(task: _Task, start: State) -> State:
+    """Return the start with the linear unknowns fitted; the blocks share none of them."""
     still = replace(start, linear=np.zeros(LINEAR))
-    step, _, _, _ = _step(still, samples, weight, model=Model("plain"), noise=noise)
-    return replace(still, linear=step)
+    normal = _normal(still, replace(task, model=Model()), np.ones(2), {})
+    return replace(still, linear=normal.covariance @ normal.slope)
 
 
-def _upright(state: State) -> State:
-    """Make the mass positive: a negative one is the same as gravity pointing up."""
-    if state.linear[0] >= 0.0:
-        return state
-    flip = np.array([-1.0] * 4 + [1.0] * 6)
-    return replace(state, linear=state.linear * flip, down_in_base=-state.down_in_base)
-
-
-def _moved(state: State, step: Array, model: Model) -> State:
-    turn = step[LINEAR:]
-    size = float(np.linalg.norm(turn))
-    if size > LARGEST_TURN_RAD:
-        turn = turn * (LARGEST_TURN_RAD / size)
-    down, R_mount = state.down_in_base, state.R_mount
-    if model.tilt:
-        down = rotation_from_vector(_across(down) @ turn[:2]) @ down
-        down = down / np.linalg.norm(down)
-    if model.mounting:
-        R_mount = R_mount @ rotation_from_vector(turn[-3:])
-    return State(state.linear + step[:LINEAR], down, R_mount)
-
-
-def _noise(state: State, samples: Samples, weight: Array, shares: Array) -> tuple[Noise, Noise]:
-    """Return unbiased and maximum-likelihood noise; `shares` are the unknowns of each block."""
-    pairs = []
-    for v, share in zip(residuals(state, samples), shares, strict=True):
-        total = float((weight[:, None] * v**2).sum())
-        equations = v.size
-        pairs.append((total / max(equations - float(share), 1.0), total / equations))
-    (force, force_ml), (torque, torque_ml) = pairs
-    return _floored(force, torque), _floored(force_ml, torque_ml)
-
-
-def _floored(force_variance: float, torque_variance: float) -> Noise:
-    return Noise(
-        max(float(np.sqrt(force_variance)), FORCE_FLOOR_N),
-        max(float(np.sqrt(torque_variance)), TORQUE_FLOOR_NM),
-    )
-
-
-def _across(direction: Array) -> Array:
-    """Return two unit vectors across a direction. Shape (3, 2)."""
-    _, _, Vt = np.linalg.svd(direction[None, :])
-    return np.asarray(Vt[1:].T)
-
-
-def _skews(v: Array) -> Array:
-    """Return [v]x for each row. Shape (n, 3) to (n, 3, 3)."""
-    x, y, z = v.T
-    o = np.zeros_like(x)
-    return np.stack([np.stack([o, -z, y], 1), np.stack([z, o, -x], 1), np.stack([-y, x, o], 1)], 1)
+def _noise(residual: Array, weight: Array, borne: Array) -> Array:
+    """Return the noise of force and torque; `borne` are the unknowns that each block bears."""
+    squares = (weight[:, None] * residual**2).sum(axis=(1, 2)) + QUIET_EQUATIONS * QUIET**2
+    equations = 3.0 * len(weight) + QUIET_EQUATIONS
+    return np.asarray(np.maximum(np.sqrt(squares / np.maximum(equations - borne, 1.0)), FLOOR))

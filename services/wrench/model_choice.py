@@ -2,34 +2,21 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 
 from common.frames import GRAVITY_M_S2, Array
-from services.wrench.least_squares import (
-    DOWN,
-    FORCE_FLOOR_N,
-    REFINEMENTS,
-    TORQUE_FLOOR_NM,
-    Model,
-    Solution,
-    State,
-    residuals,
-    solve,
-    start_state,
-)
-from services.wrench.poses import WORST_CONDITIONING, Poses
+from services.wrench.least_squares import FORCE_FLOOR_N, TORQUE_FLOOR_NM, Solution, solve
+from services.wrench.payload_model import DOWN, Model, State, residuals, start_state
+from services.wrench.poses import Poses
 
-PLAIN = Model("plain")
-TILT = Model("tilt", tilt=True)
-MOUNTING = Model("mounting", mounting=True)
-BOTH = Model("tilt+mounting", tilt=True, mounting=True)
-
-SPARE_POSES = 2  # beyond those that the plain model needs
-FOLDS_AT_MOST = 20
-BIC_GAIN = 10.0  # "very strong" evidence (Kass, Raftery: Bayes factors, JASA 1995)
+PLAIN = Model()
+LEAST_POSES = 6  # two more than those that the plain model needs
+PRICE = 3.0  # of the evidence, for each further error: three times out of four there is none
 SCORE_GAIN = 0.9  # left-out poses must be predicted this much closer, force and torque together,
-NOT_WORSE = 1.01  # and neither worse: a true tilt or mounting turns both, a sensor's faults do not
+NOT_WORSE = 1.1  # and neither clearly worse: a true tilt or mounting turns both
+FAR_RAD = np.radians(10.0)  # a sensor turned further is not found from an unturned start
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +24,7 @@ class Candidate:
     """One model, fitted and judged. `loo` is the error on poses that the fit has not seen.
 
     Rms values are over the norms of the poses' residuals; loo is infinite where leaving poses out
-    makes the rest insufficient.
+    makes the rest insufficient. `evidence` is a logarithm, the price of the model subtracted.
     """
 
     model: Model
@@ -46,7 +33,7 @@ class Candidate:
     rms_torque_Nm: float
     loo_force_N: float
     loo_torque_Nm: float
-    bic: float
+    evidence: float
     verdict: str
     chosen: bool = False
 
@@ -61,119 +48,99 @@ class Candidate:
 def choose(poses: Poses) -> tuple[Candidate, ...]:
     """Fit every model that the poses can carry; mark the one to use. The plain one comes first.
 
-    A richer model must explain the recording better by BIC *and* predict left-out poses better.
+    The one with the most evidence is used, if it also predicts left-out poses better than the
+    plain one.
     """
-    plain = _fitted(poses, PLAIN, [start_state()])
     starts = _starts(poses)
-    singles = [_judged(poses, model, starts, plain) for model in (TILT, MOUNTING)]
-    best = min([plain, *(c for c in singles if not c.verdict)], key=lambda c: c.bic)
-    both = _judged(poses, BOTH, starts, best)
-    best = both if not both.verdict else best
+    plain = _fitted(poses, PLAIN, [start_state()])
+    t = poses.means.time_s
+    orders = (0,) if t is None or np.ptp(t) == 0.0 else (0, 1)
+    models = [Model(*m) for m in product((False, True), (False, True), (False, True), orders)]
+    richer = [_judged(poses, model, starts, plain) for model in models if model != PLAIN]
+    best = _best([plain, *richer])
+    if len(orders) > 1:  # a bend is only tried on top of what else there is
+        richer.append(_judged(poses, replace(best.model, drift=2), starts, plain))
+        best = _best([plain, *richer])
     return tuple(
         replace(c, chosen=True, verdict="used")
         if c is best
         else replace(c, verdict=c.verdict or "another explains more")
-        for c in (plain, *singles, both)
+        for c in (plain, *richer)
     )
 
 
-def _judged(poses: Poses, model: Model, starts: Sequence[State], rival: Candidate) -> Candidate:
+def _best(candidates: Sequence[Candidate]) -> Candidate:
+    return max((c for c in candidates if not c.verdict), key=lambda c: c.evidence)
+
+
+def _judged(poses: Poses, model: Model, starts: Sequence[State], plain: Candidate) -> Candidate:
     candidate = _fitted(poses, model, [_allowed(start, model) for start in starts])
-    return replace(candidate, verdict=_objection(candidate, rival, len(poses)))
+    return replace(candidate, verdict=_objection(candidate, plain, len(poses)))
 
 
 def _allowed(start: State, model: Model) -> State:
     """Take out of a start what its model does not correct."""
-    return State(
-        start.linear,
-        start.down_in_base if model.tilt else DOWN,
-        start.R_mount if model.mounting else np.eye(3),
+    return replace(
+        start,
+        down_in_base=start.down_in_base if model.tilt else DOWN,
+        R_mount=start.R_mount if model.mounting else np.eye(3),
     )
 
 
-def _objection(candidate: Candidate, best: Candidate, poses: int) -> str:
-    """Return why a richer candidate is not to replace a simpler one; empty when it is."""
-    solution = candidate.solution
-    if poses < SPARE_POSES + 4:
-        return f"too few poses to tell ({poses}, at least {SPARE_POSES + 4})"
-    if not solution.converged:
+def _objection(candidate: Candidate, plain: Candidate, poses: int) -> str:
+    """Return why a richer candidate is not to replace the plain one; empty when it may."""
+    if poses < LEAST_POSES:
+        return f"too few poses to tell ({poses}, at least {LEAST_POSES})"
+    if not candidate.solution.converged:
         return "the fit does not settle"
-    if solution.conditioning > WORST_CONDITIONING:
-        return f"the poses cannot tell it (condition number {solution.conditioning:.3g})"
     if not np.isfinite(candidate.loo_force_N):
         return "it hangs on a single pose"
-    if candidate.bic > best.bic - BIC_GAIN:
+    if candidate.solution.state.linear[0] < 3.0 * np.sqrt(candidate.solution.covariance[0, 0]):
+        return "it leaves no weight"
+    if candidate.evidence <= plain.evidence:
         return "not significant"
     worse = max(
-        candidate.loo_force_N / max(best.loo_force_N, FORCE_FLOOR_N),
-        candidate.loo_torque_Nm / max(best.loo_torque_Nm, TORQUE_FLOOR_NM),
+        candidate.loo_force_N / max(plain.loo_force_N, FORCE_FLOOR_N),
+        candidate.loo_torque_Nm / max(plain.loo_torque_Nm, TORQUE_FLOOR_NM),
     )
-    if worse > NOT_WORSE or candidate.score > best.score * SCORE_GAIN**2:
+    if worse > NOT_WORSE or candidate.score > plain.score * SCORE_GAIN**2:
         return "predicts left-out poses no better"
     return ""
 
 
 def _fitted(poses: Poses, model: Model, starts: Sequence[State]) -> Candidate:
-    solution = min(
+    solution = max(
         (solve(poses.means, poses.weight, model, start) for start in starts),
-        key=lambda solution: solution.noise_ml.force_N * solution.noise_ml.torque_Nm,
+        key=lambda solution: solution.evidence,
     )
     force, torque = residuals(solution.state, poses.means)
-    loo_force, loo_torque = _left_out(poses, model, solution)
-    noise, equations = solution.noise_ml, 3 * len(poses)
-    likelihood = 2.0 * equations * (np.log(noise.force_N) + np.log(noise.torque_Nm))
     return Candidate(
         model=model,
         solution=solution,
         rms_force_N=_rms(force),
         rms_torque_Nm=_rms(torque),
-        loo_force_N=_rms(loo_force),
-        loo_torque_Nm=_rms(loo_torque),
-        bic=float(likelihood + model.size * np.log(2 * equations)),
+        loo_force_N=_rms(solution.left_out[0]),
+        loo_torque_Nm=_rms(solution.left_out[1]),
+        evidence=solution.evidence - PRICE * model.groups,
         verdict="",
     )
 
 
-def _left_out(poses: Poses, model: Model, solution: Solution) -> tuple[Array, Array]:
-    """Return the residuals of poses under fits without them; infinite where there is no fit.
-
-    Each pose is left out alone; in long recordings whole stretches are, as neighbours are alike.
-    """
-    n = len(poses)
-    force, torque = np.full((n, 3), np.inf), np.full((n, 3), np.inf)
-    for fold in np.array_split(np.arange(n), min(n, FOLDS_AT_MOST)):
-        kept = np.setdiff1d(np.arange(n), fold)
-        partial = solve(
-            poses.means[kept],
-            poses.weight[kept],
-            model,
-            solution.state,
-            iterations=REFINEMENTS,
-        )
-        if partial.conditioning < 1e6:
-            force[fold], torque[fold] = residuals(partial.state, poses.means[fold])
-    return force, torque
-
-
 def _starts(poses: Poses) -> list[State]:
-    """Return directions to start from: none corrected, and the closed forms of tilt and mounting.
+    """Return directions to start from: none corrected, and, where it is far, a turned sensor.
 
-    Tilt: F = R^T p + b is linear in p = m g. Mounting: F = A u + b is linear in A = m R_mount^T,
-    whose nearest rotation comes from its singular vectors; det A < 0 is gravity pointing up.
+    F = A u + b is linear in A = m R_mount^T, whose nearest rotation comes from its singular
+    vectors; det A < 0 is gravity pointing up.
     """
     level, samples = start_state(), poses.means
-    R_sensor_base = np.swapaxes(samples.R_base_sensor, 1, 2)
-    p = _linear(R_sensor_base, samples.force_N)
-    down = p / max(float(np.linalg.norm(p)), 1e-12)
-    u = GRAVITY_M_S2 * R_sensor_base @ DOWN
+    u = GRAVITY_M_S2 * np.swapaxes(samples.R_base_sensor, 1, 2) @ DOWN
     A = _linear(np.einsum("ij,nk->nijk", np.eye(3), u).reshape(len(u), 3, 9), samples.force_N)
     sign = 1.0 if np.linalg.det(A.reshape(3, 3)) >= 0.0 else -1.0
     U, _, Vt = np.linalg.svd(sign * A.reshape(3, 3))
     R_mount = (U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt).T
-    starts = [level, replace(level, R_mount=R_mount, down_in_base=sign * DOWN)]
-    if np.linalg.norm(p) > 0.0:
-        starts.append(replace(level, down_in_base=down))
-    return starts
+    if (np.trace(R_mount) - 1.0) / 2.0 > np.cos(FAR_RAD):
+        return [level]
+    return [level, replace(level, R_mount=R_mount, down_in_base=sign * DOWN)]
 
 
 def _linear(columns: Array, force_N: Array) -> Array:

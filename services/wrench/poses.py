@@ -7,7 +7,8 @@ import numpy.typing as npt
 
 from common.errors import DataError
 from common.frames import Array
-from services.wrench.least_squares import Model, solve, start_state
+from services.wrench.least_squares import solve
+from services.wrench.payload_model import Model, start_state
 from services.wrench.recording import Samples
 
 SAME_POSE_RAD = np.radians(0.5)  # rows this close follow one another in one pose
@@ -47,7 +48,9 @@ def sort_into_poses(samples: Samples) -> Poses:
         for v in (samples.R_base_sensor, samples.force_N, samples.torque_Nm)
     ]
     U, _, Vt = np.linalg.svd(sums[0])  # the rotation nearest to the mean matrix
-    means = Samples(U @ Vt, sums[1] / count[:, None], sums[2] / count[:, None])
+    t = samples.time_s
+    time_s = None if t is None else np.add.reduceat(t, first) / count
+    means = Samples(U @ Vt, sums[1] / count[:, None], sums[2] / count[:, None], time_s)
     return Poses(means, count / (1.0 + (count - 1.0) / ROWS_AT_MOST), first)
 
 
@@ -59,9 +62,9 @@ def check_poses(poses: Poses) -> None:
             f"only {attitudes} distinct pose(s), attitudes within 3 degrees count as one; "
             f"record at least {LEAST_POSES}, better 8: {ADVICE}"
         )
-    plain = solve(poses.means, poses.weight, Model("plain"), start_state())
-    if plain.conditioning <= WORST_CONDITIONING:
+    if carries_a_fit(poses):
         return
+    plain = solve(poses.means, poses.weight, Model(), start_state())
     along, across = _extent_deg(poses.means.R_base_sensor)
     if along < 1.0:
         problem = "the poses differ only by turns about the vertical, which leave gravity as it is"
@@ -75,6 +78,14 @@ def check_poses(poses: Poses) -> None:
     )
 
 
+def carries_a_fit(poses: Poses) -> bool:
+    """Tell whether the poses are so many, and so far apart, that the plain fit is sure."""
+    if len(poses) == 0 or _distinct(poses.means.R_base_sensor) < LEAST_POSES:
+        return False
+    plain = solve(poses.means, poses.weight, Model(), start_state())
+    return plain.conditioning <= WORST_CONDITIONING
+
+
 def _starts(R: Array) -> npt.NDArray[np.intp]:
     """Return the first row of each dwell; each row is compared with the first of its dwell."""
     first = [0]
@@ -83,7 +94,7 @@ def _starts(R: Array) -> npt.NDArray[np.intp]:
         # In blocks, so that a long recording of short dwells stays linear in its length.
         block, ahead = 64, here + 1
         while ahead < len(R):
-            far = np.flatnonzero(_angle(R[here], R[ahead : ahead + block]) > SAME_POSE_RAD)
+            far = np.flatnonzero(angle(R[here], R[ahead : ahead + block]) > SAME_POSE_RAD)
             if far.size:
                 first.append(ahead + int(far[0]))
                 break
@@ -92,7 +103,8 @@ def _starts(R: Array) -> npt.NDArray[np.intp]:
             return np.array(first, dtype=np.intp)
 
 
-def _angle(R: Array, others: Array) -> Array:
+def angle(R: Array, others: Array) -> Array:
+    """Return the angles between attitudes [rad]. Shapes (3, 3) or (n, 3, 3), and (n, 3, 3)."""
     # From the chord |R1 - R2| = 2 sqrt(2) sin(angle / 2): exact also for small angles.
     chord = np.linalg.norm(others - R, axis=(1, 2))
     return np.asarray(2.0 * np.arcsin(np.clip(chord / np.sqrt(8.0), 0.0, 1.0)))
@@ -102,7 +114,7 @@ def _distinct(R: Array) -> int:
     """Count attitudes that differ, up to as many as are needed."""
     found = R[:1]
     for attitude in R[1:]:
-        if _angle(attitude, found).min() > DISTINCT_RAD:
+        if angle(attitude, found).min() > DISTINCT_RAD:
             found = np.concatenate([found, attitude[None]])
             if len(found) >= LEAST_POSES:
                 break

@@ -23,12 +23,14 @@ QUATERNION_TOLERANCE = 1e-3
 class Samples:
     """Readings in sensor axes, about the sensor origin, with the attitude of each.
 
-    R_base_sensor has shape (n, 3, 3); force_N and torque_Nm have shape (n, 3).
+    R_base_sensor has shape (n, 3, 3); force_N and torque_Nm have shape (n, 3), time_s (n,);
+    without times no drift can be told.
     """
 
     R_base_sensor: Array
     force_N: Array
     torque_Nm: Array
+    time_s: Array | None = None
 
     def __len__(self) -> int:
         """Return the number of readings."""
@@ -36,7 +38,8 @@ class Samples:
 
     def __getitem__(self, rows: npt.NDArray[np.intp]) -> "Samples":
         """Return some of the readings, chosen by their numbers."""
-        return Samples(self.R_base_sensor[rows], self.force_N[rows], self.torque_Nm[rows])
+        time_s = None if self.time_s is None else self.time_s[rows]
+        return Samples(self.R_base_sensor[rows], self.force_N[rows], self.torque_Nm[rows], time_s)
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,12 +64,12 @@ class Recording:
         A wrench recorded in base axes is about the sensor origin too: only its axes are turned.
         """
         if wrench_axes == "sensor":
-            return Samples(self.R_base_sensor, self.force_N, self.torque_Nm)
+            return Samples(self.R_base_sensor, self.force_N, self.torque_Nm, self.time_s)
         force, torque = (
             np.asarray(np.einsum("nji,nj->ni", self.R_base_sensor, v))
             for v in (self.force_N, self.torque_Nm)
         )
-        return Samples(self.R_base_sensor, force, torque)
+        return Samples(self.R_base_sensor, force, torque, self.time_s)
 
 
 def read_recording(path: Path) -> Recording:

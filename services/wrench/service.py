@@ -34,7 +34,7 @@ class WrenchService:
         self.fault = ""
         self._sensor_period_s = 1.0 / cell.rates.sensor_hz
         self._mounting = Mounting(cell.sensor.T_flange_sensor.pose, cell.tool.T_flange_tcp.pose)
-        self._payload = Payload(**cell.payload.model_dump(exclude={"accept_uncalibrated"}))
+        self._payload = Payload(**cell.payload.model_dump(exclude={"accept_uncalibrated", "drift"}))
         self._calibration = "cell file"
         self._bounds, self._history, self._pairing = Bounds.of(cell), History(), Pairing()
         self._apart_max_s = apart_max_s(cell)

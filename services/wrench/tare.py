@@ -53,8 +53,8 @@ def tare(
         return payload, refusal("payload", text, value=change_N, limit=WEIGHT_SHARE * weight_N)
     tared = replace(
         payload,
-        bias_force_N=vec3(np.array(payload.bias_force_N) + shift_N),
-        bias_torque_Nm=vec3(np.array(payload.bias_torque_Nm) + shift_Nm),
+        bias_force_N=vec3(np.array(payload.bias_force_N) + shift_N * payload.force_gain),
+        bias_torque_Nm=vec3(np.array(payload.bias_torque_Nm) + shift_Nm * payload.torque_gain),
     )
     text = f"bias changed by {change_N:.2f} N and {change_Nm:.3f} N m"
     return tared, Reply(accepted=True, text=text, value=change_N)

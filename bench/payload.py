@@ -1,0 +1,245 @@
+"""Measure the payload identification against the published ones: `make bench-payload`.
+
+`python -m bench.payload RECORDING.csv` adds leave-one-out on that recording; `--quick` takes a
+tenth of the seeds.
+"""
+
+import argparse
+import timeit
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from bench.payload_peers import PEERS
+from bench.payload_worlds import (
+    SAMPLES_PER_DWELL,
+    WORLDS,
+    World,
+    attitudes,
+    read,
+    recording,
+    truth,
+)
+from common.errors import DataError
+from common.frames import Array, rotation_from_vector
+from common.payload import Payload, residual
+from services.wrench.compensation import Wrench, compensate
+from services.wrench.estimates import payload_of
+from services.wrench.identification import identify, identify_recording
+from services.wrench.model_choice import choose
+from services.wrench.payload_model import across
+from services.wrench.poses import sort_into_poses
+from services.wrench.recording import Samples, read_recording
+
+OTHER_POSES = 50
+ORIENTATIONS = 200
+TRAINING = (6, 10, 20)
+NAMES = ("mass", "com", "bias force", "bias torque", "tilt", "mounting")
+
+
+def errors(payload: Payload, samples: Samples) -> Array:
+    """Return the mean norm of what is left of force [N] and torque [Nm]. Shape (2,)."""
+    left = residual(
+        payload,
+        samples.R_base_sensor,
+        force_N=samples.force_N,
+        torque_Nm=samples.torque_Nm,
+        time_s=samples.time_s,
+    )
+    return np.array([np.linalg.norm(v, axis=1).mean() for v in left])
+
+
+def compared(world: World, poses: int, seeds: int) -> tuple[dict[str, Array], Counter[str]]:
+    """Return every method's errors on the other poses, shape (seeds, 2), and our models."""
+    found: dict[str, list[Array]] = {name: [] for name in (*PEERS, "ours")}
+    models: Counter[str] = Counter()
+    for seed in range(seeds):
+        rng = np.random.default_rng([poses, seed])
+        train, others = recording(truth(world, rng), poses, OTHER_POSES, rng)
+        for name, fit in PEERS.items():
+            found[name].append(errors(fit(train), others))
+        ours = identify(train)
+        models[ours.chosen.model.name] += 1
+        found["ours"].append(errors(ours.payload, others))
+    return {name: np.array(values) for name, values in found.items()}, models
+
+
+def comparison_table(seeds: int) -> Table:
+    """Return the errors of every method in every world, and ours as a share of LSM-short."""
+    table = Table(
+        title=f"mean residual on {OTHER_POSES} other poses, N / mN·m, {seeds} recordings each"
+    )
+    for name in ("error", "poses", *PEERS, "ours", "ours : LSM-short", "worst", "our model"):
+        table.add_column(name)
+    for label, world in WORLDS.items():
+        for poses in TRAINING:
+            found, models = compared(world, poses, seeds)
+            means = {name: values.mean(axis=0) for name, values in found.items()}
+            share = means["ours"] / means["LSM-short"]
+            worst = (found["ours"] / found["LSM-short"]).max(axis=0)
+            model, times = models.most_common(1)[0]
+            table.add_row(
+                label,
+                str(poses),
+                *(f"{force:.3f} / {1e3 * torque:.2f}" for force, torque in means.values()),
+                f"{share[0]:.3f} / {share[1]:.3f}",
+                f"{worst[0]:.2f} / {worst[1]:.2f}",
+                f"{model} ({times})",
+            )
+    return table
+
+
+def accuracy_table(seeds: int) -> Table:
+    """Return the error over random orientations after ten poses, and how honest the deviations are.
+
+    The truth without noise is compared: what remains is the payload's error alone.
+    """
+    table = Table(
+        title=f"after 10 poses of {SAMPLES_PER_DWELL} samples (0.1 N, 5 mN·m each), {seeds} seeds"
+    )
+    for name in ("cell", "mean N", "95 %", "mean mN·m", "95 %", "within 2 sigma", *NAMES):
+        table.add_column(name)
+    for label, world in (("no error", World()), ("tilt, mounting 1 deg", World(1.0, 1.0))):
+        found = [trial(world, seed) for seed in range(seeds)]
+        left = np.array([error for error, _ in found])
+        inside = {n: np.concatenate([z[n] for _, z in found if n in z]) for n in found[0][1]}
+        pooled = float(np.mean(np.abs(np.concatenate(list(inside.values()))) < 2.0))
+        high = np.percentile(left, 95.0, axis=0)
+        table.add_row(
+            label,
+            f"{left[:, 0].mean():.4f}",
+            f"{high[0]:.4f}",
+            f"{1e3 * left[:, 1].mean():.3f}",
+            f"{1e3 * high[1]:.3f}",
+            f"{100 * pooled:.1f} %",
+            *(shares(inside[n].reshape(seeds, -1)) if n in inside else "" for n in NAMES),
+        )
+    return table
+
+
+def shares(z: Array) -> str:
+    """Return how many of 100 errors are within two standard deviations, number by number."""
+    return " ".join(f"{100 * share:.1f}" for share in (np.abs(z) < 2.0).mean(axis=0))
+
+
+def trial(world: World, seed: int, poses: int = 10) -> tuple[Array, dict[str, Array]]:
+    """Return the error over random orientations, and each number's error over its deviation.
+
+    A tilt or a mounting that was not found counts as infinitely wrong.
+    """
+    rng = np.random.default_rng([77, seed])
+    real = truth(world, rng)
+    train, _ = recording(real, poses, 0, rng)
+    found = identify(train)
+    R = attitudes(rng, ORIENTATIONS)
+    now = np.full(ORIENTATIONS, real.drift.end_s if real.drift else 0.0)
+    left = errors(found.payload, read(real, R, now, None))
+    z = {}
+    for name, key in (
+        ("mass", "mass_kg"),
+        ("com", "com_m"),
+        ("bias force", "bias_force_N"),
+        ("bias torque", "bias_torque_Nm"),
+    ):
+        off = np.subtract(getattr(found.payload, key), getattr(real, key))
+        z[name] = np.atleast_1d(off / np.array(getattr(found.std, key)))
+    solution = found.chosen.solution
+    std, places = np.sqrt(np.diag(solution.covariance)), solution.model.places
+    if world.tilt_deg:
+        down = np.array(found.payload.gravity_direction_in_base)
+        off = across(down).T @ np.cross(down, real.gravity_direction_in_base)
+        z["tilt"] = off / std[places["tilt"]] if "tilt" in places else np.full(2, np.inf)
+    if world.mounting_deg:
+        off = np.subtract(real.mounting_rotation_rad, found.payload.mounting_rotation_rad)
+        known = "mounting" in places
+        z["mounting"] = off / std[places["mounting"]] if known else np.full(3, np.inf)
+    return left, z
+
+
+def left_out_table(path: Path | None) -> Table:
+    """Return what every method leaves of each pose when it is fitted to the others."""
+    if path is None:
+        rng = np.random.default_rng(7)
+        title, samples = (
+            "made: all errors, 8 poses",
+            recording(truth(WORLDS["all of them"], rng), 8, 0, rng)[0],
+        )
+    else:
+        data = read_recording(path)
+        axes = identify_recording(data, None).axes
+        title, samples = f"{path.name}, wrench in {axes} axes", data.samples(axes)
+    poses = sort_into_poses(samples)
+    table = Table(title=f"leave one pose out: {title}")
+    for name in ("method", "mean N", "rms N", "mean mN·m", "rms mN·m", "poses"):
+        table.add_column(name)
+    for name in (*PEERS, "ours"):
+        left = []
+        for pose in range(len(poses)):
+            kept = np.setdiff1d(np.arange(len(poses)), [pose])
+            try:
+                payload = _fit(name, poses.means[kept], poses.weight[kept])
+            except DataError:
+                continue
+            left.append(errors(payload, poses.means[np.array([pose])]))
+        e = np.array(left)
+        rms = np.sqrt((e**2).mean(axis=0))
+        numbers = (e[:, 0].mean(), rms[0], 1e3 * e[:, 1].mean(), 1e3 * rms[1])
+        table.add_row(name, *(f"{v:.3f}" for v in numbers), str(len(e)))
+    return table
+
+
+def _fit(name: str, samples: Samples, weight: Array) -> Payload:
+    if name in PEERS:
+        return PEERS[name](samples)
+    poses = sort_into_poses(samples)
+    poses = type(poses)(poses.means, weight, poses.first_row)
+    chosen = next(c for c in choose(poses) if c.chosen)
+    return payload_of(chosen.solution, poses.means.time_s)
+
+
+def with_cross(reading: Wrench, R: Array, p: Array, payload: Payload) -> Wrench:
+    """Return the same wrench by numpy's cross product: the obvious way, for its cost."""
+    R_true = R @ rotation_from_vector(np.array(payload.mounting_rotation_rad))
+    force, torque = residual(payload, R, force_N=reading.force_N, torque_Nm=reading.torque_Nm)
+    force, torque = R_true @ force, R_true @ torque
+    return Wrench(force, torque - np.cross(R @ p, force))
+
+
+def cost_table() -> Table:
+    """Return what one sample costs, the best of many rounds."""
+    payload = truth(WORLDS["all of them"], np.random.default_rng(1))
+    reading = Wrench(np.array([1.0, 2.0, 3.0]), np.array([0.1, 0.2, 0.3]))
+    R, p = rotation_from_vector(np.array([0.3, -0.2, 0.9])), np.array([0.01, 0.0, 0.14])
+    table = Table("compensation of one sample", "microseconds", title="cost, the best of 30 rounds")
+
+    def ours() -> Wrench:
+        return compensate(reading, R_base_sensor=R, p_sensor_tcp_in_sensor=p, payload=payload)
+
+    def crossed() -> Wrench:
+        return with_cross(reading, R, p, payload)
+
+    for name, way in (("compensate", ours), ("with np.cross", crossed)):
+        best = min(timeit.repeat(way, number=500, repeat=30)) / 500
+        table.add_row(name, f"{1e6 * best:.1f}")
+    return table
+
+
+def main() -> None:
+    """Print the tables."""
+    parser = argparse.ArgumentParser(prog="python -m bench.payload", description=__doc__)
+    parser.add_argument("recording", nargs="?", type=Path, help="CSV to leave one pose out of")
+    parser.add_argument("--quick", action="store_true", help="a tenth of the seeds")
+    asked = parser.parse_args()
+    part = 10 if asked.quick else 1
+    screen = Console(width=200)
+    screen.print(cost_table())
+    screen.print(left_out_table(asked.recording))
+    screen.print(comparison_table(20 // (4 if asked.quick else 1)))
+    screen.print(accuracy_table(500 // part))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,151 @@
+"""Payload identification: errors of sensor and cell are found, or left alone, as the data say."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from bench.payload import compared, trial
+from bench.payload_peers import kth, lsm
+from bench.payload_worlds import WORLDS, World, read, recording, truth
+from common.frames import R_from_quaternion
+from common.payload import Drift, residual
+from services.wrench.identification import identify
+from services.wrench.next_pose import next_pose
+from services.wrench.payload_model import (
+    Model,
+    jacobian,
+    moved,
+    residuals,
+    start_state,
+)
+from services.wrench.recording import Samples
+from tests.fakes.weights import QUICK, TRUTH, attitudes, readings, seeds
+
+ALL = Model(tilt=True, mounting=True, gain=True, drift=2)
+
+
+@QUICK
+@given(seed=seeds)
+def test_every_derivative_is_that_of_the_residual(seed):
+    """A small step of any unknown, from any state, changes the residual by minus J times it."""
+    rng = np.random.default_rng(seed)
+    samples = readings(TRUTH, attitudes(rng, 5), rng)
+    samples = replace(samples, time_s=np.sort(rng.uniform(0.0, 100.0, 5)))
+    far = np.concatenate([rng.normal(size=10), rng.normal(0.0, 0.2, ALL.size - 10)])
+    state = moved(start_state(), far, ALL)
+    step = 1e-6 * rng.normal(size=ALL.size)
+    change = residuals(moved(state, step, ALL), samples) - residuals(state, samples)
+    np.testing.assert_allclose(change, -jacobian(state, samples, ALL) @ step, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", [name for name in WORLDS if name != "no error"])
+@pytest.mark.parametrize("poses", [6, 10, 20])
+def test_an_error_that_is_there_leaves_at_most_seven_tenths_of_plain_least_squares(name, poses):
+    """Force and torque on poses outside the fit, in the mean of a few random recordings."""
+    found, _ = compared(WORLDS[name], poses, 3)
+    assert (found["ours"].mean(axis=0) <= 0.7 * found["LSM-short"].mean(axis=0)).all()
+
+
+@pytest.mark.parametrize("poses", [6, 10, 20])
+def test_where_there_is_no_error_none_is_invented(poses):
+    """At most three per cent above plain least squares."""
+    found, _ = compared(World(), poses, 5)
+    assert (found["ours"].mean(axis=0) <= 1.03 * found["LSM-short"].mean(axis=0)).all()
+
+
+def test_ten_poses_are_enough_also_on_a_tilted_base_with_a_turned_sensor():
+    """Over 200 orientations at most 0.02 N and 1 mN·m, in the mean of every recording."""
+    left = np.array([trial(World(1.0, 1.0), seed)[0] for seed in range(4)])
+    assert (left <= [0.02, 0.001]).all()
+
+
+def test_standard_deviations_are_honest_also_of_tilt_and_mounting():
+    """Of 12 recordings' 180 numbers, 88 to 99 per cent are within two standard deviations."""
+    found = [trial(World(1.0, 1.0), seed)[1] for seed in range(12)]
+    z = np.concatenate([np.concatenate(list(numbers.values())) for numbers in found])
+    assert 0.88 < np.mean(np.abs(z) < 2.0) < 0.99
+
+
+@settings(QUICK, max_examples=4)
+@given(seed=seeds)
+def test_the_published_methods_agree_where_they_must(seed):
+    """One stacked system and two separate ones share no unknown: they are the same fit."""
+    rng = np.random.default_rng(seed)
+    train, _ = recording(truth(WORLDS["all of them"], rng), 8, 0, rng)
+    a, b = lsm(train), kth(train)
+    assert a.mass_kg == pytest.approx(b.mass_kg)
+    np.testing.assert_allclose(a.com_m, b.com_m, atol=1e-9)
+    np.testing.assert_allclose(a.bias_force_N, b.bias_force_N, atol=1e-9)
+
+
+def test_a_bent_drift_is_followed():
+    """A bias that warms up: it is told from a straight one, and earlier readings are explained."""
+    rng = np.random.default_rng(5)
+    bent = Drift(0.0, 600.0, (3.0, -2.0, 1.0), (0.1, 0.05, -0.1), (1.0, -0.6, 0.5))
+    train, others = recording(replace(truth(World(), rng), drift=bent), 12, 40, rng)
+    found = identify(train)
+    assert found.chosen.model.name == "curved drift"
+    force, _ = residual(
+        found.payload,
+        others.R_base_sensor,
+        force_N=others.force_N,
+        torque_Nm=others.torque_Nm,
+        time_s=others.time_s,
+    )
+    assert np.linalg.norm(force, axis=1).mean() < 0.05
+
+
+def test_the_bias_is_that_at_the_end_of_the_recording():
+    """What the next hour needs is the newest bias, not the mean one."""
+    rng = np.random.default_rng(8)
+    real = truth(WORLDS["drift 1 N, 50 mNm"], rng)
+    R, time_s = attitudes(rng, 12), np.linspace(0.0, 600.0, 12)
+    found = identify(read(real, R, time_s, rng))
+    np.testing.assert_allclose(found.payload.bias_force_N, real.bias_force_N, atol=0.03)
+    np.testing.assert_allclose(found.payload.drift.force_N, real.drift.force_N, atol=0.05)
+
+
+def test_without_times_no_drift_is_tried():
+    """Readings that carry no time, or all the same one, cannot show it."""
+    samples = readings(TRUTH, attitudes(np.random.default_rng(2), 8))
+    for time_s in (None, np.full(8, 3.0)):
+        models = [c.model for c in identify(replace(samples, time_s=time_s)).candidates]
+        assert not any(model.drift for model in models)
+
+
+def test_a_gain_common_to_all_axes_is_called_untold():
+    """The weight of the tool cannot tell a sensor that reads 3 % more from a heavier tool."""
+    rng = np.random.default_rng(3)
+    found = identify(read(truth(WORLDS["gain 3 %"], rng), attitudes(rng, 12), np.arange(12.0), rng))
+    assert found.chosen.model.gain
+    assert found.std.mass_kg > 0.01 * TRUTH.mass_kg
+    assert any(line.startswith("torque_gain") for line in found.untold)
+    gain = next(p for p in found.parameters if p.name == "force_gain.x")
+    bias = next(p for p in found.parameters if p.name == "bias_force_N.x")
+    assert gain.amplified > 3.0 * bias.amplified >= 3.0
+
+
+@settings(QUICK, max_examples=4)
+@given(seed=seeds, poses=st.integers(5, 10))
+def test_the_advised_pose_makes_the_named_number_as_sure_as_promised(seed, poses):
+    """With the advised attitude in the same fit, the deviation falls to what was announced."""
+    rng = np.random.default_rng(seed)
+    train, _ = recording(truth(World(), rng), poses, 0, rng)
+    solution = identify(train).chosen.solution
+    advice = next_pose(solution)
+    R = R_from_quaternion(advice.quaternion)[None]
+    more = Samples(
+        np.concatenate([train.R_base_sensor, R]),
+        np.concatenate([train.force_N, np.zeros((1, 3))]),
+        np.concatenate([train.torque_Nm, np.zeros((1, 3))]),
+    )
+    noise = np.array([solution.noise.force_N, solution.noise.torque_Nm])
+    J = jacobian(solution.state, more, solution.model) / noise[:, None, None, None]
+    J = J.reshape(-1, solution.model.size)
+    std = np.sqrt(np.diag(np.linalg.inv(J.T @ J)))
+    assert solution.model == Model()
+    assert np.min(np.abs(std - advice.std_after)) < 1e-6 * advice.std_after
+    assert advice.std_after < advice.std_before

@@ -1,0 +1,114 @@
+"""Payload identification: rows that no fit may use are left out, each with its reason."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from common.frames import rotation_from_vector
+from services.wrench.identification import identify
+from services.wrench.recording import Samples
+from services.wrench.screening import CONTACT, MOVING, STALE, screen
+from tests.fakes.weights import QUICK, TRUTH, attitudes, readings, seeds
+
+ROWS = 20
+
+
+def dwells(rng, poses=8, rows=ROWS):
+    """Return a recording at 50 Hz: so many poses, each of so many rows, jumping in between."""
+    R = np.repeat(attitudes(rng, poses), rows, axis=0)
+    return replace(readings(TRUTH, R, rng), time_s=np.arange(len(R)) / 50.0)
+
+
+@QUICK
+@given(seed=seeds, poses=st.integers(6, 12), rows=st.integers(1, 30))
+def test_a_clean_recording_loses_no_row(seed, poses, rows):
+    """Noise alone is never a reason, whatever the number of rows in a dwell."""
+    screened, rejected = screen(dwells(np.random.default_rng(seed), poses, rows))
+    assert rejected == ()
+    assert len(screened) <= poses
+
+
+@QUICK
+@given(seed=seeds, hit=st.integers(0, 7), push_N=st.floats(2.0, 50.0))
+def test_a_pose_in_contact_is_left_out(seed, hit, push_N):
+    """All rows of one dwell are pushed: the others say so."""
+    rng = np.random.default_rng(seed)
+    samples = dwells(rng)
+    rows = np.arange(hit * ROWS, (hit + 1) * ROWS)
+    force = samples.force_N.copy()
+    force[rows] += push_N * np.array([0.6, 0.0, 0.8])
+    screened, rejected = screen(replace(samples, force_N=force))
+    assert [(r.reason, set(r.rows)) for r in rejected] == [(CONTACT, set(rows.tolist()))]
+    assert len(screened) == 7
+
+
+def test_a_touch_within_a_dwell_is_left_out_and_the_dwell_stays():
+    """Five pushed rows of twenty go, fifteen remain."""
+    samples = dwells(np.random.default_rng(1))
+    torque = samples.torque_Nm.copy()
+    torque[45:50] += 0.5
+    screened, rejected = screen(replace(samples, torque_Nm=torque))
+    assert [(r.reason, r.rows) for r in rejected] == [(CONTACT, tuple(range(45, 50)))]
+    assert len(screened) == 8
+
+
+def test_a_pose_that_lags_behind_the_reading_is_stale():
+    """The reading is already that of the next pose while the old pose is still written down."""
+    samples = dwells(np.random.default_rng(2))
+    R = samples.R_base_sensor.copy()
+    R[60:66] = R[59]
+    screened, rejected = screen(replace(samples, R_base_sensor=R))
+    assert [(r.reason, r.rows) for r in rejected] == [(STALE, tuple(range(60, 66)))]
+    assert identify(replace(samples, R_base_sensor=R)).payload.mass_kg == pytest.approx(
+        1.5, abs=0.01
+    )
+    assert len(screened) == 8
+
+
+def swept(rng, poses=8):
+    """Return dwells of 40 rows with 20 rows of steady turning between them, at 50 Hz."""
+    R, moving = [], []
+    turn = np.eye(3)
+    for _ in range(poses):
+        R += [turn] * 40
+        moving += [False] * 40
+        axis = rng.normal(size=3)
+        step = rotation_from_vector(np.radians(4.0) * axis / np.linalg.norm(axis))
+        for _ in range(20):
+            turn = turn @ step
+            R.append(turn)
+            moving.append(True)
+    samples = readings(TRUTH, np.array(R), rng)
+    return replace(samples, time_s=np.arange(len(R)) / 50.0), np.array(moving)
+
+
+@QUICK
+@given(seed=seeds)
+def test_rows_of_a_turning_arm_are_left_out(seed):
+    """Between the dwells the reading holds inertia: only rows at rest remain."""
+    samples, moving = swept(np.random.default_rng(seed))
+    _, rejected = screen(samples)
+    assert rejected[0].reason == MOVING
+    assert set(np.flatnonzero(moving)) - {len(samples) - 1} <= set(rejected[0].rows)
+    assert len(rejected[0].rows) < len(samples) / 2
+
+
+def test_a_recording_that_never_rests_is_used_as_it_is():
+    """Slow turning does less harm than no fit at all."""
+    samples, moving = swept(np.random.default_rng(3))
+    rows = np.flatnonzero(moving)
+    sweep = replace(samples[rows], time_s=np.arange(len(rows)) / 50.0)
+    _, rejected = screen(sweep)
+    assert MOVING not in [r.reason for r in rejected]
+
+
+def test_line_numbers_point_into_the_recording():
+    """After rows were left out, a pose still knows the row at which it begins."""
+    samples = dwells(np.random.default_rng(4))
+    force = samples.force_N.copy()
+    force[20:40] += 20.0
+    screened, _ = screen(Samples(samples.R_base_sensor, force, samples.torque_Nm, samples.time_s))
+    assert screened.first_row.tolist() == [0, 40, 60, 80, 100, 120, 140]

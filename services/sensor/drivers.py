@@ -3,6 +3,7 @@
 from collections.abc import Callable
 
 from common.cell import SensorSection
+from services.sensor.bota import bota_driver
 from services.sensor.driver import Driver
 from services.sensor.rdt_driver import rdt_driver
 from services.sensor.robotiq_driver import robotiq_driver
@@ -10,6 +11,7 @@ from services.sensor.robotiq_driver import robotiq_driver
 DRIVERS: dict[str, Callable[..., Driver]] = {
     "rdt": rdt_driver,  # ATI Net F/T, ATI Axia, OnRobot
     "robotiq": robotiq_driver,  # FT 300, FT 300-S
+    "bota": bota_driver,
 }
 
 

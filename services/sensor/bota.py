@@ -1,0 +1,172 @@
+"""The driver for Bota Systems' sensors, around the maker's own closed package `bota-driver`.
+
+Everything that the sensor needs to know stands in the maker's configuration file, which
+`sensor.device` names. The package keeps the newest reading only: one that was not fetched in time
+shows as a gap between the sensor's own stamps, and is counted.
+"""
+
+from collections import deque
+from collections.abc import Sequence
+from contextlib import suppress
+from typing import Any, Protocol
+
+from common.cell import SensorSection
+from common.clock import NS_PER_S
+from common.errors import ConfigError
+from common.messages import Vec3
+from services.sensor.driver import Complaint, Info, Sample, fault_sample, saturation
+
+WRAP_US = 1 << 32  # of the sensor's stamps
+GAP_PERIODS = 1.5
+BAD_SHARE = 0.1
+WINDOW = 100
+GRUDGE_S = 0.25  # so long a restart is told
+
+
+class Source(Protocol):
+    """What is used of the maker's driver."""
+
+    def read_frame(self) -> Any:
+        """Return the newest reading, at once; it may be the one of before."""
+
+    def get_expected_timestep_us(self) -> int:
+        """Return the time from reading to reading [us]."""
+
+    def deactivate(self) -> bool:
+        """Stop."""
+
+    def shutdown(self) -> bool:
+        """Let the line go."""
+
+
+class BotaDriver:
+    """Takes each new reading once, by the sensor's own stamp."""
+
+    def __init__(self, sensor: SensorSection, source: Source) -> None:
+        """Read from a source that is active."""
+        self._sensor, self._source = sensor, source
+        self._step_us = max(1, int(source.get_expected_timestep_us()))
+        self._counts = dict.fromkeys(("records", "lost", "sensor_restarts"), 0)
+        self._number = 0
+        self._last_us: int | None = None
+        self._window: deque[int] = deque(maxlen=WINDOW)  # lost before each of the last readings
+        self._grudge_until_ns = 0
+        self._fault = ""
+
+    @property
+    def where(self) -> str:
+        """Name of the sensor and its configuration for people."""
+        return f"Bota sensor of {self._sensor.device}"
+
+    def info(self) -> Info:
+        """Return what is known of the sensor."""
+        return Info(
+            "Bota",
+            self._sensor.force_range_N,
+            self._sensor.torque_range_Nm,
+            f"its own calibration, {1e6 / self._step_us:g} Hz",
+        )
+
+    def counters(self) -> dict[str, int]:
+        """Return what came and what was lost."""
+        return dict(self._counts)
+
+    def complaint(self) -> Complaint:
+        """Return why no sample comes."""
+        if self._fault:
+            return Complaint("sensor_silent", f"{self.where}: {self._fault}")
+        if self._last_us is None:
+            return Complaint("sensor_silent", f"{self.where}: nothing comes")
+        return Complaint("sensor_stalled", f"{self.where}: its stamp stays at {self._last_us} us")
+
+    def close(self) -> None:
+        """Stop the sensor and let its line go."""
+        with suppress(RuntimeError):
+            self._source.deactivate()
+            self._source.shutdown()
+
+    def read(self, now_ns: int) -> Sequence[Sample]:
+        """Return the newest reading if it has not been returned before."""
+        try:
+            frame = self._source.read_frame()
+        except RuntimeError as error:
+            self._fault = str(error)
+            return []
+        stamp_us = int(frame.timestamp)
+        if stamp_us == self._last_us:
+            return []
+        self._fault = ""
+        lost = self._lost_before(stamp_us, now_ns)
+        self._last_us = stamp_us
+        self._window.append(lost)
+        self._counts["records"] += 1
+        self._counts["lost"] += lost
+        self._number += 1 + lost
+        return [self._sample(frame, now_ns)]
+
+    def _lost_before(self, stamp_us: int, now_ns: int) -> int:
+        """Return how many readings lie between two stamps; a stamp that went back is a restart."""
+        if self._last_us is None:
+            return 0
+        passed_us = (stamp_us - self._last_us + WRAP_US // 2) % WRAP_US - WRAP_US // 2
+        if passed_us < 0:
+            self._counts["sensor_restarts"] += 1
+            self._grudge_until_ns = now_ns + round(GRUDGE_S * NS_PER_S)
+            return 0
+        if passed_us <= GAP_PERIODS * self._step_us:
+            return 0
+        return round(passed_us / self._step_us) - 1
+
+    def _sample(self, frame: Any, now_ns: int) -> Sample:
+        where = (self._number, now_ns)
+        force_N, torque_Nm = _vec3(frame.force), _vec3(frame.torque)
+        for code, reason in self._faults(frame.status, now_ns):
+            return fault_sample(code, reason, counter=where[0], stamp_ns=where[1])
+        ranges = (self._sensor.force_range_N, self._sensor.torque_range_Nm)
+        reason = saturation(force_N, torque_Nm, *ranges)
+        if frame.status.overrange and not reason:
+            reason = "the sensor reports that it is beyond its range"
+        if reason:
+            return Sample(force_N, torque_Nm, "saturated", reason, "sensor_saturated", *where)
+        return Sample(force_N, torque_Nm, counter=where[0], stamp_ns=where[1])
+
+    def _faults(self, status: Any, now_ns: int) -> list[Complaint]:
+        """Return what makes a reading none."""
+        faults = []
+        if status.invalid:
+            text = f"the sensor reports status 0x{status.val:X}: invalid"
+            faults.append(Complaint("sensor_fault", text))
+        if now_ns < self._grudge_until_ns:
+            faults.append(Complaint("sensor_restarted", "the sensor's stamps began anew"))
+        lost, frames = sum(self._window), len(self._window)
+        if frames >= WINDOW // 2 and lost > BAD_SHARE * (lost + frames):
+            text = f"{lost} of the last {lost + frames} readings were lost"
+            faults.append(Complaint("sensor_lossy", text))
+        return faults
+
+
+def _vec3(numbers: Sequence[float]) -> Vec3:
+    x, y, z = (float(number) for number in numbers)
+    return (x, y, z)
+
+
+def bota_driver(sensor: SensorSection, *, stale_after_s: float) -> BotaDriver:  # noqa: ARG001 - stamps of its own tell
+    """Return the driver of a cell file, with the sensor active.
+
+    Raises:
+        ConfigError: The package is not installed, or the sensor did not start; says why.
+    """
+    try:
+        import bota_driver as maker  # noqa: PLC0415 - an extra: only who has this sensor needs it
+    except ImportError as error:
+        mistake = "sensor.driver: bota needs the maker's package: pip install bota-driver"
+        raise ConfigError("the sensor's driver", [mistake]) from error
+    try:
+        source = maker.BotaDriver(sensor.device)
+        started = source.configure() and source.activate()
+    except (RuntimeError, ValueError) as error:
+        raise ConfigError("the sensor's driver", [f"sensor.device: {error}"]) from error
+    if not started:
+        mistake = f"sensor.device: the sensor of {sensor.device} did not start, see the lines above"
+        raise ConfigError("the sensor's driver", [mistake])
+    return BotaDriver(sensor, source)

@@ -1,0 +1,180 @@
+"""The Bota adapter: on a source of the test's own, and on the maker's dummy sensor."""
+
+import builtins
+import json
+import time
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from common.cell import SensorSection
+from common.config import load_cell
+from common.errors import ConfigError
+from services.sensor.bota import WRAP_US, BotaDriver, bota_driver
+from services.sensor.driver import Sample
+from tests.fakes.rdt_sensor import REAL_CELL
+
+STEP_US = 1000
+DUMMY = {
+    "driver_config": {
+        "product_name": "BFT-DUMMY-DUMMY-DUMMY",
+        "serial_number": "BFT00001",
+        "communication_interface_name": "Bota_Dummy",
+        "communication_interface_params": {},
+        "sensor_operation_params": {"app_mode": 0, "app_submode": 0, "sinc_length": 512},
+        "driver_operation_params": {"register_with_daemon": False},
+    }
+}
+
+
+class Source:
+    """The maker's driver, as the test wants it."""
+
+    def __init__(self) -> None:
+        self.fault = ""
+        self.frame = self.at(0)
+
+    def at(self, stamp_us: int, *, force_N: float = 1.0, **status: int) -> SimpleNamespace:
+        """Return a reading."""
+        flags = {"invalid": 0, "overrange": 0, "throttled": 0, "raw": 0, "val": 0} | status
+        return SimpleNamespace(
+            timestamp=stamp_us % WRAP_US,
+            force=[force_N, 2.0, 3.0],
+            torque=[0.1, 0.2, 0.3],
+            status=SimpleNamespace(**flags),
+        )
+
+    def read_frame(self) -> SimpleNamespace:
+        """Return the newest reading, or fail."""
+        if self.fault:
+            raise RuntimeError(self.fault)
+        return self.frame
+
+    def get_expected_timestep_us(self) -> int:
+        """A thousand readings a second."""
+        return STEP_US
+
+    def deactivate(self) -> bool:
+        """Stop."""
+        return True
+
+    shutdown = deactivate
+
+
+def section(device: str = "a file") -> SensorSection:
+    """Return the section of a cell file for this sensor."""
+    return load_cell(REAL_CELL, {"sensor.driver": "bota", "sensor.device": device}).sensor
+
+
+class Bench:
+    """A driver, its source and a clock."""
+
+    def __init__(self) -> None:
+        self.source = Source()
+        self.driver = BotaDriver(section(), self.source)
+        self.now_ns = 0
+
+    def read(self, stamp_us: int, **how: Any) -> list[Sample]:
+        """Let a reading come."""
+        self.now_ns += STEP_US * 1000
+        self.source.frame = self.source.at(stamp_us, **how)
+        return list(self.driver.read(self.now_ns))
+
+
+@given(st.integers(0, WRAP_US - 1), st.lists(st.integers(1, 50), min_size=1, max_size=40))
+def test_every_reading_is_a_sample_or_counted_as_lost(start_us: int, steps: list[int]) -> None:
+    """Also where the stamps wrap: the last counter is the number of periods that passed."""
+    bench, stamp_us = Bench(), start_us
+    samples = bench.read(stamp_us)
+    for step in steps:
+        stamp_us += step * STEP_US
+        samples += bench.read(stamp_us)
+        assert bench.read(stamp_us) == []
+    counters = bench.driver.counters()
+    assert samples[-1].counter == 1 + sum(steps)
+    assert (counters["records"], counters["lost"]) == (len(steps) + 1, sum(steps) - len(steps))
+    assert counters["sensor_restarts"] == 0
+
+
+@pytest.mark.parametrize(
+    ("how", "status", "code"),
+    [
+        ({}, "ok", ""),
+        ({"invalid": 1}, "fault", "sensor_fault"),
+        ({"overrange": 1}, "saturated", "sensor_saturated"),
+        ({"force_N": 190.0}, "saturated", "sensor_saturated"),
+    ],
+)
+def test_what_the_sensor_says_of_a_reading_is_told(how: dict, status: str, code: str) -> None:
+    """Its own bits, and 95 % of the range of the cell file."""
+    (sample,) = Bench().read(STEP_US, **how)
+    assert (sample.status, sample.code) == (status, code)
+
+
+def test_stamps_that_go_back_are_a_restart() -> None:
+    """Told for a while, then the sensor is believed again."""
+    bench = Bench()
+    bench.read(10_000_000)
+    codes = [bench.read(100 + place * STEP_US)[0].code for place in range(300)]
+    assert codes[:249] == ["sensor_restarted"] * 249
+    assert codes[-1] == ""
+
+
+def test_many_lost_readings_are_a_fault() -> None:
+    """Every second one, while the package keeps only the newest."""
+    bench = Bench()
+    codes = [bench.read(2 * place * STEP_US)[0].code for place in range(1, 80)]
+    assert (codes[0], codes[-1]) == ("", "sensor_lossy")
+
+
+def test_silence_is_told_from_a_line_that_broke() -> None:
+    """A stamp that stays is a stalled sensor; an error of the package is passed on."""
+    bench = Bench()
+    assert bench.driver.complaint().code == "sensor_silent"
+    bench.read(STEP_US)
+    bench.read(STEP_US)
+    assert bench.driver.complaint().code == "sensor_stalled"
+    bench.source.fault = "no carrier"
+    assert bench.read(STEP_US) == []
+    assert bench.driver.complaint() == ("sensor_silent", "Bota sensor of a file: no carrier")
+
+
+def test_a_missing_package_is_told_in_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With the word that installs it."""
+    real = builtins.__import__
+
+    def without(name: str, *rest: Any) -> Any:
+        if name == "bota_driver":
+            raise ImportError(name)
+        return real(name, *rest)
+
+    monkeypatch.setattr(builtins, "__import__", without)
+    with pytest.raises(ConfigError, match="pip install bota-driver"):
+        bota_driver(section(), stale_after_s=0.02)
+
+
+@pytest.mark.realtime
+def test_the_makers_dummy_sensor_is_read(tmp_path: Path) -> None:
+    """Through the real package: readings come, each once, with stamps that go on."""
+    path = tmp_path / "dummy.json"
+    path.write_text(json.dumps(DUMMY), encoding="utf-8")
+    driver = bota_driver(section(str(path)), stale_after_s=1.0)
+    samples: list[Sample] = []
+    give_up_s = time.monotonic() + 20.0
+    while len(samples) < 4 and time.monotonic() < give_up_s:
+        samples += driver.read(time.monotonic_ns())
+    driver.close()
+    assert {sample.status for sample in samples} == {"ok"}
+    counters = [sample.counter for sample in samples]
+    assert counters == sorted(set(counters))
+    assert "10 Hz" in driver.info().calibration
+
+
+def test_a_configuration_that_is_not_there_is_told() -> None:
+    """In the maker's words, behind the field of the cell file."""
+    with pytest.raises(ConfigError, match=r"sensor\.device: .*no-such-file"):
+        bota_driver(section("no-such-file.json"), stale_after_s=0.02)

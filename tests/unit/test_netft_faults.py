@@ -10,7 +10,9 @@ from common.faults import FAULTS
 from services.sensor.rdt_driver import GRUDGE_S
 from sim.netft.protocol import About
 from sim.netft.switches import EVENT, Switches
+from tests.fakes.cellmates import Cellmates
 from tests.fakes.netft_rig import STALE_S, TRUTH, NetftRig
+from tests.fakes.wrench_bench import WrenchBench
 
 # fmt: off
 CODES: dict[str, tuple[dict[str, Any], str]] = {
@@ -46,13 +48,26 @@ def test_every_switch_has_its_code() -> None:
 
 
 @pytest.mark.parametrize("name", CODES)
-def test_a_fault_of_the_sensor_is_the_first_thing_told(name: str) -> None:
-    """What comes first stops the arm: it names the cause, and not a consequence of it."""
+def test_a_fault_of_the_sensor_stops_the_arm_with_its_own_code(name: str) -> None:
+    """The first message that is not valid names the cause; wrench and arbiter pass it on."""
     switches, code = CODES[name]
     rig = running()
     rig.switch(**switches)
     assert rig.first_code() == code
-    assert rig.said[-1].reason
+    message = next(said for said in reversed(rig.said) if said.code == code)
+    bench = WrenchBench()
+    bench.settle()
+    bench.sensor = message.model_dump()
+    bench.step(2)
+    wrench = bench.said()
+    assert (wrench.valid, wrench.code) == (False, code)
+    cell = Cellmates().arm()
+    cell.change("wrench", valid=False, code=wrench.code, reason=wrench.reason)
+    cell.step(2)
+    assert cell.codes()[0] == code
+    assert cell.said().permission is None
+    assert cell.told().state == "FAULT"
+    assert message.reason[:40] in cell.told().trips[0].text
 
 
 @pytest.mark.parametrize("name", CODES)

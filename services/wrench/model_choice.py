@@ -44,6 +44,12 @@ class Candidate:
         unseen = max(self.loo_force_N, FORCE_FLOOR_N) * max(self.loo_torque_Nm, TORQUE_FLOOR_NM)
         return unseen if np.isfinite(unseen) else seen
 
+    @property
+    def weighs(self) -> bool:
+        """Whether it finds a mass that is more than its own uncertainty."""
+        deviation = np.sqrt(self.solution.covariance[0, 0])
+        return bool(self.solution.state.linear[0] >= 3.0 * deviation)
+
 
 def choose(poses: Poses) -> tuple[Candidate, ...]:
     """Fit every model that the poses can carry; mark the one to use. The plain one comes first.
@@ -70,7 +76,8 @@ def choose(poses: Poses) -> tuple[Candidate, ...]:
 
 
 def _best(candidates: Sequence[Candidate]) -> Candidate:
-    return max((c for c in candidates if not c.verdict), key=lambda c: c.evidence)
+    possible = [c for c in candidates if not c.verdict]
+    return max(possible, key=lambda c: (c.weighs, c.evidence))
 
 
 def _judged(poses: Poses, model: Model, starts: Sequence[State], plain: Candidate) -> Candidate:
@@ -95,8 +102,10 @@ def _objection(candidate: Candidate, plain: Candidate, poses: int) -> str:
         return "the fit does not settle"
     if not np.isfinite(candidate.loo_force_N):
         return "it hangs on a single pose"
-    if candidate.solution.state.linear[0] < 3.0 * np.sqrt(candidate.solution.covariance[0, 0]):
+    if not candidate.weighs:
         return "it leaves no weight"
+    if not plain.weighs:
+        return ""
     if candidate.evidence <= plain.evidence:
         return "not significant"
     worse = max(

@@ -45,9 +45,10 @@ def screen(samples: Samples) -> tuple[Poses, tuple[Rejected, ...]]:
     rows = np.arange(len(samples))
     rejected = []
     moving = _moving(samples)
-    if moving.any() and carries_a_fit(sort_into_poses(samples[rows[~moving]])):
+    still = rows[~moving]
+    if moving.any() and still.size and carries_a_fit(sort_into_poses(samples[still])):
         rejected.append(Rejected(MOVING, tuple(rows[moving].tolist())))
-        rows = rows[~moving]
+        rows = still
     for reason, wrong in _unusual(samples[rows]).items():
         rejected.append(Rejected(reason, tuple(rows[wrong].tolist())))
     rows = np.setdiff1d(rows, [row for r in rejected for row in r.rows])

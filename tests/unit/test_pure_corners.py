@@ -1,6 +1,7 @@
 """Corners of the pure modules that no other test comes to: nothing known yet, nothing finite."""
 
 from dataclasses import replace
+from math import radians
 
 import numpy as np
 import pinocchio as pin
@@ -15,6 +16,7 @@ from common.memory import MemoryCall, MemoryTransport
 from common.messages import Goal, RobotState, Speed
 from common.motion_limits import JointTrack
 from common.requests import HoldRequest
+from common.stream_budget import SPEED_MARGIN, WINDOW_S, StreamBudget
 from services.arbiter.inputs import limit_trip, robot_complaints
 from services.arbiter.watch import RestWatch
 from services.regulator.guards import GuardSettings, Seen, Watch, watch
@@ -85,6 +87,33 @@ def test_from_an_unknown_place_the_end_of_a_move_counts() -> None:
 def test_without_samples_no_speed_is_known() -> None:
     """Unknown is not zero."""
     assert JointTrack().speed_rad_s is None
+
+
+def turned(turn_rad: float) -> pin.SE3:
+    """Return the start, turned about the base's z axis."""
+    return pin.SE3(pin.utils.rotate("z", turn_rad) @ T_START.rotation, T_START.translation)
+
+
+def test_a_turn_is_limited_as_a_way_is() -> None:
+    """One set point by the step; a stream that speeds up gently, by the speed, in any window."""
+    limits, period_s = CELL.limits, 4e-3
+    budget, speed = StreamBudget(limits), radians(limits.speed_deg_s)
+    assert budget.begin(T_START, 0) is None
+    trip = budget.spend(turned(radians(1.1 * limits.step_deg)), 0)
+    assert trip is not None
+    assert (trip.code, trip.limit) == ("speed", speed)
+
+    turn_rad, speed_rad_s, trip, now_ns = 0.0, 0.0, None, 1_000_000_000
+    assert budget.begin(T_START, now_ns) is None
+    while trip is None and now_ns < 3_000_000_000:
+        now_ns += round(period_s * 1e9)
+        faster = speed_rad_s + 0.5 * radians(limits.accel_deg_s2) * period_s
+        speed_rad_s = min(faster, 1.2 * SPEED_MARGIN * speed)
+        turn_rad += speed_rad_s * period_s
+        trip = budget.spend(turned(turn_rad), now_ns)
+    assert trip is not None
+    assert (trip.code, trip.limit) == ("rate", SPEED_MARGIN * speed * WINDOW_S)
+    assert speed_rad_s > speed
 
 
 # --- the regulator's guards -----------------------------------------------------------------------

@@ -17,7 +17,8 @@ from common.clock import NS_PER_S
 from common.errors import RemoteProtocolError
 from common.packet import PACKET_CHARS, Packet, PacketReader
 from common.packet_table import ID_MAX
-from services.gateway.dialogue import Dialogue, Pacing
+from services.gateway.commands import Pacing
+from services.gateway.dialogue import Dialogue
 from services.gateway.reports import HealthReport, JointReport, PoseReport
 from services.gateway.round_trips import Rate, RoundTrips, Spread, Turns
 from services.gateway.scales import Scales

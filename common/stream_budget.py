@@ -1,8 +1,9 @@
 """How far and how suddenly a stream of set points may go, judged by the robot's own clock. Pure.
 
 Three rules that do not know each other: the way of one set point (time refills it, up to a step),
-the way in any 250 ms, and how much the mean speed changes from one 60 ms to the next. What was
-used up stays used up over streams and leases: a flood of new ones gains nothing.
+the way in any 250 ms, and how much the mean velocity changes from one 60 ms to the next, and the
+way gone in them: to and fro is no rest. What was used up stays used up over streams and leases: a
+flood of new ones gains nothing.
 """
 
 from collections import deque
@@ -112,14 +113,22 @@ class StreamBudget:
         middle, first = self._at(step.at_ns - half_ns), self._at(step.at_ns - 2 * half_ns)
         way_m = (step.T.translation - middle.translation) - (middle.translation - first.translation)
         turn_rad = _turn(middle, step.T) - _turn(first, middle)
+        more_m, more_rad = self._more_than_before(step, half_ns)
         text = "set points change their speed faster than the limit"
         for change, accel, speed in (
-            (float(np.linalg.norm(way_m)), self._accel_m_s2, self._speed_m_s),
-            (float(np.linalg.norm(turn_rad)), self._accel_rad_s2, self._speed_rad_s),
+            (max(float(np.linalg.norm(way_m)), more_m), self._accel_m_s2, self._speed_m_s),
+            (max(float(np.linalg.norm(turn_rad)), more_rad), self._accel_rad_s2, self._speed_rad_s),
         ):
             if change > ACCEL_MARGIN * accel * HALF_S**2 + speed * EARLY_S:
                 return tripped("acceleration", text, value=change / HALF_S**2, limit=accel)
         return None
+
+    def _more_than_before(self, step: Step, half_ns: float) -> tuple[float, float]:
+        """Return by how much way and turning of the last 60 ms exceed those of the 60 before."""
+        ages = [(step.at_ns - one.at_ns, one) for one in (*self._steps, step)]
+        signs = [(1.0 if age < half_ns else -1.0, one) for age, one in ages if age < 2.0 * half_ns]
+        way_m = sum(sign * one.way_m for sign, one in signs)
+        return way_m, sum(sign * one.turn_rad for sign, one in signs)
 
     def _at(self, at_ns: float) -> pin.SE3:
         """Return what was commanded at a time: each set point holds until the next."""

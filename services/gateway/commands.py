@@ -58,6 +58,15 @@ class PoseCarry:
 
 
 @dataclass(frozen=True, slots=True)
+class Pacing:
+    """How much may be under way to the controller, and when a silence is filled."""
+
+    max_untaken: int = 1  # set points that the robot program has not taken yet
+    max_unframed: int = 2  # packets that its receiver has not seen, before another wrench goes
+    heartbeat_after_s: float = 0.040
+
+
+@dataclass(frozen=True, slots=True)
 class ControllerLimits:
     """What the controller itself keeps to (command 10)."""
 

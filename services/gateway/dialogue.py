@@ -9,7 +9,6 @@ loop. Without permission `tick` sends nothing at all: the controller's own watch
 """
 
 from collections import deque
-from dataclasses import dataclass
 
 import pinocchio as pin
 
@@ -18,22 +17,13 @@ from common.messages import Gains, Mode, Speed, Vec3, Vec6
 from common.packet import Packet, PacketReader, encode
 from common.packet_table import FEEDBACK_BITS, ID_MAX, NO_ID, Com, Status, id_reached, next_id
 from services.gateway import commands
-from services.gateway.commands import Command, ControllerLimits, PoseCarry
+from services.gateway.commands import Command, ControllerLimits, Pacing, PoseCarry
 from services.gateway.reports import Event, JointReport, PoseReport, parse_hello, parse_report
 from services.gateway.round_trips import Echoes
 from services.gateway.scales import Scales
 
 _NO_BITS = Status(0)
 S_PER_NS = 1e-9
-
-
-@dataclass(frozen=True, slots=True)
-class Pacing:
-    """How much may be under way to the controller, and when a silence is filled."""
-
-    max_untaken: int = 1  # set points that the robot program has not taken yet
-    max_unframed: int = 2  # packets that its receiver has not seen, before another wrench goes
-    heartbeat_after_s: float = 0.040
 
 
 class Dialogue:
@@ -58,6 +48,7 @@ class Dialogue:
         self.framed_id = NO_ID
         self.echoes = Echoes()
         self._last_sent_ns = 0
+        self._motion_id = self._hold_id = NO_ID  # the last ones; a hold voids the motion before
         self._speed: Speed | None = None
         self._wanted_bits = _NO_BITS  # force feedback that was asked for
         self._was_running = False
@@ -136,12 +127,22 @@ class Dialogue:
         seen = self._hello_id if self.framed_id == NO_ID else self.framed_id
         return (self.last_id - seen) % ID_MAX
 
+    @property
+    def settled(self) -> bool:
+        """The controller has heard the last hold and taken the last motion: reports know both."""
+        return all(
+            id_ == NO_ID or id_reached(seen, id_)
+            for id_, seen in ((self._hold_id, self.framed_id), (self._motion_id, self.taken_id))
+        )
+
     # --- commands ---------------------------------------------------------------------------------
 
     def hold(self, now_ns: int) -> bytes:
         """Brake and hold now; allowed as soon as there is a connection."""
         self._stop_motion()
-        return self._send(now_ns, commands.HOLD)
+        data = self._send(now_ns, commands.HOLD)
+        self._hold_id, self._motion_id = self.last_id, NO_ID
+        return data
 
     def move_to_pose(self, T_base_flange: pin.SE3, speed: Speed, now_ns: int) -> bytes:
         """Command 1 as a goal, with its speeds first when they have changed."""
@@ -241,7 +242,7 @@ class Dialogue:
     def _goal(self, command: Command, speed: Speed, now_ns: int) -> bytes:
         self._refuse_during_feedback(command.com)
         data = self._send(now_ns, *self._speed_first(speed), command)
-        self._speed = speed
+        self._speed, self._motion_id = speed, self.last_id
         self._forget_motion()
         return data
 
@@ -261,6 +262,7 @@ class Dialogue:
     def _send_to_ring(self, now_ns: int, command: Command) -> bytes:
         data = self._send(now_ns, command)
         self._untaken.append(self.last_id)
+        self._motion_id = self.last_id
         return data
 
     def _due_wrench(self, now_ns: int) -> bytes:

@@ -152,15 +152,21 @@ class Driver:
             self._idle(now_ns)
             self._track = goals.refused(goal, "a goal was on its way; it is braked")
             return
+        if self._dialogue.feedback_active or not self._knows_where(goal, measured):
+            self._track = goals.queued(goal)
+            return
         trip = self._guard.goal(goal, speed, measured.T_base_flange, measured.joint_rad)
         if trip is not None:
             self._track = goals.refused(goal, trip.text)
-        elif self._dialogue.feedback_active:
-            self._track = goals.queued(goal)
         else:
             self._send(self._goal_bytes(goal, speed, now_ns), now_ns)
             self._track = goals.sent(goal, self._dialogue.last_id, measured.joint_rad, now_ns)
             self._expect(self._track, measured)
+
+    def _knows_where(self, goal: Goal, measured: Measured) -> bool:
+        """Where a move by angles ends depends on where the arm rests, so it must be known."""
+        at_rest = self._dialogue.settled and not measured.status & Status.MOVING
+        return goal.kind != "by" or at_rest
 
     def _goal_bytes(self, goal: Goal, speed: Speed, now_ns: int) -> bytes:
         if goal.kind == "pose" and goal.pose is not None:

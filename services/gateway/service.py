@@ -14,9 +14,9 @@ from common.messages import LinkHealth, RobotState, RobotStatus
 from common.packet_table import ID_MAX, Status
 from common.permission import NO_COMMAND_YET, CommandGate, Verdict
 from common.tracking import Tracking
-from services.gateway.commands import ControllerLimits
+from services.gateway.commands import ControllerLimits, Pacing
 from services.gateway.connection import Connection, Wire
-from services.gateway.dialogue import Dialogue, Pacing
+from services.gateway.dialogue import Dialogue
 from services.gateway.driver import Driver
 from services.gateway.goals import Measured
 from services.gateway.link import Link, LinkSettings

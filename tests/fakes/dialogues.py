@@ -7,8 +7,8 @@ from common.clock import NS_PER_S
 from common.messages import Gains, Speed
 from common.packet import Packet, PacketReader, encode
 from common.packet_table import Com, Status, pack_status
-from services.gateway.commands import ControllerLimits
-from services.gateway.dialogue import Dialogue, Pacing
+from services.gateway.commands import ControllerLimits, Pacing
+from services.gateway.dialogue import Dialogue
 from services.gateway.scales import Scales
 
 MS = NS_PER_S // 1000

@@ -12,7 +12,8 @@ from common.messages import Speed
 from common.packet import Packet, encode
 from common.packet_table import ID_MAX, Com
 from services.gateway import commands
-from services.gateway.dialogue import Dialogue, Pacing
+from services.gateway.commands import Pacing
+from services.gateway.dialogue import Dialogue
 from services.gateway.reports import HealthReport, HelloReceived, JointReport, PoseReport
 from tests.fakes.dialogues import (
     JOINTS,
@@ -234,3 +235,18 @@ def test_a_new_connection_knows_nothing_of_the_old_one() -> None:
     assert not dialogue.ready
     assert not dialogue.feedback_active
     assert isinstance(dialogue.feed(hello, 0)[0], HelloReceived)
+
+
+def test_it_is_settled_when_the_reports_know_of_the_last_hold_and_the_last_motion() -> None:
+    """A hold voids the motion before it, whose echo will never come."""
+    dialogue = greeted()
+    assert dialogue.settled
+    dialogue.move_by_joints(JOINTS, SPEED, 0)
+    assert not dialogue.settled
+    dialogue.feed(pose_report(dialogue.last_id), 1 * MS)
+    assert dialogue.settled
+    dialogue.move_by_joints(JOINTS, SPEED, 2 * MS)
+    dialogue.hold(3 * MS)
+    assert not dialogue.settled
+    dialogue.feed(joint_report(dialogue.last_id), 4 * MS)
+    assert dialogue.settled

@@ -38,6 +38,14 @@ def guard_at(T: pin.SE3 = DOWN, now_ns: int = 0) -> Guard:
 # --- over time ------------------------------------------------------------------------------------
 
 
+def test_to_and_fro_within_60_ms_is_no_rest() -> None:
+    """The mean velocity is nothing, the way is not: it counts as the start that it is."""
+    most_m = ACCEL_MARGIN * LIMITS.accel_m_s2 * HALF_S**2 + LIMITS.speed_m_s * EARLY_S
+    guard, away = guard_at(), shifted(DOWN, x_m=0.6 * most_m)
+    assert code(guard.setpoint(away, DOWN, 20 * MS)) == ""
+    assert code(guard.setpoint(DOWN, away, 40 * MS)) == "acceleration"
+
+
 @given(st.integers(0, 2**32), st.floats(0.2, 20.0), st.booleans())
 @settings(max_examples=60, deadline=None)
 def test_whatever_is_asked_for_no_window_gets_more_way_than_the_limit_gives(

@@ -27,7 +27,7 @@ NO_NEW_BRANCH := mistake_is_found or no_way_through or dead_end or every_fault_o
   or judge_sees or no_command_gets_past or wall_that_vanishes or four_times_stiffer
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test coverage check format readme bench bench-tcp chaos chaos-full chaos-network chaos-flood chaos-clocks soak soak-sensor fuzz fuzz-codec fuzz-commands lock clean
+.PHONY: help setup demo test coverage check format readme bench bench-tcp bench-payload chaos chaos-full chaos-network chaos-flood chaos-clocks soak soak-sensor fuzz fuzz-codec fuzz-commands lock clean
 
 help: ## list these targets
 	@grep -hE '^[a-z-]+:.*##' Makefile | sed -E 's/:[^#]*## */\t/' | expand -t 10
@@ -70,6 +70,9 @@ bench: setup ## measure what the README states
 
 bench-tcp: setup ## play the demo over TCP in every combination: ARGS=--write makes docs/over-tcp.md
 	@$(BIN)/python -m bench.over_tcp $(ARGS)
+
+bench-payload: setup ## payload identification beside the published ones: ARGS="recording.csv" adds it, ARGS=--quick
+	@$(BIN)/python -m bench.payload $(ARGS)
 
 chaos: setup ## kill, freeze and restart every process of a moving cell, see that it holds: ARGS="--seed 7"
 	@$(BIN)/python -m chaos $(ARGS)

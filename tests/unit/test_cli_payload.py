@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,13 +11,15 @@ from typer.testing import CliRunner
 
 from cli.payload import app
 from common.frames import quaternion_from_R, rotation_from_vector
-from common.payload import Payload, load, predict
+from common.payload import Drift, Payload, load, predict
 from services.wrench.recording import COLUMNS
 
 TRUTH = Payload(1.5, (0.02, -0.012, 0.085), (1.0, -2.0, 3.0), (0.1, 0.2, -0.3))
 
 
-def write_recording(path, *, axes="sensor", poses=10, seed=0, payload=TRUTH, spread=3.0):
+def write_recording(
+    path, *, axes="sensor", poses=10, seed=0, payload=TRUTH, spread=3.0, start_s=0.0
+):
     """Write a noisy recording of random attitudes and return its path."""
     rng = np.random.default_rng(seed)
     lines = [",".join(COLUMNS)]
@@ -25,8 +28,12 @@ def write_recording(path, *, axes="sensor", poses=10, seed=0, payload=TRUTH, spr
         force, torque = predict(payload, R)
         force = force + 0.01 * rng.normal(size=3)
         torque = torque + 0.0005 * rng.normal(size=3)
+        time_s = start_s + 10.0 * i
+        if payload.drift is not None:
+            change = payload.drift.since_end(np.array([time_s]))
+            force, torque = force + change[0][0], torque + change[1][0]
         turn = R if axes == "base" else np.eye(3)
-        row = [10.0 * i, 0.5, 0.0, 0.6, *quaternion_from_R(R), *(turn @ force), *(turn @ torque)]
+        row = [time_s, 0.5, 0.0, 0.6, *quaternion_from_R(R), *(turn @ force), *(turn @ torque)]
         lines.append(",".join(repr(float(v)) for v in row))
     path.write_text("\n".join(lines) + "\n")
     return path
@@ -89,6 +96,44 @@ def test_a_fitted_payload_explains_another_recording(tmp_path):
     assert report["wrench_axes"] == "base"
     assert 0.0 < report["residual_force_N_mean"] <= report["residual_force_N_max"] < 0.1
     assert 0.0 < report["residual_torque_Nm_mean"] <= report["residual_torque_Nm_max"] < 0.01
+
+
+def test_check_follows_the_drift_through_the_time_of_each_row(tmp_path):
+    """Rows of the fit's hours are explained with the drift; a week later its end counts."""
+    drift = Drift(0.0, 90.0, (3.0, -2.0, 1.0), (0.1, -0.05, 0.05))
+    drifting, out = replace(TRUTH, drift=drift), tmp_path / "payload.yaml"
+    fit = run("fit", write_recording(tmp_path / "a.csv", payload=drifting), "--out", out, "--json")
+    assert json.loads(fit.stdout)["model"] == "drift"
+    same = write_recording(tmp_path / "b.csv", payload=drifting, seed=1, start_s=5.0)
+    later = write_recording(tmp_path / "c.csv", seed=2, start_s=1e6)
+    for path, used in ((same, "used"), (later, "of another time, not used")):
+        report = json.loads(run("check", path, "--payload", out, "--json").stdout)
+        assert report["drift"] == used
+        assert report["residual_force_N_mean"] < 0.06
+    assert "without it" in run("check", same, "--payload", out).stdout
+
+
+def test_fit_lists_every_number_what_was_left_out_and_what_to_record_next(tmp_path):
+    """The report for programs: each number with its deviation; each lost row with why."""
+    path = write_recording(tmp_path / "a.csv", poses=12)
+    lines = path.read_text().splitlines()
+    cells = lines[4].split(",")
+    cells[8] = str(float(cells[8]) + 20.0)
+    lines[4] = ",".join(cells)
+    path.write_text("\n".join(lines))
+    result = run("fit", path, "--json", "--wrench-axes", "sensor")
+    report = json.loads(result.stdout)
+    assert [r["lines"] for r in report["rejected"]] == [[5]]
+    assert "in contact" in report["rejected"][0]["reason"]
+    assert report["poses"] == 11
+    names = [p["name"] for p in report["parameters"]]
+    assert names[0] == "mass_kg"
+    assert len(names) == 10
+    assert all(p["std"] > 0.0 and p["amplified"] >= 0.999 for p in report["parameters"])
+    assert len(report["next_pose"]["quaternion"]) == 4
+    shown = run("fit", path, "--wrench-axes", "sensor").stdout
+    assert "left out 1 rows: in contact" in shown
+    assert "record next: gravity along" in shown
 
 
 def test_check_shows_that_the_payload_has_changed(tmp_path):

@@ -1,12 +1,16 @@
 """Payload identification: what is refused, which axes are believed, and the payload file."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+import yaml
 from hypothesis import given, settings
 
+from common.cell import PayloadSection
 from common.errors import DataError
 from common.frames import rotation_from_vector
-from common.payload import Payload, load, save
+from common.payload import Drift, Payload, load, save
 from services.wrench.identification import axes_of, identify, identify_recording
 from services.wrench.recording import Samples
 from tests.fakes.weights import (
@@ -105,6 +109,15 @@ def test_a_payload_file_round_trips(tmp_path):
     assert load(tmp_path / "payload.yaml") == payload
 
 
+def test_a_payload_file_with_gain_and_drift_round_trips(tmp_path):
+    """The two corrections that a recording may add, and the clock of the drift."""
+    drift = Drift(10.0, 70.0, (1.0, 0.0, -2.0), (0.1, 0.0, 0.0), (0.2, 0.0, 0.0))
+    payload = replace(TRUTH, force_gain=(1.03, 0.98, 1.0), torque_gain=(1.0, 1.1, 0.9), drift=drift)
+    save(payload, tmp_path / "payload.yaml")
+    assert load(tmp_path / "payload.yaml") == payload
+    assert PayloadSection(**yaml.safe_load((tmp_path / "payload.yaml").read_text())).drift
+
+
 GOOD = """mass_kg: 1e-1
 com_m: [0, 0, 0.1]
 bias_force_N: [0, 0, 0]
@@ -124,6 +137,14 @@ bias_torque_Nm: [0, 0, 0]
         (GOOD.replace("[0, 0, 0.1]", "[0, 0, .inf]"), "key com_m must hold finite numbers"),
         (GOOD.replace("com_m", "com_mm"), r"unknown key com_mm; did you mean com_m\?"),
         (GOOD + "gravity_direction_in_base: [0, 0, -9.8]\n", "must have length 1"),
+        (GOOD + "force_gain: [1, 1, 3]\n", "force_gain must be from 0.5 to 1.5"),
+        (GOOD + "drift: 3\n", "key drift must be a mapping"),
+        (GOOD + "drift: {start_s: 0}\n", "key drift: end_s is missing"),
+        (GOOD + "drift: {start: 0}\n", r"unknown key drift: start; did you mean start_s\?"),
+        (
+            GOOD + "drift: {start_s: 9, end_s: 9, force_N: [0, 0, 0], torque_Nm: [0, 0, 0]}\n",
+            "end_s must be after start_s",
+        ),
         ("- 1\n", "must hold the keys of a payload"),
         ("mass_kg: [1\n", r"line 2: is not valid YAML"),
     ],

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from common.frames import GRAVITY_M_S2, rotation_from_vector
-from common.payload import Payload
+from common.payload import Payload, predict
 from services.wrench.compensation import Mounting, Wrench, compensate
 from services.wrench.smoothing import Filter, feed
 from services.wrench.tare import WEIGHT_SHARE, TareLimits, tare
@@ -95,6 +95,27 @@ def test_what_the_environment_does_is_what_is_left(payload, turn, p, force_N, to
     R = rotation_from_vector(turn)
     reading = reading_of(payload, R, p, force_N, torque_Nm)
     found = compensate(reading, R_base_sensor=R, p_sensor_tcp_in_sensor=p, payload=payload)
+
+    assert found.force_N == pytest.approx(force_N, abs=1e-8)
+    assert found.torque_Nm == pytest.approx(torque_Nm, abs=1e-8)
+
+
+gains = st.tuples(*[st.floats(0.9, 1.1)] * 3)
+
+
+@given(payloads, turns, levers, vectors, vectors, gains, gains)
+def test_an_axis_that_reads_too_much_is_divided_back(
+    payload, turn, p, force_N, torque_Nm, force_gain, torque_gain
+) -> None:
+    """Each axis of load, without bias, is multiplied by its gain: the wrench is the same."""
+    R = rotation_from_vector(turn)
+    true = reading_of(payload, R, p, force_N, torque_Nm)
+    b_F, b_M = np.array(payload.bias_force_N), np.array(payload.bias_torque_Nm)
+    reading = Wrench(
+        (true.force_N - b_F) * force_gain + b_F, (true.torque_Nm - b_M) * torque_gain + b_M
+    )
+    known = replace(payload, force_gain=force_gain, torque_gain=torque_gain)
+    found = compensate(reading, R_base_sensor=R, p_sensor_tcp_in_sensor=p, payload=known)
 
     assert found.force_N == pytest.approx(force_N, abs=1e-8)
     assert found.torque_Nm == pytest.approx(torque_Nm, abs=1e-8)
@@ -244,6 +265,15 @@ def test_tare_makes_the_present_reading_zero_here_and_everywhere(turn, drift, ot
     assert tared == replace(
         OFF_CENTRE, bias_force_N=tared.bias_force_N, bias_torque_Nm=tared.bias_torque_Nm
     )
+
+
+def test_tare_knows_the_gain() -> None:
+    """The shift of a bias is in what the sensor reads, not in newtons of load."""
+    payload = replace(OFF_CENTRE, force_gain=(1.1, 0.9, 1.0))
+    reading = np.concatenate([v + 0.5 for v in predict(payload, np.eye(3))])
+    tared, reply = tare(payload, [reading], np.eye(3), LIMITS)
+    assert reply.accepted
+    assert tared.bias_force_N == pytest.approx(np.array(payload.bias_force_N) + 0.5)
 
 
 @given(turns, vectors, st.floats(0.0, 3.0))

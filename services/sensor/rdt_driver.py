@@ -22,7 +22,7 @@ from services.sensor.rdt import (
     sample_of,
     signed,
 )
-from services.sensor.rdt_quality import Quality, meaning_of_break
+from services.sensor.rdt_quality import Quality, continues, meaning_of_break
 from services.sensor.rdt_status import MONITOR_CONDITION
 
 # So long every sample is called bad after the sensor was restarted or stolen: whoever keeps only
@@ -109,7 +109,6 @@ class RdtDriver:
         age_ns = now_ns - heard.since_ns
         samples = [self._take(datagram, now_ns, age_ns) for datagram in heard.datagrams]
         if heard.asked:
-            self._stream = begin_anew(self._stream)
             self._asked = (now_ns, heard.unanswered)
             never = self._stream.number == 0
             self._silence = NOTHING_COMES if never or heard.unanswered > 1 else NO_MORE
@@ -124,6 +123,8 @@ class RdtDriver:
             text = f"{len(datagram)} bytes came, which are no RDT record of 36"
             self._silence = Complaint("sensor_stranger", text)
             return None
+        if self._asked is not None and not self._goes_on_with(record):
+            self._stream = begin_anew(self._stream)
         restarts = self._stream.tally.restarts
         self._stream, kind = follow(self._stream, record, now_ns)
         self._look_for_a_break(record, now_ns, is_new=self._stream.tally.restarts > restarts)
@@ -163,6 +164,8 @@ class RdtDriver:
     def _look_for_a_break(self, record: Record, now_ns: int, *, is_new: bool) -> None:
         """Judge the first record of a new stream; remember the newest one."""
         last, asked = self._last, self._asked
+        if self._goes_on_with(record):
+            asked = None  # the stream came back by itself, whatever became of the request
         if last is not None and (asked is not None or is_new):
             at_once = asked is not None and asked[1] == 1
             at_once = at_once and now_ns - (asked or (0, 0))[0] <= AT_ONCE_S * NS_PER_S
@@ -180,6 +183,10 @@ class RdtDriver:
         self._asked = None
         if self._stream.newest is record:
             self._last, self._last_ns = record, now_ns
+
+    def _goes_on_with(self, record: Record) -> bool:
+        """Tell whether a record is of the stream that was heard last."""
+        return self._last is not None and continues(self._last, record, self._ft_step)
 
     def _bear_a_grudge(self, what: Complaint, now_ns: int) -> None:
         self._grudge, self._grudge_until_ns = what, now_ns + round(GRUDGE_S * NS_PER_S)

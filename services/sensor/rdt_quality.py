@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from services.sensor.driver import FINE, Complaint
-from services.sensor.rdt import Record, Tally, signed
+from services.sensor.rdt import JUMP, Record, Tally, signed
 
 WINDOW = 250  # places of the stream; the last one to two windows are looked at
 BAD_SHARE = 0.1  # of the records: above, the way from the sensor is not one to rely on
@@ -44,6 +44,14 @@ class Quality:
             if count > BAD_SHARE * places:
                 return Complaint(code, f"{count} of the last {places} records {what}")
         return FINE
+
+
+def continues(last: Record, record: Record, ft_step: int) -> bool:
+    """Tell whether a record is of the same stream: its two numbers moved on, or back, together."""
+    places = signed(record.rdt_sequence - last.rdt_sequence)
+    samples = signed(record.ft_sequence - last.ft_sequence)
+    off = abs(samples - places * ft_step)
+    return abs(places) < JUMP and off <= ft_step + abs(places) * ft_step // 2
 
 
 def meaning_of_break(

@@ -116,6 +116,18 @@ def test_a_cable_that_was_out_is_no_theft() -> None:
     assert (rig.counters["thefts"], rig.counters["sensor_restarts"]) == (0, 0)
 
 
+def test_a_network_that_coughs_for_a_moment_is_no_theft() -> None:
+    """Records and request were lost, then the same stream goes on: lost records are counted."""
+    rig = running()
+    hear, rig.sensor.hear = rig.sensor.hear, lambda *_: None  # type: ignore[method-assign]
+    rig.on_the_way = lambda _: []
+    rig.run(0.015)
+    rig.on_the_way, rig.sensor.hear = lambda data: [data], hear  # type: ignore[method-assign]
+    assert all(message.valid for message in rig.run(0.1))
+    assert rig.counters["requests"] > 1
+    assert (rig.counters["thefts"], rig.counters["lost"]) == (0, 15)
+
+
 def test_single_losses_copies_and_swaps_are_counted_and_no_fault() -> None:
     """A network may cough."""
     rig = running()

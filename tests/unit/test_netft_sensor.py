@@ -1,0 +1,99 @@
+"""The simulated Net F/T without sockets: the protocol of the manual, and its switches."""
+
+import struct
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from services.sensor.rdt import parse
+from sim.netft.protocol import About, command_of, record
+from sim.netft.sensor import NetftSensor
+from sim.netft.switches import Switches
+
+WRENCH = (1.0, -2.0, 3.0, 0.1, -0.2, 0.3)
+int32 = st.integers(-(2**31), 2**31 - 1)
+
+
+def ask(sensor: NetftSensor, command: int, count: int = 0, client: str = "me") -> None:
+    """Send a request."""
+    sensor.hear(struct.pack(">HHI", 0x1234, command, count), client)
+
+
+def numbers(sensor: NetftSensor, samples: int) -> list[int]:
+    """Measure; return the places of the records that were sent."""
+    sent = [datagram for _ in range(samples) for datagram in sensor.measure(WRENCH)]
+    return [read.rdt_sequence for data, _ in sent if (read := parse(data)) is not None]
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(0, 2**32 - 1), st.tuples(*[int32] * 6))
+def test_what_the_sensor_writes_our_driver_reads(rdt: int, ft: int, counts: tuple) -> None:
+    """Two authors of one format: bit for bit the same."""
+    read = parse(record(rdt, ft, 0x80010000, counts))
+    assert read is not None
+    assert (read.rdt_sequence, read.ft_sequence, read.status) == (rdt, ft, 0x80010000)
+    assert read.counts == counts
+
+
+@given(st.binary(max_size=20))
+def test_what_is_no_request_changes_nothing(data: bytes) -> None:
+    """The real one is deaf to it, too."""
+    sensor = NetftSensor()
+    sensor.hear(data, "me")
+    known = command_of(data)
+    assert sensor.client is None or (known is not None and known[0] == 2)
+
+
+@given(st.integers(1, 30), st.integers(0, 40))
+def test_a_number_of_records_is_that_number(count: int, samples: int) -> None:
+    """Single records and short streams end by themselves; zero is without end."""
+    sensor = NetftSensor()
+    ask(sensor, 0x0002, count)
+    assert numbers(sensor, samples) == list(range(1, min(count, samples) + 1))
+    ask(sensor, 0x0002)
+    assert numbers(sensor, 50) == list(range(1, 51))
+
+
+def test_only_the_owner_of_the_stream_stops_it() -> None:
+    """The one who asked last owns it; the one before hears no more."""
+    sensor = NetftSensor()
+    ask(sensor, 0x0002, client="first")
+    ask(sensor, 0x0002, client="second")
+    ask(sensor, 0x0000, client="first")
+    assert {client for _, client in sensor.measure(WRENCH)} == {"second"}
+    ask(sensor, 0x0000, client="second")
+    assert sensor.measure(WRENCH) == []
+
+
+@given(st.tuples(*[st.floats(-100.0, 100.0)] * 6))
+def test_a_bias_makes_the_present_reading_zero_until_power_is_lost(bias: tuple) -> None:
+    """For everybody, twice as well as once."""
+    sensor = NetftSensor(About())
+    ask(sensor, 0x0002)
+    for _ in range(2):
+        sensor.measure(bias)
+        ask(sensor, 0x0042)
+    ((data, _),) = sensor.measure(bias)
+    assert parse(data).counts == (0,) * 6  # type: ignore[union-attr]
+    sensor.restart()
+    ask(sensor, 0x0002)
+    ((data, _),) = sensor.measure((1.0,) * 6)
+    assert parse(data).counts == (1_000_000,) * 6  # type: ignore[union-attr]
+
+
+def test_switches_are_read_back_as_they_were_set() -> None:
+    """Every one by its name; those that are not named stay."""
+    switches = Switches().changed({"loss": "0.5", "stall": "On", "status": "0x80000004"})
+    assert (switches.loss, switches.stall, switches.status) == (0.5, True, 0x8000_0004)
+    assert switches.changed({"stall": "off"}) == Switches(loss=0.5, status=0x8000_0004)
+
+
+@pytest.mark.parametrize(
+    ("name", "word"),
+    [("los", "1"), ("loss", "1.1"), ("loss", "nan"), ("stall", "2"), ("status", "-1"),
+     ("status", "0x1ffffffff"), ("loss", "")],
+)  # fmt: skip
+def test_a_wrong_switch_is_refused_by_its_name(name: str, word: str) -> None:
+    """And nothing is set."""
+    with pytest.raises(ValueError, match=name):
+        Switches().changed({"mute": "on", name: word})

@@ -1,5 +1,6 @@
 """Who goes first: a process that works, not one that starts or ends."""
 
+import gc
 import os
 import subprocess
 import sys
@@ -72,7 +73,7 @@ def test_a_service_goes_first_only_while_it_works(monkeypatch: pytest.MonkeyPatc
         order.append("is made")
         return Worker()
 
-    monkeypatch.setattr(service.gc, "freeze", lambda: order.append("freeze"))
+    monkeypatch.setattr(gc, "freeze", lambda: order.append("freeze"))
     for name in ("take", "give_up"):
         monkeypatch.setattr(
             service, f"{name}_realtime_priority", lambda name=name: order.append(name)

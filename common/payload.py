@@ -49,10 +49,11 @@ class Drift:
     def since_end(self, time_s: Array) -> tuple[Array, Array]:
         """Return how far the bias at each time was from that at the end. Shapes (n, 3).
 
-        The straight part goes on beyond the recording, the bend does not.
+        Before and after the recording the straight part goes on for half its length, then the bias
+        stays: a warm-up slows down, and a random walk has no direction. The bend does not go on.
         """
         u = 2.0 * (time_s - self.start_s) / (self.end_s - self.start_s) - 1.0
-        change = ((u - 1.0) / 2.0)[:, None]
+        change = ((np.clip(u, -2.0, 2.0) - 1.0) / 2.0)[:, None]
         bend = (np.clip(u, -1.0, 1.0) ** 2 - 1.0)[:, None]
         return (
             change * np.array(self.force_N) + bend * np.array(self.force_bend_N),

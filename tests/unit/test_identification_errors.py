@@ -108,6 +108,16 @@ def test_the_bias_is_that_at_the_end_of_the_recording():
     np.testing.assert_allclose(found.payload.drift.force_N, real.drift.force_N, atol=0.05)
 
 
+@given(st.floats(0.0, 600.0))
+def test_beyond_its_recording_a_drift_goes_on_for_half_a_length_and_then_stays(ahead_s):
+    """Zero at the end, straight on at first, never more than half as much again."""
+    drift = Drift(0.0, 600.0, (3.0, 0.0, 0.0), (0.0, 0.3, 0.0), (1.0, 0.0, 0.0))
+    force, torque = drift.since_end(np.array([600.0, 600.0 + ahead_s]))
+    assert force[0] == pytest.approx(np.zeros(3))
+    assert force[1, 0] == pytest.approx(3.0 * min(ahead_s / 600.0, 0.5))
+    assert torque[1, 1] == pytest.approx(0.3 * min(ahead_s / 600.0, 0.5))
+
+
 def test_without_times_no_drift_is_tried():
     """Readings that carry no time, or all the same one, cannot show it."""
     samples = readings(TRUTH, attitudes(np.random.default_rng(2), 8))

@@ -11,7 +11,8 @@ from services.sensor.driver import Driver, Sample, fault_sample
 from services.sensor.drivers import driver_of
 from services.sensor.thinning import Thinning, pause, thin
 
-STEP_S = 0.0005  # how long a record may wait in the socket
+LONGEST_STEP_S = 0.001  # how long a record may wait in the socket
+STEPS_PER_SAMPLE = 2  # fewer, and two samples come at once: the first is superseded
 SEVERITY = {"ok": 0, "saturated": 1, "fault": 2}
 LONGEST_REASON = 400
 
@@ -21,7 +22,7 @@ class SensorDriver:
 
     def __init__(self, bus: Bus, cell: Cell, driver: Driver | None = None) -> None:
         """Take the topic of the sensor; `driver` replaces the one that the cell file names."""
-        self.period_s = STEP_S
+        self.period_s = min(LONGEST_STEP_S, 1.0 / (STEPS_PER_SAMPLE * cell.rates.sensor_hz))
         self.trigger = None
         self.fault = "no sample yet"
         stale_after_s = cell.stale_after_s(topics.SENSOR_WRENCH)

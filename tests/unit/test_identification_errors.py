@@ -105,6 +105,8 @@ def test_the_bias_is_that_at_the_end_of_the_recording():
     R, time_s = attitudes(rng, 12), np.linspace(0.0, 600.0, 12)
     found = identify(read(real, R, time_s, rng))
     np.testing.assert_allclose(found.payload.bias_force_N, real.bias_force_N, atol=0.03)
+    assert found.payload.drift is not None
+    assert real.drift is not None
     np.testing.assert_allclose(found.payload.drift.force_N, real.drift.force_N, atol=0.05)
 
 

@@ -77,13 +77,17 @@ class _Task:
 
 @dataclass(frozen=True, slots=True)
 class _Normal:
-    """The normal equations at one state: columns scaled to length 1, eigenvectors V."""
+    """The normal equations at one state; the covariance is half @ half.T."""
 
     squares: tuple[Array, Array]
     slope: Array
-    covariance: Array
+    half: Array
     conditioning: float
     log_det: float
+
+    @property
+    def covariance(self) -> Array:
+        return np.asarray(self.half @ self.half.T)
 
 
 def solve(samples: Samples, weight: Array, model: Model, start: State) -> Solution:
@@ -124,7 +128,7 @@ def solve(samples: Samples, weight: Array, model: Model, start: State) -> Soluti
         amplified=np.sqrt(np.diag(normal.covariance) * information),
         converged=converged,
         evidence=_evidence(state, task, noise, widths, log_det=normal.log_det),
-        left_out=_left_out(state, task, noise, normal.covariance),
+        left_out=_left_out(state, task, noise, normal.half),
     )
 
 
@@ -162,7 +166,7 @@ def _normal(state: State, task: _Task, noise: Array, widths: dict[str, float]) -
     keep = s > s[-1] * RANK_TOLERANCE
     half = V[:, keep] / s[keep] / length[:, None]
     log_det = 2.0 * float(np.log(s[keep]).sum() + np.log(length).sum())
-    return _Normal(squares, slope, half @ half.T, conditioning, log_det)
+    return _Normal(squares, slope, half, conditioning, log_det)
 
 
 def _evidence(
@@ -179,7 +183,7 @@ def _evidence(
     return -0.5 * (fit + prior + log_det)
 
 
-def _left_out(state: State, task: _Task, noise: Array, covariance: Array) -> Array:
+def _left_out(state: State, task: _Task, noise: Array, half: Array) -> Array:
     """Return the residuals of poses under fits without them, by the hat matrix.
 
     Exact for linear models, and close for small turns. Each pose is left out alone; in long
@@ -191,11 +195,13 @@ def _left_out(state: State, task: _Task, noise: Array, covariance: Array) -> Arr
     r = residuals(state, samples) * scale
     left_out = np.full((2, n, 3), np.inf)
     for fold in np.array_split(np.arange(n), min(n, FOLDS_AT_MOST)):
-        rows = A[:, fold].reshape(-1, model.size)
-        kept = np.eye(len(rows)) - rows @ covariance @ rows.T
+        rows = A[:, fold].reshape(-1, model.size) @ half
+        error = r[:, fold].ravel()
+        # (I - B B^T)^-1 = I + B (I - B^T B)^-1 B^T keeps it small for long recordings.
+        kept = np.eye(rows.shape[1]) - rows.T @ rows
         if np.linalg.eigvalsh(kept)[0] > 1e-9:
-            error = np.linalg.solve(kept, r[:, fold].ravel()).reshape(2, -1, 3)
-            left_out[:, fold] = error / scale[:, fold]
+            error = error + rows @ np.linalg.solve(kept, rows.T @ error)
+            left_out[:, fold] = error.reshape(2, -1, 3) / scale[:, fold]
     return left_out
 
 

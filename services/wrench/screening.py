@@ -23,6 +23,7 @@ UNUSUAL = 8.0  # robust standard deviations
 APART_N, APART_NM = 0.5, 0.03  # less is never taken for contact
 SAME = 0.3  # a reading so much nearer to another pose belongs to that one
 POSES_TO_JUDGE = 7
+MOST_TOUCHED = 20  # more are no mishap, and searching on would take long
 OUTLYING = 60.0  # F of three components: once in a million recordings by chance
 
 Rows = npt.NDArray[np.intp]
@@ -106,7 +107,7 @@ def _touched(poses: Poses) -> list[int]:
     """Return the poses that do not fit to the others, by the fall of the squares without them."""
     left = list(range(len(poses)))
     wrong: list[int] = []
-    while len(left) >= POSES_TO_JUDGE and len(wrong) < len(poses) // 4:
+    while len(left) >= POSES_TO_JUDGE and len(wrong) < min(len(poses) // 4, MOST_TOUCHED):
         kept = np.array(left)
         means, weight = poses.means[kept], poses.weight[kept]
         plain = solve(means, weight, Model(), start_state())

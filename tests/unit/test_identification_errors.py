@@ -13,6 +13,7 @@ from bench.payload_worlds import WORLDS, World, read, recording, truth
 from common.frames import R_from_quaternion
 from common.payload import Drift, residual
 from services.wrench.identification import identify
+from services.wrench.least_squares import solve
 from services.wrench.next_pose import next_pose
 from services.wrench.payload_model import (
     Model,
@@ -67,6 +68,24 @@ def test_standard_deviations_are_honest_also_of_tilt_and_mounting():
     found = [trial(World(1.0, 1.0), seed)[1] for seed in range(12)]
     z = np.concatenate([np.concatenate(list(numbers.values())) for numbers in found])
     assert 0.88 < np.mean(np.abs(z) < 2.0) < 0.99
+
+
+@settings(QUICK, max_examples=4)
+@given(seed=seeds)
+def test_a_left_out_pose_is_judged_as_by_a_fit_without_it(seed):
+    """The short way through the hat matrix gives what really leaving the pose out gives."""
+    rng = np.random.default_rng(seed)
+    train, _ = recording(truth(WORLDS["all of them"], rng), 10, 0, rng)
+    left_out = solve(train, np.ones(10), Model(), start_state()).left_out
+    for pose in range(10):
+        without = lsm(train[np.setdiff1d(np.arange(10), [pose])])
+        found = residual(
+            without,
+            train.R_base_sensor[pose],
+            force_N=train.force_N[pose],
+            torque_Nm=train.torque_Nm[pose],
+        )
+        np.testing.assert_allclose(left_out[:, pose], found, atol=1e-5)
 
 
 @settings(QUICK, max_examples=4)

@@ -33,7 +33,7 @@ def kth(samples: Samples) -> Payload:
     H[:, 3:, 1:4] = -skews(g_s)
     H[:, :, 4:] = np.eye(6)
     z = np.hstack([samples.force_N, samples.torque_Nm]).ravel()
-    x = np.linalg.lstsq(H.reshape(-1, 10), z, rcond=None)[0]
+    x = np.asarray(np.linalg.lstsq(H.reshape(-1, 10), z, rcond=None)[0], dtype=np.float64)
     return _payload(x, np.array(DOWN), np.eye(3))
 
 

@@ -14,6 +14,7 @@ from cli.scenario import Plan
 from common.config import load_cell
 from common.errors import ConfigError
 from services.regulator.tuning import tune
+from tests.fakes.long import long
 
 CELLS = Path(__file__).parents[2] / "cells"
 MOST_OVERSHOOT_PCT = 5.0
@@ -34,7 +35,7 @@ def play(host, mode, trial: Trial, settled_for_s=1.0) -> Result:
     [(5e3, 0.0003, False), (1e5, 0.000125, True)],
     ids=["soft and slow", "stiff and pessimistic"],
 )
-@pytest.mark.parametrize("mode", ["position", "orientation", "both"])
+@pytest.mark.parametrize("mode", [long("position"), long("orientation"), "both"])
 @pytest.mark.parametrize("host", ["pc", "controller"])
 def test_the_main_job_settles_over_tcp(host, mode, stiffness_N_m, as_step_s, pessimistic):
     """Whoever runs the law: gateway, packets, AS program, motion of the arm, and back."""
@@ -50,6 +51,7 @@ def test_the_main_job_settles_over_tcp(host, mode, stiffness_N_m, as_step_s, pes
     assert result.overshoot_pct <= MOST_OVERSHOOT_PCT
 
 
+@pytest.mark.long
 def test_the_gateway_tells_how_fast_the_program_goes_round():
     """About 60 times a second at the demo's step time, by its own counter, and 2.4 times slower."""
     fast = play("controller", "position", Trial(), settled_for_s=5.0).robot_numbers
@@ -62,6 +64,7 @@ def test_the_gateway_tells_how_fast_the_program_goes_round():
     assert fast["taken_round_trip_p50_s"] < slow["taken_round_trip_p50_s"]
 
 
+@pytest.mark.long
 def test_two_plays_are_the_same_to_the_last_bit():
     """Gateway, program, arm and the whole cell on one clock."""
     trial = Trial(as_step_s=0.0003)

@@ -25,7 +25,7 @@ def page(report: Report, each: int, when: datetime) -> str:
         "# Any plug",
         "",
         "Made by `python -m chaos --write`; how it is measured: [chaos](../chaos/README.md).",
-        f"{when:%Y-%m-%d}, two shared cores, {each} injections per service and kind:",
+        f"{when:%Y-%m-%d}, two shared cores, at least {each} injections per service and kind:",
         f"{len(outcomes)} trials in real processes, each hit while the flange moved faster than",
         f"2 mm/s. {held} held, {went_on} went on (a freeze of 0.1 s is as long as the deadlines",
         f"of these cells), {broken} broke a bound. {len(report.spoilt)} more did not count and",

@@ -42,7 +42,7 @@ LATE_S = 0.020  # the shortest deadline that a cell file may set
 WITNESSED_S = 0.010  # a machine that stalls an idle process so long stalls a busy one longer
 PUT_S = 0.005
 HEALTH_WINDOW_S = 1.5  # over which a service reports its longest gap, and until that is heard
-LEAST_SHARE = 0.2  # of the rate that was asked for, reached on two cores that the cell shares
+LEAST_SHARE = 0.1  # of the rate that was asked for, reached on two cores that the cell shares
 HEAD = ("what", "loop", "longest gap ms", "overdue", "longest put ms", "witness ms", "")
 CONTROL = ("robot", "sensor", "wrench", "regulator", "arbiter")
 

@@ -123,7 +123,7 @@ def fault(name: str) -> Outcome:
 
 
 def wirings() -> list[Array]:
-    """Return the 48 ways in which three axes can be swapped and turned round."""
+    """Return the 48 ways to swap three axes and turn them round, the right one first."""
     axes = np.eye(3)
     signs = list(product((1.0, -1.0), repeat=3))
     return [np.diag(sign) @ axes[list(order)] for order in permutations(range(3)) for sign in signs]
@@ -148,16 +148,18 @@ def wiring(number: int) -> Outcome:
 
 def table() -> Table:
     """Return when each fault was held, under which code, and how much harder the arm pressed."""
+    ways = wirings()
     with ProcessPoolExecutor() as pool:
         faults = dict(zip(FAULTS, pool.map(fault, FAULTS), strict=True))
-        wired = list(pool.map(wiring, range(len(wirings())), chunksize=4))
+        wired = list(pool.map(wiring, range(len(ways)), chunksize=4))
     rows = Table(title=f"Sensor faults at {PRESSED_N:g} N, virtual clock", title_justify="left")
     for name in ("fault", "held after", "code", "pressed harder by", "way after the touch"):
         rows.add_column(name)
     for name, seen in faults.items():
         rows.add_row(name, f"{seen.held_s * 1e3:.0f} ms", seen.code, f"{seen.more_N:.1f} N", "-")
-    axial = [seen for n, seen in enumerate(wired) if n and wirings()[n][2, 2] != 1.0]
-    sideways = [seen for n, seen in enumerate(wired) if n and wirings()[n][2, 2] == 1.0]
+    wrong = list(zip(ways, wired, strict=True))[1:]
+    axial = [seen for way, seen in wrong if way[2, 2] != 1.0]
+    sideways = [seen for way, seen in wrong if way[2, 2] == 1.0]
     rows.add_row(*wired_row("wirings that do not show the press", axial))
     rows.add_row(*wired_row("wirings that are wrong sideways only", sideways))
     return rows

@@ -5,13 +5,13 @@ The first line of defence is the tare, which such a sensor does not pass; here i
 somehow, and the first touch itself must show that something is wrong.
 """
 
-import itertools
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import pytest
 
+from bench.sensor_faults import wirings as all_wirings
 from cli.virtual import VirtualCell
 from common import topics
 from common.cell import Cell
@@ -32,16 +32,6 @@ MOST_N, MOST_M = 10.0, 0.002
 PRESS_N = 8.0
 LIFT_M = 0.001
 GAP_M = 0.001
-
-
-def permutations() -> list[Array]:
-    """Return the 48 signed permutations of three axes, the right one first."""
-    axes = np.eye(3)
-    return [
-        np.diag(signs) @ axes[list(order)]
-        for order in itertools.permutations(range(3))
-        for signs in itertools.product((1.0, -1.0), repeat=3)
-    ]
 
 
 def cell_with(**changes: Any) -> Cell:
@@ -189,7 +179,7 @@ def test_all_48_wirings_of_the_force_axes(order: int) -> None:
     Sensor mounted at 30 degrees about the tool's axis, as in the cells that ship.
     """
     assert CELL.sensor.T_flange_sensor.oat_deg == (30.0, 0.0, 0.0)
-    wirings = permutations()[8 * order : 8 * order + 8]
+    wirings = all_wirings()[8 * order : 8 * order + 8]
     along = sum(wiring[2, 2] == 1.0 for wiring in wirings)
     assert along in (0, 4)
     assert judge_presses(cell_with(), wirings) == 8 - along
@@ -269,7 +259,7 @@ def test_of_all_wirings_and_units_the_tare_lets_through_what_shows_the_weight(un
     weight_N, moment_Nm = (v - b for v, b in zip(predict(payload, R), biases(), strict=True))
     limits = TareLimits(CELL.force.tare_max_N, CELL.force.tare_max_Nm)
     passed = 0
-    for wiring in permutations():
+    for wiring in all_wirings():
         shown = np.concatenate((unit * wiring @ weight_N, moment_Nm)) + np.concatenate(biases())
         passed += tare(payload, [shown], R, limits)[1].accepted
     assert passed == (8 if unit == 1.0 else 0)

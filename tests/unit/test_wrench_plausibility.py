@@ -13,6 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
+from bench.sensor_faults import Disturb, stuck
 from cli.virtual import VirtualCell
 from common import topics
 from common.codec import Header
@@ -33,7 +34,6 @@ BOUNDS = Bounds.of(CELL)
 REST = np.array([1.0, -2.0, 12.0, 0.1, 0.2, 0.3])
 LARGEST = BOUNDS.step + BOUNDS.step_per_s * SENSOR_S
 FREEZE_AT_MOST_S = 0.1
-Disturb = Callable[[FtSample], FtSample | None]
 
 
 def noise(rng: np.random.Generator) -> np.ndarray:
@@ -232,17 +232,6 @@ def header(seq: int, stamp_ns: int) -> Any:
 
 
 # --- in the cell ----------------------------------------------------------------------------------
-
-
-def stuck() -> Disturb:
-    """Return a sensor that says its next reading for ever."""
-    kept: list[FtSample] = []
-
-    def disturb(sample: FtSample) -> FtSample:
-        kept.append(sample)
-        return kept[0]
-
-    return disturb
 
 
 def bent(**changes: Any) -> Disturb:

@@ -3,18 +3,15 @@
 SI units. Angles of frames are Kawasaki's O, A, T in degrees, as on the teach pendant.
 """
 
-from math import radians
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 from pydantic import Field, model_validator
 
+from common.calibration import CalibrationSection, PayloadSection
 from common.cell_sim import SimSection
-from common.cell_terms import Fraction, Gain, NotNegative, Positive, Section
+from common.cell_terms import Fraction, FrameSection, NotNegative, Positive, Section
 from common.messages import Host, Vec3, Vec6
 from common.topics import Topic
-
-if TYPE_CHECKING:
-    import pinocchio as pin
 
 SHORTEST_DEADLINE_PERIODS = 3.0
 
@@ -51,21 +48,6 @@ class Deadlines(Section):
     health_s: float = Field(1.0, ge=0.3, le=10.0)
 
 
-class FrameSection(Section):
-    """Pose of one frame in another, as on the pendant."""
-
-    position_m: Vec3
-    oat_deg: Vec3 = (0.0, 0.0, 0.0)
-
-    @property
-    def pose(self) -> "pin.SE3":
-        """The pose."""
-        # Loading the mathematics takes half a second, and most verbs only need the bus's address.
-        from common.frames import Oat, R_from_oat, pose  # noqa: PLC0415
-
-        return pose(self.position_m, R_from_oat(Oat(*(radians(angle) for angle in self.oat_deg))))
-
-
 class RobotSection(Section):
     """What the regulator must know of the robot, whoever plays it."""
 
@@ -99,36 +81,8 @@ class SensorSection(Section):
 class ToolSection(Section):
     """Tool centre point in the flange frame; its z axis points out of the tool."""
 
+    name: str = Field("", max_length=100)  # two tools with one name have one calibration
     T_flange_tcp: FrameSection
-
-
-Gains = tuple[Gain, Gain, Gain]
-
-
-class DriftSection(Section):
-    """How the bias moved while a fit was recorded: kept with the payload, used by no process."""
-
-    start_s: float
-    end_s: float
-    force_N: Vec3
-    torque_Nm: Vec3
-    force_bend_N: Vec3 = (0.0, 0.0, 0.0)
-    torque_bend_Nm: Vec3 = (0.0, 0.0, 0.0)
-
-
-class PayloadSection(Section):
-    """Weight below the sensor and the sensor's bias: what `forcemesh payload fit --out` writes."""
-
-    mass_kg: NotNegative
-    com_m: Vec3
-    bias_force_N: Vec3 = (0.0, 0.0, 0.0)
-    bias_torque_Nm: Vec3 = (0.0, 0.0, 0.0)
-    gravity_direction_in_base: Vec3 = (0.0, 0.0, -1.0)
-    mounting_rotation_rad: Vec3 = (0.0, 0.0, 0.0)
-    force_gain: Gains = (1.0, 1.0, 1.0)  # what each axis reads per unit of load
-    torque_gain: Gains = (1.0, 1.0, 1.0)
-    drift: DriftSection | None = None
-    accept_uncalibrated: bool = False  # arm for force feedback although mass and centre are zero
 
 
 class FilterSection(Section):
@@ -241,7 +195,9 @@ class Cell(Section):
     robot: RobotSection
     sensor: SensorSection
     tool: ToolSection
-    payload: PayloadSection
+    payload: PayloadSection  # until there is a calibration
+    # In the file: the name of another one beside it, which `forcemesh calibrate` writes.
+    calibration: CalibrationSection | None = None
     filter: FilterSection = FilterSection()
     contact: ContactSection
     force: ForceSection = ForceSection()

@@ -1,12 +1,18 @@
 """What every section of a cell file is made of."""
 
-from typing import Annotated
+from math import radians
+from typing import TYPE_CHECKING, Annotated
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from common.messages import Vec3
+
+if TYPE_CHECKING:
+    import pinocchio as pin
+
 Positive = Annotated[float, Field(gt=0.0)]
 NotNegative = Annotated[float, Field(ge=0.0)]
-Gain = Annotated[float, Field(ge=0.5, le=1.5)]
+AxisGain = Annotated[float, Field(ge=0.5, le=1.5)]
 Fraction = Annotated[float, Field(gt=0.0, le=1.0)]
 
 
@@ -14,3 +20,18 @@ class Section(BaseModel):
     """Base of every section: unknown keys and non-finite numbers are mistakes."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class FrameSection(Section):
+    """Pose of one frame in another, as on the pendant."""
+
+    position_m: Vec3
+    oat_deg: Vec3 = (0.0, 0.0, 0.0)
+
+    @property
+    def pose(self) -> "pin.SE3":
+        """The pose."""
+        # Loading the mathematics takes half a second, and most verbs only need the bus's address.
+        from common.frames import Oat, R_from_oat, pose  # noqa: PLC0415
+
+        return pose(self.position_m, R_from_oat(Oat(*(radians(angle) for angle in self.oat_deg))))

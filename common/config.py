@@ -27,7 +27,25 @@ def load_cell(path: Path | str, overrides: dict[str, Any] | None = None) -> Cell
     tree = _read_tree(Path(path), source)
     for dotted, value in (overrides or {}).items():
         _set(tree, dotted, value, source)
+    if (calibration := _calibration_file(tree, Path(path))) is not None:
+        tree["calibration"] = (
+            _read_tree(calibration, str(calibration)) if calibration.exists() else None
+        )
     return cell_from_tree(tree, source)
+
+
+def calibration_file(path: Path) -> Path | None:
+    """Return where the calibration of a cell file is or would be, None when it names no place.
+
+    Raises:
+        ConfigError: The cell file cannot be read.
+    """
+    return _calibration_file(_read_tree(path, str(path)), path)
+
+
+def _calibration_file(tree: Any, path: Path) -> Path | None:
+    named = tree.get("calibration") if isinstance(tree, dict) else None
+    return path.parent / named if isinstance(named, str) else None
 
 
 def cell_from_tree(tree: object, source: str) -> Cell:
@@ -41,8 +59,12 @@ def cell_from_tree(tree: object, source: str) -> Cell:
 
 
 def cell_hash(cell: Cell) -> str:
-    """Return a short hash of the effective configuration: equal in every process of a cell."""
-    return hashlib.sha256(cell.model_dump_json().encode()).hexdigest()[:12]
+    """Return a short hash of the effective configuration: equal in every process of a cell.
+
+    The calibration is left out: one process uses it, says which one, and may get a newer one.
+    """
+    text = cell.model_dump_json(exclude={"calibration"})
+    return hashlib.sha256(text.encode()).hexdigest()[:12]
 
 
 def dump_cell(cell: Cell) -> str:

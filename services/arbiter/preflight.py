@@ -38,13 +38,14 @@ class Terms:
     def of(cls, cell: Cell) -> "Terms":
         """Take the terms out of a cell file."""
         payload = cell.payload
-        weighs = payload.mass_kg > 0.0 or any(payload.com_m)
         return cls(
             config_hash=cell_hash(cell),
             version=forcemesh_version(),
             limits=Limits.of(cell),
             p_flange_tcp_m=vec3(np.asarray(cell.tool.T_flange_tcp.pose.translation)),
-            is_calibrated=weighs or payload.accept_uncalibrated or cell.roles.robot == "sim",
+            is_calibrated=payload.weighs
+            or payload.accept_uncalibrated
+            or cell.roles.robot == "sim",
             approach_m_s=cell.force.approach_m_s,
             approach_limit_m_s=cell.approach_limit_m_s,
         )

@@ -12,7 +12,6 @@ from common.endpoints import Bus, Origin, Reading
 from common.faults import refusal
 from common.frames import Array, is_finite_pose, rotation_between
 from common.messages import RobotState, SensorWrench, WrenchAtTcp
-from common.payload import Payload
 from common.requests import Reply
 from services.wrench.compensation import Mounting, Wrench, compensate
 from services.wrench.inputs import Pairing, heard, pair
@@ -34,7 +33,7 @@ class WrenchService:
         self.fault = ""
         self._sensor_period_s = 1.0 / cell.rates.sensor_hz
         self._mounting = Mounting(cell.sensor.T_flange_sensor.pose, cell.tool.T_flange_tcp.pose)
-        self._payload = Payload(**cell.payload.model_dump(exclude={"accept_uncalibrated", "drift"}))
+        self._payload = cell.payload.payload
         self._calibration = "cell file"
         self._bounds, self._history, self._pairing = Bounds.of(cell), History(), Pairing()
         self._apart_max_s = apart_max_s(cell)

@@ -112,6 +112,7 @@ class ForceSection(Section):
     approach_m_s: float = Field(0.01, gt=0.0, le=0.25)
     approach_budget_N: Positive = 10.0  # force that the first touch may add
     idle_max_N: Positive = 2.0  # more than this left in free space: payload or bias is wrong
+    idle_max_Nm: Positive = 0.3  # the same of the torque about the TCP
     touch_N: Positive = 2.0  # contact begins above, ends below half of it
     search_m: Positive = 0.05  # longest way to the first contact
     lost_m: Positive = 0.005  # longest way to the next one after contact was lost
@@ -227,10 +228,14 @@ class Cell(Section):
 
         Controller's delay, servo lag, wrench filter, half a control period, and the processes.
         """
-        median_s = (self.filter.median - 1) / 2 / self.rates.sensor_hz
         waiting_s = 0.5 / self.rates.control_hz
         robot_s = self.robot.delay_s + self.robot.lag_s
-        return robot_s + self.filter.lowpass_s + median_s + waiting_s + self.force.chain_s
+        return robot_s + self.filter_delay_s + waiting_s + self.force.chain_s
+
+    @property
+    def filter_delay_s(self) -> float:
+        """Time by which the wrench's filter delays what the sensor reads [s]."""
+        return self.filter.lowpass_s + (self.filter.median - 1) / 2 / self.rates.sensor_hz
 
     @property
     def approach_limit_m_s(self) -> float:

@@ -62,6 +62,7 @@ FAULTS: dict[str, Fault] = {fault.code: fault for fault in (
     Fault(214, "sensor_disorder",   "FAULT",   "too many of the sensor's records come out of order", "connect the sensor by one cable: no wireless part, no bonded lines"),
     Fault(215, "sensor_stranger",   "FAULT",   "what answers in the sensor's place does not speak its protocol", "check sensor.driver, and address and port or device, in the cell file"),
     Fault(216, "sensor_calibration", "FAULT",  "the sensor's own page cannot be read, or disagrees with the cell file about counts, units or range", "look at the page in a browser and correct the section sensor of the cell file"),
+    Fault(217, "calibration",       "HOLD",    "the calibration does not hold for this tool or sensor, or it was changed while force feedback ran", "calibrate, or tare, before force feedback begins"),
     # --- 3xx: robot --------------------------------------------------------------------------------
     Fault(301, "robot_link",        "FAULT",   "the way to the controller is gone, or it sent something that the protocol does not allow", "look at the cable and at the controller's program; `forcemesh doctor`"),
     Fault(302, "robot_motors",      "FAULT",   "the motors are off", "switch the motors on"),

@@ -119,6 +119,7 @@ class SensorWrench(Message):
     torque_Nm: Vec3 = ZERO3
     status: Literal["ok", "saturated", "fault"] = "ok"
     counter: int = 0
+    serial: Text = ""  # number of the sensor, empty while it is not known
 
 
 class WrenchAtTcp(Message):
@@ -131,7 +132,9 @@ class WrenchAtTcp(Message):
     torque_Nm: Vec3 = ZERO3
     raw_force_N: Vec3 = ZERO3  # as read, sensor axes
     raw_torque_Nm: Vec3 = ZERO3  # as read, sensor axes, about the sensor origin
-    calibration: Text = ""  # which payload and bias are subtracted
+    calibration: Text = ""  # which payload and bias are subtracted: a revision
+    calibrated: bool = False  # whether force feedback may rely on it
+    calibration_fault: Text = ""  # why not
 
 
 class Gains(Record):

@@ -51,6 +51,12 @@ class GainsRequest(Record):
     torque_i_rad_per_Nms: Gain3 | None = None
 
 
+class CalibrationRequest(Record):
+    """Use another calibration from now on."""
+
+    calibration_json: str = Field(max_length=3500)  # common.calibration.CalibrationSection
+
+
 class Reply(Record):
     """Answer to every request: accepted, or refused with a code and the number that broke it."""
 

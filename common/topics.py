@@ -51,7 +51,7 @@ class Request(Generic[Q]):
 ROBOT_STATE      = Topic("robot/state",      m.RobotState,      "robot",   "command", "robot",     ("wrench", "regulator", "arbiter", CLIENT),         "stream", "flange pose in base, joints, status bits, last accepted command, link health")
 SENSOR_WRENCH    = Topic("sensor/wrench",    m.SensorWrench,    "sensor",  "sensor",  "sensor",    ("wrench", "arbiter", CLIENT),                      "stream", "load on the sensor, sensor axes, status, sample counter")
 WRENCH           = Topic("wrench",           m.WrenchAtTcp,     "control", "sensor",  "wrench",    ("regulator", "arbiter", "robot", CLIENT),          "stream", "force and torque of the environment, base axes, about the TCP; raw beside it")
-REGULATOR_TARGET = Topic("regulator/target", m.RegulatorTarget, "control", "command", "regulator", ("arbiter", CLIENT),                                "stream", "proposed flange pose, mode, contact state, reason when not valid")
+REGULATOR_TARGET = Topic("regulator/target", m.RegulatorTarget, "control", "command", "regulator", ("wrench", "arbiter", CLIENT),                      "stream", "proposed flange pose, mode, contact state, reason when not valid")
 ROBOT_COMMAND    = Topic("robot/command",    m.RobotCommand,    "control", "command", "arbiter",   ("robot", "regulator", CLIENT),                     "stream", "goal, setpoint, feedback or hold, with the permission under which the robot acts")
 ARBITER_STATUS   = Topic("arbiter/status",   m.ArbiterStatus,   "status",  "status",  "arbiter",   ("regulator", CLIENT),                              "report", "state, who commands, every tripped limit with its number, what clears it")
 
@@ -62,15 +62,16 @@ WRENCH_HEALTH    = Topic("wrench/health",    m.Health,          "health",  "heal
 REGULATOR_HEALTH = Topic("regulator/health", m.Health,          "health",  "health",  "regulator", ("arbiter", CLIENT),                                "report", "the same of the regulator")
 ARBITER_HEALTH   = Topic("arbiter/health",   m.Health,          "health",  "health",  "arbiter",   (CLIENT,),                                          "report", "the same of the arbiter")
 
-ARM         = Request("request/arm",         q.ArmRequest,        "arbiter",   "let motion begin, after the preflight")
-HOLD        = Request("request/hold",        q.HoldRequest,       "arbiter",   "stop motion and hold; taken from anybody, always")
-CLEAR       = Request("request/clear",       q.Empty,             "arbiter",   "acknowledge a hold or a fault, back to IDLE")
-MOVE        = Request("request/move",        q.MoveRequest,       "arbiter",   "move to a pose, to joint angles, or by joint angles")
-SPEED       = Request("request/speed",       m.Speed,             "arbiter",   "speeds and accelerations of the moves to come")
-FORCE_START = Request("request/force/start", q.ForceStartRequest, "regulator", "start force feedback in a mode, host and set point")
-FORCE_STOP  = Request("request/force/stop",  q.Empty,             "regulator", "stop force feedback; the arm stays where it is")
-GAINS       = Request("request/force/gains", q.GainsRequest,      "regulator", "set the regulator's gains")
-TARE        = Request("request/tare",        q.Empty,             "wrench",    "take the present reading as zero; refused in motion or contact")
+ARM         = Request("request/arm",         q.ArmRequest,         "arbiter",   "let motion begin, after the preflight")
+HOLD        = Request("request/hold",        q.HoldRequest,        "arbiter",   "stop motion and hold; taken from anybody, always")
+CLEAR       = Request("request/clear",       q.Empty,              "arbiter",   "acknowledge a hold or a fault, back to IDLE")
+MOVE        = Request("request/move",        q.MoveRequest,        "arbiter",   "move to a pose, to joint angles, or by joint angles")
+SPEED       = Request("request/speed",       m.Speed,              "arbiter",   "speeds and accelerations of the moves to come")
+FORCE_START = Request("request/force/start", q.ForceStartRequest,  "regulator", "start force feedback in a mode, host and set point")
+FORCE_STOP  = Request("request/force/stop",  q.Empty,              "regulator", "stop force feedback; the arm stays where it is")
+GAINS       = Request("request/force/gains", q.GainsRequest,       "regulator", "set the regulator's gains")
+TARE        = Request("request/tare",        q.Empty,              "wrench",    "take the present reading as zero; refused in motion or contact")
+CALIBRATE   = Request("request/calibration", q.CalibrationRequest, "wrench",    "use the calibration that `forcemesh calibrate` has found; refused in motion or contact")
 # fmt: on
 
 HEALTH = {

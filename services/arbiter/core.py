@@ -123,6 +123,7 @@ class Arbiter:
             bounds.measured(robot.fresh, wrench, self._joints)
             or known.robot_trip(inputs, self._lease_since_ns)
             or self._regulator_fails(inputs)
+            or self._calibration_fails(inputs)
         )
         if trip is not None:
             self._react(trip, inputs)
@@ -136,6 +137,10 @@ class Arbiter:
         row = FAULTS.get(target.code)
         code = "regulator" if row is None or row.kind == "REFUSAL" else row.code
         return tripped(code, f"the regulator gave up: {target.reason}")
+
+    def _calibration_fails(self, inputs: Inputs) -> Trip | None:
+        by_force = self._commanders.turn.commander == "regulator"
+        return inputs.watched.calibration if by_force else None
 
     def _move_on(self, robot: RobotState, inputs: Inputs, moment: Moment) -> RobotCommand | None:
         """Return what the robot is to do; None when it turned out that it must hold."""

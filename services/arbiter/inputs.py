@@ -45,6 +45,7 @@ class Watched:
     faults: tuple[Trip, ...] = ()  # they end motion
     unrest: Trip | None = None  # why the arm does not count as resting
     residual: Trip | None = None  # what is left of the force where nothing is touched
+    calibration: Trip | None = None  # why a running force feedback must not rely on the force
 
 
 @dataclass(frozen=True, slots=True)

@@ -30,22 +30,17 @@ class Terms:
     version: str
     limits: Limits
     p_flange_tcp_m: Vec3
-    is_calibrated: bool
     approach_m_s: float
     approach_limit_m_s: float
 
     @classmethod
     def of(cls, cell: Cell) -> "Terms":
         """Take the terms out of a cell file."""
-        payload = cell.payload
         return cls(
             config_hash=cell_hash(cell),
             version=forcemesh_version(),
             limits=Limits.of(cell),
             p_flange_tcp_m=vec3(np.asarray(cell.tool.T_flange_tcp.pose.translation)),
-            is_calibrated=payload.weighs
-            or payload.accept_uncalibrated
-            or cell.roles.robot == "sim",
             approach_m_s=cell.force.approach_m_s,
             approach_limit_m_s=cell.approach_limit_m_s,
         )
@@ -95,10 +90,10 @@ def _residual(look: Look) -> list[Trip]:
 
 
 def _calibration(look: Look) -> list[Trip]:
-    if look.terms.is_calibrated:
+    wrench = look.inputs.wrench.fresh
+    if wrench is None or wrench.calibrated:
         return []
-    text = "payload.mass_kg and payload.com_m are zero: the tool's weight would pass for contact"
-    return [tripped("payload", text)]
+    return [tripped("payload", wrench.calibration_fault or "the wrench is not calibrated")]
 
 
 def _approach(look: Look) -> list[Trip]:
@@ -124,7 +119,7 @@ CHECKS: tuple[Check, ...] = (
     Check("every process has this cell file and version",     _strangers),
     Check("force below its ceiling, tool in the workspace",   _limits),
     Check("the arm rests where it was commanded",             _rest),
-    Check("the payload was calibrated",                       _calibration, for_force_only=True),
+    Check("the calibration holds for this tool and sensor",   _calibration, for_force_only=True),
     Check("hardly any force was left in free space",          _residual,    for_force_only=True),
     Check("the approach is slow enough for the stiffness",    _approach,    for_force_only=True),
 )

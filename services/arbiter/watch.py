@@ -32,7 +32,8 @@ class Watch:
         """Begin with nothing seen."""
         self._own = Overruns(allowed_gap_s(cell, "arbiter"))
         self._rest = RestWatch(1.0 / cell.rates.robot_hz)
-        self._residual = ResidualWatch(cell.force.idle_max_N)
+        self._residual = ResidualWatch(cell.force.idle_max_N, cell.force.idle_max_Nm)
+        self._calibration = CalibrationWatch()
         stale_s = [cell.stale_after_s(topic) for topic in (topics.ROBOT_STATE, topics.WRENCH)]
         self._alignment = AlignmentWatch(ALLOWED_SHARE * max(stale_s))
 
@@ -46,6 +47,7 @@ class Watch:
             faults=tuple(trip for trip in faults if trip is not None),
             unrest=self._rest.see(inputs),
             residual=self._residual.see(inputs),
+            calibration=self._calibration.see(inputs),
         )
         return replace(inputs, watched=watched)
 
@@ -93,9 +95,9 @@ class ResidualWatch:
     space stays. A tare and a restarted wrench service begin anew: nothing is expected then.
     """
 
-    def __init__(self, limit_N: float) -> None:
+    def __init__(self, limit_N: float, limit_Nm: float) -> None:
         """Begin with nothing known."""
-        self._limit_N = limit_N
+        self._limit_N, self._limit_Nm = limit_N, limit_Nm
         self._source: tuple[int, str] | None = None  # writer and calibration
         self._in_contact = False
         self._above_since_ns: int | None = None
@@ -114,25 +116,56 @@ class ResidualWatch:
         target = inputs.target.fresh
         if target is not None and target.contact == "contact":
             self._in_contact = True
-        force_N = hypot(*wrench.force_N)
-        if force_N <= self._limit_N:
+        force_N, torque_Nm = hypot(*wrench.force_N), hypot(*wrench.torque_Nm)
+        if force_N <= self._limit_N and torque_Nm <= self._limit_Nm:
             self._in_contact = self._in_contact and target is not None
             self._verdict = self._above_since_ns = None
         elif self._in_contact:
             self._above_since_ns = None
         else:
-            self._judge(force_N, inputs.now_ns)
+            self._judge(force_N, torque_Nm, inputs.now_ns)
         return self._verdict
 
-    def _judge(self, force_N: float, now_ns: int) -> None:
+    def _judge(self, force_N: float, torque_Nm: float, now_ns: int) -> None:
         if self._above_since_ns is None:
             self._above_since_ns = now_ns
         if now_ns - self._above_since_ns >= RESIDUAL_S * NS_PER_S:
+            is_force = force_N > self._limit_N
+            left = f"{force_N:.1f} N are" if is_force else f"{torque_Nm:.2f} N m are"
             text = (
-                f"{force_N:.1f} N are left where nothing should be touched: tare in free space; "
+                f"{left} left where nothing should be touched: tare in free space; "
                 "in contact, arm for jog and move away"
             )
-            self._verdict = tripped("payload", text, value=force_N, limit=self._limit_N)
+            value, limit = (force_N, self._limit_N) if is_force else (torque_Nm, self._limit_Nm)
+            self._verdict = tripped("payload", text, value=value, limit=limit)
+
+
+class CalibrationWatch:
+    """Whether force feedback still relies on the calibration that it began with.
+
+    A tare or another payload is a step of the force: a regulator would answer it with motion.
+    """
+
+    def __init__(self) -> None:
+        """Begin with no force feedback."""
+        self._at_start: str | None = None
+
+    def see(self, inputs: Inputs) -> Trip | None:
+        """Return why a running force feedback must end."""
+        wrench, target = inputs.wrench.fresh, inputs.target.fresh
+        if target is None or wrench is None:
+            self._at_start = None if target is None else self._at_start
+            return None
+        if self._at_start is None:
+            self._at_start = wrench.calibration
+        if not wrench.calibrated:
+            return tripped(
+                "calibration", wrench.calibration_fault or "the wrench is not calibrated"
+            )
+        if wrench.calibration == self._at_start:
+            return None
+        text = f"the calibration became {wrench.calibration!r}, it was {self._at_start!r}"
+        return tripped("calibration", f"{text} when force feedback began")
 
 
 class AlignmentWatch:

@@ -34,7 +34,7 @@ class SensorDriver:
         self._sampled_ns = bus.clock.now_ns()
         self._counter = 0
         self._complain_at_ns = 0
-        self._about = ""
+        self._about, self._serial = "", ""
         self._published = self._thinned = 0
         self._out = bus.publisher(topics.SENSOR_WRENCH)
 
@@ -67,9 +67,10 @@ class SensorDriver:
 
     def _take(self, sample: Sample, now_ns: int) -> None:
         """Publish a sample, or leave it out; a bad one among those left out is not forgotten."""
-        if now_ns - self._sampled_ns > self._stale_after_ns // 2:
+        silent = now_ns - self._sampled_ns > self._stale_after_ns // 2
+        if silent:
             self._thinning = pause(self._thinning)
-        if self._counter == 0:
+        if self._counter == 0 or silent:
             self._introduce()
         self._sampled_ns, self._counter = now_ns, sample.counter
         if self._worst is None or SEVERITY[sample.status] >= SEVERITY[self._worst.status]:
@@ -93,11 +94,14 @@ class SensorDriver:
                 torque_Nm=sample.torque_Nm,
                 status=sample.status,
                 counter=self._counter,
+                serial=self._serial,
             )
         )
 
     def _introduce(self) -> None:
-        """Say once which sensor this is."""
+        """Say which sensor this is: at the start, and when it came back as another one."""
         info = self._driver.info()
-        if info is not None:
-            sys.stderr.write(f"{self._driver.where}: {info}\n")
+        if info is None or str(info) == self._about:
+            return
+        self._about, self._serial = str(info), info.serial
+        sys.stderr.write(f"{self._driver.where}: {info}\n")

@@ -1,7 +1,5 @@
 """The wrench service on the bus: sensor reading and robot pose in, wrench at the TCP out."""
 
-from collections import deque
-
 import numpy as np
 
 from common import topics
@@ -9,19 +7,13 @@ from common.cell import Cell
 from common.clock import NS_PER_S
 from common.convert import pose_of, vec3
 from common.endpoints import Bus, Origin, Reading
-from common.faults import refusal
-from common.frames import Array, is_finite_pose, rotation_between
+from common.frames import is_finite_pose
 from common.messages import RobotState, SensorWrench, WrenchAtTcp
-from common.requests import Reply
 from services.wrench.compensation import Mounting, Wrench, compensate
+from services.wrench.desk import Desk, Moment
 from services.wrench.inputs import Pairing, heard, pair
 from services.wrench.plausibility import FINE, Bounds, Complaint, History, judge
 from services.wrench.smoothing import Filter, feed
-from services.wrench.tare import TareLimits, tare
-
-TARE_WINDOW_S = 0.25
-REST_POSITION_M = 2e-4  # the flange moved less than this during the window: at rest
-REST_TURN_RAD = 2e-3  # the same for its orientation: 2 g of a kilogram
 
 
 class WrenchService:
@@ -33,24 +25,23 @@ class WrenchService:
         self.fault = ""
         self._sensor_period_s = 1.0 / cell.rates.sensor_hz
         self._mounting = Mounting(cell.sensor.T_flange_sensor.pose, cell.tool.T_flange_tcp.pose)
-        self._payload = cell.payload.payload
-        self._calibration = "cell file"
+        self._desk = Desk(cell, self._mounting)
         self._bounds, self._history, self._pairing = Bounds.of(cell), History(), Pairing()
         self._apart_max_s = apart_max_s(cell)
         self._complaint, self._complain_until_ns = FINE, 0
         # So long a complaint is told: who has not heard it by then misses the topic itself.
         self._complain_for_ns = round(cell.stale_after_s(topics.WRENCH) * NS_PER_S)
-        self._tare_limits = TareLimits(cell.force.tare_max_N, cell.force.tare_max_Nm)
         self._empty_filter = Filter(cell.filter.median, cell.filter.lowpass_s)
         self._filter = self._empty_filter
-        window = round(TARE_WINDOW_S * cell.rates.sensor_hz)
-        self._recent: deque[tuple[Array, RobotState]] = deque(maxlen=window)
+        self._filter_delay_s = cell.filter_delay_s
         self._last_stamp_ns = 0
         self._next_put_ns = 0
         self._sensor = bus.reader(topics.SENSOR_WRENCH)
         self._robot = bus.reader(topics.ROBOT_STATE)
+        self._target = bus.reader(topics.REGULATOR_TARGET)
         self._out = bus.publisher(topics.WRENCH)
         self._tares = bus.inbox(topics.TARE)
+        self._calibrations = bus.inbox(topics.CALIBRATE)
         self.trigger = self._sensor
 
     def counters(self) -> dict[str, int]:
@@ -62,18 +53,31 @@ class WrenchService:
             "sensor_spikes": self._history.spikes,
         }
 
+    def numbers(self, now_ns: int) -> dict[str, float]:
+        """Return by how much the filter delays the wrench."""
+        del now_ns
+        return {"filter_delay_s": self._filter_delay_s}
+
     def step(self, now_ns: int) -> None:
         """Filter the newest sample; at the control rate, or when a fault begins, publish."""
         sensor, robot = self._sensor.read(now_ns), self._robot.read(now_ns)
         was_fine = self._complaint == FINE
         self._complain(self._take(sensor, robot), robot, now_ns)
-        for request in self._tares.take_all():
-            request.reply(self._tare(robot))
+        self._serve(robot, now_ns)
         if now_ns >= self._next_put_ns or (was_fine and self._complaint != FINE):
             # Half a sensor period early is on time: samples and periods do not line up.
             slack_ns = round(0.5 * self._sensor_period_s * NS_PER_S)
             self._next_put_ns = now_ns + round(self.period_s * NS_PER_S) - slack_ns
             self._put(sensor, robot)
+
+    def _serve(self, robot: Reading[RobotState], now_ns: int) -> None:
+        target = self._target.read(now_ns).fresh
+        feedback_runs = target is not None and target.valid
+        moment = Moment(self._complaint, robot.fresh, feedback_runs)
+        for tare in self._tares.take_all():
+            tare.reply(self._desk.tare(moment))
+        for other in self._calibrations.take_all():
+            other.reply(self._desk.calibrate(moment, other.request.calibration_json))
 
     def _take(self, sensor: Reading[SensorWrench], robot: Reading[RobotState]) -> Complaint:
         """Feed a sample that is new and good; after a gap or a fault the filter starts anew."""
@@ -89,12 +93,12 @@ class WrenchService:
             if self._history.counts:
                 self._filter = feed(self._filter, reading, dt_s)
                 if robot.fresh is not None:
-                    self._recent.append((reading, robot.fresh))
+                    self._desk.remember(reading, robot.fresh)
         else:
             self._history = History(spikes=self._history.spikes)
         if complaint != FINE:
             self._filter = self._empty_filter
-            self._recent.clear()
+            self._desk.forget()
         self._pairing = pair(self._pairing, sensor, robot)
         return complaint
 
@@ -130,49 +134,20 @@ class WrenchService:
             Wrench(filtered[:3], filtered[3:]),
             R_base_sensor=np.asarray(T_base_sensor.rotation),
             p_sensor_tcp_in_sensor=self._mounting.p_sensor_tcp_in_sensor,
-            payload=self._payload,
+            payload=self._desk.in_use.payload,
         )
+        calibration_fault = self._desk.in_use.fault(sensor.fresh.serial)
         message = WrenchAtTcp(
             force_N=vec3(at_tcp_in_base.force_N),
             torque_Nm=vec3(at_tcp_in_base.torque_Nm),
             raw_force_N=sensor.fresh.force_N,
             raw_torque_Nm=sensor.fresh.torque_Nm,
-            calibration=self._calibration,
+            calibration=self._desk.in_use.name,
+            calibrated=not calibration_fault,
+            calibration_fault=calibration_fault,
         )
         header = sensor.header
         self._out.put(message, None if header is None else Origin(header.stamp_ns, header.seq))
-
-    def _motion(self, robot: RobotState) -> Reply | None:
-        """Refuse when the flange moved or turned during the window."""
-        poses = [pose_of(state) for _, state in self._recent]
-        moved_m = float(np.max(np.ptp([T.translation for T in poses], axis=0)))
-        turns = [rotation_between(poses[-1].rotation, T.rotation) for T in poses]
-        turned_rad = max(float(np.linalg.norm(turn)) for turn in turns)
-        value, limit = moved_m, REST_POSITION_M
-        if moved_m <= limit and turned_rad > REST_TURN_RAD:
-            value, limit = turned_rad, REST_TURN_RAD
-        if value <= limit and not robot.status.moving:
-            return None
-        text = (
-            f"the arm moved {moved_m * 1e3:.2f} mm and turned {np.degrees(turned_rad):.2f} degrees "
-            f"within {TARE_WINDOW_S:g} s: let it rest"
-        )
-        return refusal("moving", text, value=value, limit=limit)
-
-    def _tare(self, robot: Reading[RobotState]) -> Reply:
-        if self._complaint != FINE or robot.fresh is None:
-            return refusal(self._complaint.code, self._complaint.text)
-        if len(self._recent) < (self._recent.maxlen or 1):
-            return refusal("wait", "not enough samples yet, ask again")
-        motion = self._motion(robot.fresh)
-        if motion is not None:
-            return motion
-        R = np.asarray((pose_of(robot.fresh) * self._mounting.T_flange_sensor).rotation)
-        readings = [reading for reading, _ in self._recent]
-        self._payload, reply = tare(self._payload, readings, R, self._tare_limits)
-        if reply.accepted:
-            self._calibration = "cell file, tared"
-        return reply
 
 
 def apart_max_s(cell: Cell) -> float:

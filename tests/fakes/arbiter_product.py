@@ -44,6 +44,7 @@ from services.arbiter.states import MAY_MOVE
 from tests.fakes.arbiter_world import CELL, FIT, STOPPED, T_START, shifted
 
 # A way to go back when it is pushed hard, so that all three ways to stop are walked.
+FREE = WrenchAtTcp(calibrated=True)  # nothing touches the tool
 WALKED = cell_from_tree(
     CELL.model_dump()
     | {"force": CELL.model_dump()["force"] | {"retreat_m": 0.002, "retreat_m_s": 0.005}},
@@ -190,7 +191,11 @@ class Product:
         elif name == "target":
             message = WISHES[self.wish]
         else:
-            message = {"sensor": SensorWrench(), "wrench": WrenchAtTcp(), "health": HEALTH}[name]
+            message = {
+                "sensor": SensorWrench(),
+                "wrench": FREE,
+                "health": HEALTH,
+            }[name]
         who, changes = SAYS.get(self.trouble, ("", {}))
         return message.model_copy(update=changes) if who == name else message
 

@@ -38,6 +38,7 @@ LONG_PERIOD_NS = 20_000_000
 DEADLINE_S = 0.04
 FIT = RobotStatus(motor_power=True, repeat_mode=True, teach_lock_off=True, program_running=True)
 T_START = pin.SE3(R_from_oat(Oat(0.0, pi, 0.0)), np.array([0.0, 0.5, 0.35]))  # flange, tool down
+FREE = WrenchAtTcp(calibrated=True)  # nothing touches the tool
 STOPPED = RegulatorTarget(valid=False, reason="stopped")
 SPOILED = "spoiled: 123 ms old, limit 100 ms"
 
@@ -50,7 +51,7 @@ def good_messages(cell: Cell) -> dict[str, Message]:
     )
     health = Health(config_hash=cell_hash(cell), version=forcemesh_version())
     messages: dict[str, Message] = {
-        "robot": robot, "sensor": SensorWrench(), "wrench": WrenchAtTcp(), "target": STOPPED
+        "robot": robot, "sensor": SensorWrench(), "wrench": FREE, "target": STOPPED
     }  # fmt: skip
     return messages | {f"{role}/health": health for role in ROLES}
 

@@ -89,6 +89,12 @@ def pursue(cell: Cellmates) -> None:
     cell.change("robot", goal=GoalReport(id=goal.id, state="refused", reason="out of reach"))
 
 
+def rely_no_more(cell: Cellmates) -> None:
+    """Let the regulator command by a force whose calibration is another one meanwhile."""
+    work(cell)
+    cell.change("wrench", calibration="another")
+
+
 def place(x_m: float) -> Provoke:
     """Put the flange somewhere along base x."""
     record = record_of(pin.SE3(T_START.rotation, T_START.translation + np.array([x_m, 0.0, 0.0])))
@@ -113,6 +119,7 @@ IN_MOTION: dict[str, Provoke] = {
     "force":         says("wrench", force_N=(0.0, 0.0, CELL.limits.force_N * OVER)),
     "torque":        says("wrench", torque_Nm=(0.0, CELL.limits.torque_Nm * OVER, 0.0)),
     "hold":          lambda cell: cell.ask_at_once((topics.HOLD, HoldRequest())),
+    "calibration":   rely_no_more,
     "regulator":     lambda cell: work(cell, valid=False, reason="as the test wishes"),
 }
 # fmt: on

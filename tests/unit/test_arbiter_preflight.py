@@ -1,5 +1,7 @@
 """What must be so before the arm is armed, for all or for jog alone."""
 
+from typing import Any
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -178,20 +180,53 @@ def test_after_contact_has_ended_the_free_space_is_judged_again() -> None:
     assert refused_with(world) == ("payload", True)
 
 
+def test_a_calibration_that_does_not_hold_is_told_and_jog_is_possible() -> None:
+    """The wrench says so itself, and why (H45)."""
+    world = World().make_ready()
+    world.change("wrench", calibrated=False, calibration_fault="another sensor")
+    assert refused_with(world) == ("payload", True)
+    world.tick()
+    assert "another sensor" in " ".join(world.core.status().not_ready)
+
+
+def test_a_torque_that_is_left_in_free_space_is_told_like_a_force() -> None:
+    """A wrong centre of mass shows nowhere else."""
+    world = World().make_ready()
+    over_Nm = 1.1 * CELL.force.idle_max_Nm
+    world.change("wrench", torque_Nm=(0.0, over_Nm, 0.0))
+    world.pass_s(1.0)
+    reply = world.core.arm(world.inputs())
+    assert (reply.code, reply.limit) == ("payload", CELL.force.idle_max_Nm)
+    assert reply.value == pytest.approx(over_Nm)
+    assert "N m" in reply.text
+
+
+def running() -> World:
+    """Return a world in which the regulator moves the arm."""
+    world = World().make_active("regulator")
+    world.propose(shifted())
+    world.tick(3)
+    return world
+
+
 @pytest.mark.parametrize(
-    ("robot", "accept", "possible"),
-    [("sim", False, True), ("gateway", False, False), ("gateway", True, True)],
+    "changes",
+    [{"calibration": "another"}, {"calibrated": False, "calibration_fault": "another sensor"}],
 )
-def test_a_payload_that_was_never_calibrated(robot: str, accept: bool, possible: bool) -> None:
-    """Refused on a real robot, unless the cell file takes it upon itself (H45); jog always."""
-    tree = CELL.model_dump() | {"gateway": {}}
-    tree["roles"]["robot"] = robot
-    tree["payload"] |= {"mass_kg": 0.0, "com_m": (0.0, 0.0, 0.0), "accept_uncalibrated": accept}
-    world = World(cell_from_tree(tree, "test")).make_ready()
-    if possible:
-        assert world.core.arm(world.inputs()).accepted
-    else:
-        assert refused_with(world) == ("payload", True)
+def test_force_feedback_ends_when_its_calibration_does(changes: dict[str, Any]) -> None:
+    """It would answer the step of the force with motion."""
+    world = running()
+    world.change("wrench", **changes)
+    assert world.tick().kind == "hold"
+    assert [trip.code for trip in world.core.status().trips] == ["calibration"]
+
+
+def test_a_calibration_may_change_while_a_person_moves_the_arm() -> None:
+    """Jog does not look at the force but for its ceiling."""
+    world = World().make_active("operator")
+    world.change("wrench", calibration="another")
+    assert world.tick().kind == "goal"
+    assert world.core.status().trips == ()
 
 
 def test_an_approach_that_is_too_fast_for_the_stiffness_is_refused_with_the_numbers() -> None:

@@ -1,0 +1,104 @@
+"""Which calibration is in use, and whether force feedback may rely on it. Pure."""
+
+from dataclasses import dataclass, replace
+from math import degrees
+
+import numpy as np
+from pydantic import ValidationError
+
+from common.calibration import CalibrationSection
+from common.cell import Cell
+from common.cell_terms import FrameSection
+from common.errors import DataError
+from common.frames import rotation_between
+from common.payload import Payload
+
+SAME_M, SAME_DEG = 1e-4, 0.1  # a pose that was typed once more is the same one
+OF_THE_CELL_FILE = "cell file"
+
+
+@dataclass(frozen=True, slots=True)
+class InUse:
+    """The payload that is subtracted, where it is from, and what speaks against it."""
+
+    payload: Payload
+    origin: str  # revision of a calibration, or OF_THE_CELL_FILE
+    sensor: str = ""  # serial number that it was made with, empty when not known
+    objection: str = ""  # why it does not hold in this cell
+    tared: bool = False
+
+    @property
+    def name(self) -> str:
+        """What each wrench says about it."""
+        return f"{self.origin}, tared" if self.tared else self.origin
+
+    def with_bias_of(self, payload: Payload) -> "InUse":
+        """Return it after a tare."""
+        return replace(self, payload=payload, tared=True)
+
+    def fault(self, sensor: str) -> str:
+        """Say why force feedback must not rely on it, with the sensor of this serial number."""
+        if self.objection or not sensor or not self.sensor or sensor == self.sensor:
+            return self.objection
+        return (
+            f"calibration {self.origin} was made with sensor {self.sensor}, and this one is "
+            f"{sensor}: calibrate"
+        )
+
+
+def of_cell(cell: Cell) -> InUse:
+    """Return what a cell begins with: its calibration, or what its file says by hand."""
+    if cell.calibration is not None:
+        return of_calibration(cell.calibration, cell)
+    section = cell.payload
+    objection = ""
+    if not section.weighs and not section.accept_uncalibrated:
+        objection = (
+            "payload.mass_kg and payload.com_m are zero: the tool's weight would pass for contact; "
+            "run `forcemesh calibrate`"
+        )
+    return InUse(section.payload, OF_THE_CELL_FILE, objection=objection)
+
+
+def of_calibration(found: CalibrationSection, cell: Cell) -> InUse:
+    """Return a calibration as this cell may use it."""
+    return InUse(found.payload.payload, found.revision, found.sensor, _objection(found, cell))
+
+
+def parsed(text: str) -> CalibrationSection:
+    """Return the calibration that came over the bus. Raises DataError with what is wrong."""
+    try:
+        return CalibrationSection.model_validate_json(text)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        where = ".".join(str(part) for part in first["loc"]) or "calibration"
+        raise DataError(f"{where}: {first['msg']}") from error
+
+
+def _objection(found: CalibrationSection, cell: Cell) -> str:
+    """Say why a calibration does not hold for this cell as it is now."""
+    name = f"calibration {found.revision}"
+    if found.cell != cell.cell:
+        return f"{name} is of cell {found.cell}, and this is {cell.cell}: calibrate"
+    if found.tool != cell.tool.name:
+        return (
+            f"{name} is of tool {found.tool or 'without a name'!r}, the cell file says "
+            f"{cell.tool.name or 'no name'!r}: calibrate with this tool"
+        )
+    for what, then, now in (
+        ("tool.T_flange_tcp", found.T_flange_tcp, cell.tool.T_flange_tcp),
+        ("sensor.T_flange_sensor", found.T_flange_sensor, cell.sensor.T_flange_sensor),
+    ):
+        apart = _apart(then, now)
+        if apart:
+            return f"{what} was {apart} away when {name} was made: calibrate again"
+    return ""
+
+
+def _apart(then: FrameSection, now: FrameSection) -> str:
+    away_m = float(np.linalg.norm(then.pose.translation - now.pose.translation))
+    turn_rad = rotation_between(then.pose.rotation, now.pose.rotation)
+    turned_deg = degrees(float(np.linalg.norm(turn_rad)))
+    if away_m <= SAME_M and turned_deg <= SAME_DEG:
+        return ""
+    return f"{away_m * 1e3:.1f} mm and {turned_deg:.1f} degrees"

@@ -1,0 +1,59 @@
+"""Each sample says which sensor it is of, so that a calibration of another one is found out."""
+
+from collections.abc import Sequence
+
+from common import topics
+from common.cell import Cell
+from common.endpoints import Bus
+from services.sensor.driver import FINE, Complaint, Info, Sample
+from services.sensor.service import SensorDriver
+from tests.fakes.bench import Bench
+
+STEP_S = 0.002
+
+
+class Plugged:
+    """A driver of whichever sensor is plugged in, if any."""
+
+    where = "a sensor"
+
+    def __init__(self) -> None:
+        self.serial: str | None = "FT1"
+        self._counter = 0
+
+    def read(self, now_ns: int) -> Sequence[Sample]:
+        """Return one sample while a sensor is plugged in."""
+        if self.serial is None:
+            return []
+        self._counter += 1
+        return [Sample((1.0, 2.0, 3.0), (0.0, 0.0, 0.0), counter=self._counter, stamp_ns=now_ns)]
+
+    def complaint(self) -> Complaint:
+        """Nothing is known."""
+        return FINE
+
+    def info(self) -> Info | None:
+        """Return what the sensor says of itself."""
+        return None if self.serial is None else Info("fake", 100.0, 10.0, "its own", self.serial)
+
+    def counters(self) -> dict[str, int]:
+        """Count nothing."""
+        return {}
+
+    def close(self) -> None:
+        """Nothing to let go."""
+
+
+def test_another_sensor_on_the_same_cable_has_another_number() -> None:
+    """Unplugged, another one plugged in: from its first sample on."""
+    driver = Plugged()
+
+    def make(bus: Bus, cell: Cell) -> SensorDriver:
+        return SensorDriver(bus, cell, driver)
+
+    bench = Bench("sensor", make, step_s=STEP_S)
+    assert bench.after_step(topics.SENSOR_WRENCH).serial == "FT1"
+    driver.serial = None
+    bench.pass_s(1.0)
+    driver.serial = "FT2"
+    assert bench.after_step(topics.SENSOR_WRENCH).serial == "FT2"

@@ -1,0 +1,191 @@
+"""Another calibration while the cell is up: taken at rest and free, refused with the reason."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from common import topics
+from common.calibration import CalibrationSection
+from common.cell import Cell
+from common.cell_terms import FrameSection
+from common.messages import RegulatorTarget, RobotStatus
+from common.requests import CalibrationRequest, Empty, Reply
+from common.service import Measuring
+from services.wrench.calibrated import of_cell
+from tests.fakes.wrench_bench import BIAS_N, IDEAL, WrenchBench
+from tests.unit.test_calibration import calibration
+
+TRUTH = IDEAL.payload
+FRAMES = {"T_flange_tcp": IDEAL.tool.T_flange_tcp, "T_flange_sensor": IDEAL.sensor.T_flange_sensor}
+
+
+def of_the_demo(**changes: Any) -> CalibrationSection:
+    """Return a calibration that is true for the bench's tool."""
+    return calibration(**({"payload": TRUTH, **FRAMES} | changes))
+
+
+def with_calibration(found: CalibrationSection | None, **payload: Any) -> Cell:
+    """Return the bench's cell with a calibration, or with another payload section."""
+    section = IDEAL.payload.model_copy(update=payload)
+    return IDEAL.model_copy(update={"calibration": found, "payload": section})
+
+
+@pytest.fixture
+def bench() -> WrenchBench:
+    """A service at rest that uses what the cell file says by hand."""
+    bench = WrenchBench()
+    bench.pass_s(0.3)
+    return bench
+
+
+def ask(bench: WrenchBench, found: CalibrationSection) -> Reply:
+    """Ask for another calibration."""
+    return bench.ask(topics.CALIBRATE, CalibrationRequest(calibration_json=found.model_dump_json()))
+
+
+# --- from the start -------------------------------------------------------------------------------
+
+
+def test_the_calibration_takes_the_place_of_the_cell_files_payload() -> None:
+    """From the start; each wrench names its revision, and says that it may be relied on."""
+    found = of_the_demo()
+    bench = WrenchBench(with_calibration(found, mass_kg=0.1, bias_force_N=(9.0, 9.0, 9.0)))
+    said = bench.settle()
+    assert said.force_N == pytest.approx((0, 0, 0), abs=1e-9)
+    assert (said.calibration, said.calibrated, said.calibration_fault) == (found.revision, True, "")
+
+
+def test_without_one_the_cell_file_is_named() -> None:
+    """A payload written by hand is somebody's word."""
+    said = WrenchBench().settle()
+    assert (said.calibration, said.calibrated) == ("cell file", True)
+
+
+@pytest.mark.parametrize("accept", [False, True])
+def test_a_payload_of_zeros_is_no_calibration(accept: bool) -> None:
+    """Unless the cell file takes it upon itself (H45); the wrench is published all the same."""
+    nothing = {"mass_kg": 0.0, "com_m": (0.0, 0.0, 0.0), "accept_uncalibrated": accept}
+    said = WrenchBench(with_calibration(None, **nothing)).settle()
+    assert said.valid
+    assert said.calibrated is accept
+    assert ("forcemesh calibrate" in said.calibration_fault) is not accept
+
+
+OTHERS = [
+    ({"cell": "other"}, "of cell other"),
+    ({"tool": "gripper"}, "of tool 'gripper'"),
+    ({"T_flange_tcp": FrameSection(position_m=(0.0, 0.0, 0.165))}, "5.0 mm"),
+    (
+        {"T_flange_sensor": FrameSection(position_m=(0.0, 0.0, 0.02), oat_deg=(120.0, 0.0, 0.0))},
+        "90.0 degrees",
+    ),
+]
+
+
+@pytest.mark.parametrize(("changes", "told"), OTHERS)
+def test_a_calibration_of_something_else_does_not_hold(changes: dict[str, Any], told: str) -> None:
+    """Another cell, tool, tool centre point or place of the sensor: told, with what differs."""
+    said = WrenchBench(with_calibration(of_the_demo(**changes))).settle()
+    assert said.valid
+    assert not said.calibrated
+    assert told in said.calibration_fault
+
+
+def test_a_calibration_of_another_sensor_does_not_hold(bench: WrenchBench) -> None:
+    """The serial number is compared where both are known, also when the sensor is changed live."""
+    in_use = of_cell(with_calibration(of_the_demo(sensor="FT1")))
+    assert in_use.fault("") == in_use.fault("FT1") == ""
+    assert "FT2" in in_use.fault("FT2")
+    bench = WrenchBench(with_calibration(of_the_demo(sensor="FT1")))
+    bench.sensor = {"serial": "FT1"}
+    assert bench.settle().calibrated
+    bench.sensor = {"serial": "FT2"}
+    assert not bench.settle().calibrated
+
+
+# --- while the cell is up -------------------------------------------------------------------------
+
+
+def test_a_newer_calibration_is_used_at_once(bench: WrenchBench) -> None:
+    """And replaces a tare: its bias is newer."""
+    bias_N = tuple((BIAS_N + np.array([0.3, 0.0, 0.0])).tolist())
+    found = of_the_demo(payload=TRUTH.model_copy(update={"bias_force_N": bias_N}))
+    assert bench.ask(topics.TARE, Empty()).accepted
+    reply = ask(bench, found)
+    assert reply.accepted
+    assert "0.30 N" in reply.text
+    assert np.linalg.norm(bench.settle().force_N) == pytest.approx(0.3)
+    assert bench.said().calibration == found.revision
+    bench.pass_s(0.3)
+    assert bench.ask(topics.TARE, Empty()).accepted
+    bench.settle()
+    assert bench.said().calibration == f"{found.revision}, tared"
+
+
+def test_a_calibration_that_leaves_a_force_is_refused_with_it(bench: WrenchBench) -> None:
+    """The tool is in contact, or it is not this tool; the one in use stays."""
+    heavier = TRUTH.model_copy(update={"mass_kg": TRUTH.mass_kg + 1.0})
+    reply = ask(bench, of_the_demo(payload=heavier))
+    assert (reply.accepted, reply.code) == (False, "contact")
+    assert (reply.value, reply.limit) == (pytest.approx(9.81, abs=0.01), IDEAL.force.idle_max_N)
+    bench.settle()
+    assert bench.said().calibration == "cell file"
+
+
+@pytest.mark.parametrize(("changes", "told"), OTHERS)
+def test_a_calibration_of_something_else_is_refused(
+    bench: WrenchBench, changes: dict[str, Any], told: str
+) -> None:
+    """With what differs."""
+    reply = ask(bench, of_the_demo(**changes))
+    assert (reply.accepted, reply.code) == (False, "payload")
+    assert told in reply.text
+
+
+def test_nothing_is_taken_while_force_feedback_runs(bench: WrenchBench) -> None:
+    """Neither a tare nor a calibration: the regulator would answer with motion."""
+    speak = bench.before_step
+
+    def speak_as_regulator_too() -> None:
+        speak()
+        bench.put(topics.REGULATOR_TARGET, RegulatorTarget(mode="position"))
+
+    bench.before_step = speak_as_regulator_too
+    bench.step()
+    assert bench.ask(topics.TARE, Empty()).code == "busy"
+    assert ask(bench, of_the_demo()).code == "busy"
+    bench.before_step = speak
+    bench.pass_s(1.0)
+    assert ask(bench, of_the_demo()).accepted
+
+
+def test_nothing_is_taken_in_motion_or_without_inputs(bench: WrenchBench) -> None:
+    """As a tare."""
+    bench.status = RobotStatus(moving=True)
+    bench.step()
+    assert ask(bench, of_the_demo()).code == "moving"
+    bench.status = RobotStatus()
+    bench.silent = {"robot"}
+    bench.pass_s(1.0)
+    assert ask(bench, of_the_demo()).code == "stale"
+    assert ask(WrenchBench(), of_the_demo()).code == "wait"
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [("", "calibration"), ("[]", "calibration"), ("{}", "cell"), ('{"cell": 1}', "cell")],
+)
+def test_what_is_no_calibration_is_refused(bench: WrenchBench, text: str, told: str) -> None:
+    """With the field that is wrong."""
+    reply = bench.ask(topics.CALIBRATE, CalibrationRequest(calibration_json=text))
+    assert (reply.accepted, reply.code) == (False, "malformed")
+    assert told in reply.text
+
+
+def test_the_filters_delay_is_told(bench: WrenchBench) -> None:
+    """Low-pass and half the median's window."""
+    cell = bench.cell
+    expected_s = cell.filter.lowpass_s + (cell.filter.median - 1) / 2 / cell.rates.sensor_hz
+    assert isinstance(bench.service, Measuring)
+    assert bench.service.numbers(0) == {"filter_delay_s": pytest.approx(expected_s)}

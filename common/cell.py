@@ -14,6 +14,7 @@ from common.messages import Host, Vec3, Vec6
 from common.topics import Topic
 
 SHORTEST_DEADLINE_PERIODS = 3.0
+SLOWEST_INERTIAL_HZ = 100.0
 
 
 class BusSection(Section):
@@ -90,6 +91,7 @@ class FilterSection(Section):
 
     median: Literal[1, 3, 5] = 3
     lowpass_s: NotNegative = 0.005
+    inertial: bool = False  # take away what the tool's acceleration adds; costs no delay, but noise
 
 
 class ContactSection(Section):
@@ -215,6 +217,11 @@ class Cell(Section):
         if self.sim is not None and self.sim.netft and self.roles.sensor != "driver":
             raise ValueError(
                 "sim.netft: the sensor on the arm talks RDT, so roles.sensor is driver"
+            )
+        if self.filter.inertial and self.rates.robot_hz < SLOWEST_INERTIAL_HZ:
+            raise ValueError(
+                f"filter.inertial: poses at {self.rates.robot_hz:g} Hz do not show accelerations, "
+                f"rates.robot_hz must be {SLOWEST_INERTIAL_HZ:g} at least"
             )
         is_sim = self.roles.sensor == "sim" or (self.sim is not None and self.sim.netft)
         noiseless = is_sim and self.sim is not None and self.sim.noiseless

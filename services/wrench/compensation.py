@@ -10,7 +10,7 @@ in base axes, each axis of f - b_F and t - b_M divided by its gain, and the sens
 turned by the mounting correction that a recording may have revealed; the moment about the tool
 centre point. Turning the axes does not move the point that the moment is taken about, and moving
 the pose by the whole T_base_sensor would take it about the base's origin: both steps are needed,
-and no third one.
+and no third one. In motion the weight is m (g - a) where the acceleration is known.
 """
 
 from dataclasses import dataclass
@@ -63,6 +63,7 @@ def compensate(
     R_base_sensor: Array,
     p_sensor_tcp_in_sensor: Array,
     payload: Payload,
+    a_com_m_s2: Array | None = None,
 ) -> Wrench:
     """Return the environment's wrench about the TCP, in base axes.
 
@@ -71,17 +72,21 @@ def compensate(
         R_base_sensor: Orientation of the sensor in base. Shape (3, 3).
         p_sensor_tcp_in_sensor: Vector from sensor to TCP, sensor axes [m]. Shape (3,).
         payload: Weight below the sensor and the sensor's bias.
+        a_com_m_s2: Acceleration of the centre of mass, base axes; None: at rest. Shape (3,).
     """
     known = _constants(payload)
     reading = reading_at_sensor_in_sensor
     R_base_true = R_base_sensor.dot(known.R_mount)
     load_N = R_base_true.dot((reading.force_N - known.bias_N) * known.force_to_load)
     load_Nm = R_base_true.dot((reading.torque_Nm - known.bias_Nm) * known.torque_to_load)
-    force_N = load_N - known.weight_in_base_N
+    weight_N = known.weight_in_base_N
+    if a_com_m_s2 is not None:
+        weight_N = weight_N - payload.mass_kg * a_com_m_s2
+    force_N = load_N - weight_N
     # The sum of both moments in plain numbers: np.cross alone would cost more than all the rest.
     cx, cy, cz = R_base_true.dot(known.com_m).tolist()
     px, py, pz = R_base_sensor.dot(p_sensor_tcp_in_sensor).tolist()
-    wx, wy, wz = known.weight_in_base_N.tolist()
+    wx, wy, wz = weight_N.tolist()
     fx, fy, fz = force_N.tolist()
     moved_Nm = np.array(
         [

@@ -11,6 +11,7 @@ from common.frames import is_finite_pose
 from common.messages import RobotState, SensorWrench, WrenchAtTcp
 from services.wrench.compensation import Mounting, Wrench, compensate
 from services.wrench.desk import Desk, Moment
+from services.wrench.inertia import Acceleration
 from services.wrench.inputs import Pairing, heard, pair
 from services.wrench.plausibility import FINE, Bounds, Complaint, History, judge
 from services.wrench.smoothing import Filter, feed
@@ -34,6 +35,8 @@ class WrenchService:
         self._empty_filter = Filter(cell.filter.median, cell.filter.lowpass_s)
         self._filter = self._empty_filter
         self._filter_delay_s = cell.filter_delay_s
+        inertial = cell.filter.inertial
+        self._acceleration = Acceleration(cell, self._mounting) if inertial else None
         self._last_stamp_ns = 0
         self._next_put_ns = 0
         self._sensor = bus.reader(topics.SENSOR_WRENCH)
@@ -100,6 +103,8 @@ class WrenchService:
             self._filter = self._empty_filter
             self._desk.forget()
         self._pairing = pair(self._pairing, sensor, robot)
+        if self._acceleration is not None:
+            self._acceleration.see(robot, self._desk.in_use.payload)
         return complaint
 
     def _complain(self, of_sensor: Complaint, robot: Reading[RobotState], now_ns: int) -> None:
@@ -135,6 +140,7 @@ class WrenchService:
             R_base_sensor=np.asarray(T_base_sensor.rotation),
             p_sensor_tcp_in_sensor=self._mounting.p_sensor_tcp_in_sensor,
             payload=self._desk.in_use.payload,
+            a_com_m_s2=None if self._acceleration is None else self._acceleration.now(),
         )
         calibration_fault = self._desk.in_use.fault(sensor.fresh.serial)
         message = WrenchAtTcp(

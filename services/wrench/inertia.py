@@ -1,0 +1,78 @@
+"""How the tool's centre of mass accelerates, from the poses that the robot reports. Pure.
+
+A tool that is carried about pushes on the sensor with m (g - a); what is left when only m g is
+taken away passes for contact. The acceleration is that of a parabola laid through the last
+2 h + 1 positions of the centre of mass (Savitzky and Golay 1964). It belongs to the middle of them,
+h periods ago; h is chosen so that this is as late as the filter makes the force: both channels
+belong to one moment, as they would behind one filter. What the tool's own rotation adds, its moment
+of inertia times angular acceleration, is not known from a payload and is left.
+"""
+
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+
+from common.cell import Cell
+from common.clock import NS_PER_S
+from common.convert import pose_of
+from common.endpoints import Reading
+from common.frames import Array, rotation_from_vector
+from common.messages import RobotState
+from common.payload import Payload
+from services.wrench.compensation import Mounting
+
+AT_REST = np.zeros(3)
+AT_REST.setflags(write=False)
+PERIODS_SEEN = 50  # over which the robot's real period is measured
+
+
+@dataclass(frozen=True, slots=True)
+class Seen:
+    """A reported pose: its number, when it was published, where the centre of mass was."""
+
+    seq: int
+    epoch: int
+    stamp_ns: int
+    p_com_m: Array
+
+
+class Acceleration:
+    """Of the centre of mass, base axes; zero until enough poses have come without a gap."""
+
+    def __init__(self, cell: Cell, mounting: Mounting) -> None:
+        """Choose the length of the parabola by the delay of the filter."""
+        half = max(1, round(cell.filter_delay_s * cell.rates.robot_hz))
+        offsets = np.arange(-half, half + 1, dtype=float)
+        self._weights = 2.0 * np.linalg.pinv(np.vander(offsets, 3))[0]  # of the second derivative
+        self._mounting = mounting
+        self._seen: deque[Seen] = deque(maxlen=max(len(offsets), PERIODS_SEEN))
+
+    def see(self, robot: Reading[RobotState], payload: Payload) -> None:
+        """Take a pose that is new; one that is not good, and a gap, begin anew."""
+        if robot.fresh is None or robot.header is None:
+            self._seen.clear()
+            return
+        header = robot.header
+        if self._seen:
+            last = self._seen[-1]
+            if (header.epoch, header.seq) == (last.epoch, last.seq):
+                return
+            if (header.epoch, header.seq) != (last.epoch, last.seq + 1):
+                self._seen.clear()
+        T = pose_of(robot.fresh) * self._mounting.T_flange_sensor
+        R_mount = rotation_from_vector(np.array(payload.mounting_rotation_rad))
+        p_com_m = np.asarray(T.act(R_mount @ np.array(payload.com_m)))
+        self._seen.append(Seen(header.seq, header.epoch, header.stamp_ns, p_com_m))
+
+    def now(self) -> Array:
+        """Return the acceleration [m/s^2], base axes. Shape (3,)."""
+        count = len(self._weights)
+        if len(self._seen) < count:
+            return AT_REST
+        first, last = self._seen[0], self._seen[-1]
+        period_s = (last.stamp_ns - first.stamp_ns) / NS_PER_S / (last.seq - first.seq)
+        if period_s <= 0.0:
+            return AT_REST
+        p = np.array([seen.p_com_m for seen in list(self._seen)[-count:]])
+        return np.asarray(self._weights @ (p - p[-1]) / period_s**2)

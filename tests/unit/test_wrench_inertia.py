@@ -1,4 +1,4 @@
-"""A tool that is carried about pushes on the sensor: that is taken away if the cell file says so."""
+"""A tool that is swung about pushes on the sensor: taken away where the cell file says so."""
 
 from dataclasses import replace
 
@@ -67,7 +67,7 @@ def test_a_gap_another_writer_and_silence_begin_anew() -> None:
     assert known[20].header is not None
     other = Reading(known[20].message, known[20].header.model_copy(update={"epoch": 2}), 0.0, "")
     assert after([*known[:20], other]).now() == pytest.approx(0.0)
-    silent = Reading[RobotState](None, None, 1.0, "silent", silent=True)
+    silent: Reading[RobotState] = Reading(None, None, 1.0, "silent", silent=True)
     assert after([*known[:20], silent, *known[20:22]]).now() == pytest.approx(0.0)
     assert after([*known[:20], known[19], known[19]]).now()[0] == pytest.approx(2.0, abs=1e-3)
 

@@ -1,0 +1,115 @@
+"""Is the sensor installed as the cell file says? Told from static readings. Pure.
+
+The weight of the tool is a known force in many directions: it shows which axis each channel shows,
+and in which unit. Three things it cannot tell alone, and they are said: whether an arm hangs or its
+sensor reports the reaction, whether the torques are all reversed when nobody knows on which side of
+the sensor the centre of mass is, and a moment that the tool does not have.
+"""
+
+import math
+
+from common.frames import Array
+from services.wrench.installation_axes import (
+    EYE,
+    axis_findings,
+    mounting_remark,
+    plausible,
+    same,
+    unseen,
+)
+from services.wrench.installation_fit import (
+    ForceFit,
+    TorqueFits,
+    fit_force,
+    fit_torque,
+    gravity_turns,
+)
+from services.wrench.installation_payload import length_findings, lever_finding, mass_finding
+from services.wrench.installation_stories import too_few, unexplained
+from services.wrench.installation_terms import Belief, Finding, Installation
+from services.wrench.poses import Poses, sort_into_poses
+from services.wrench.recording import Samples
+
+
+def judge_installation(samples: Samples, belief: Belief) -> Installation:
+    """Say whether axes, signs, units and payload are what the cell file says.
+
+    Args:
+        samples: Static readings in four attitudes or more, free of contact, in the axes that the
+            cell file gives the sensor.
+        belief: What the cell file says.
+    """
+    poses = sort_into_poses(samples)
+    lengths = length_findings(belief)
+    belief = belief.in_metres()
+    force = fit_force(poses, belief.down_in_base)
+    evidence = _force_evidence(poses, force)
+    problem = _not_told(poses, force, belief)
+    if problem is not None:
+        return Installation((*lengths, problem), (), evidence)
+    mass = mass_finding(force.mass, belief)
+    # The lever comes out in metres only if it is found with the true weight.
+    is_unit = mass is not None and mass.code == "force_unit" and belief.mass_kg is not None
+    weighed = belief.mass_kg if is_unit and belief.mass_kg is not None else force.mass
+    torque = fit_torque(poses, belief.down_in_base, force.turn, weighed)
+    axes = axis_findings(force, torque, belief)
+    com_m = _com(force, torque, belief)
+    lever = None if com_m is None else lever_finding(com_m, belief)
+    if lever is not None and lever.kind == "payload" and axes:
+        lever = None  # said in the axes of the cell file, which are not the sensor's
+    found = [*lengths, *axes, *(each for each in (mass, lever) if each is not None)]
+    if com_m is not None:
+        evidence |= {f"com_{axis}_m": float(x) for axis, x in zip("xyz", com_m, strict=True)}
+    evidence |= _torque_evidence(torque)
+    remarks = [] if axes else unseen(torque, belief)
+    off = None if axes else mounting_remark(force)
+    return Installation(
+        tuple(found), (*remarks, *([off] if off else [])), evidence, force.wiring, com_m
+    )
+
+
+def installation_complaint(samples: Samples, belief: Belief) -> str | None:
+    """Return why a calibration from these readings must not be written, None when it may be.
+
+    A payload that is not the one of the cell file is no reason: the calibration corrects it. An
+    installation that these readings cannot tell is one.
+    """
+    findings = judge_installation(samples, belief).findings
+    return next((str(finding) for finding in findings if finding.kind != "payload"), None)
+
+
+def _not_told(poses: Poses, force: ForceFit, belief: Belief) -> Finding | None:
+    """Return why the force says nothing of the axes, None when it does."""
+    if force.explained and force.told:
+        return None
+    if force.explained or not gravity_turns(poses, belief.down_in_base):
+        return too_few(poses, force, belief)
+    return unexplained(poses, force, belief)
+
+
+def _com(force: ForceFit, torque: TorqueFits, belief: Belief) -> Array | None:
+    """Return the centre of mass if the torques show it, in the axes that the cell file believes."""
+    if not torque.shown:
+        return None
+    fits = plausible(torque, belief) or list(torque.fits)
+    wanted = (EYE, force.wiring)
+    ranked = sorted(fits, key=lambda fit: not any(same(fit.wiring, W) for W in wanted))
+    return ranked[0].com_m
+
+
+def _force_evidence(poses: Poses, force: ForceFit) -> dict[str, float]:
+    return {
+        "poses": float(len(poses)),
+        "mass_kg": force.mass,
+        "rms_force_N": force.rms_N,
+        "rival_rms_force_N": force.rival_rms_N,
+        "turned_deg": math.degrees(force.turn_rad),
+    }
+
+
+def _torque_evidence(torque: TorqueFits) -> dict[str, float]:
+    return {
+        "rms_torque_Nm": torque.fits[0].rms_Nm,
+        "spread_torque_Nm": torque.spread_Nm,
+        "torque_wirings_left": float(len(torque.fits)),
+    }

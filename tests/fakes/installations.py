@@ -1,0 +1,95 @@
+"""Static readings of a sensor that is installed in some way, and the mends that are asked for."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+
+from bench.payload_worlds import World, attitudes, read, truth
+from common.frames import Array, Oat, R_from_oat
+from common.payload import Payload
+from services.wrench.installation_terms import Belief, Finding
+from services.wrench.poses import carries_a_fit, sort_into_poses
+from services.wrench.recording import Samples
+
+EYE = np.eye(3)
+PAYLOAD = Payload(1.0, (0.012, -0.008, 0.055), (1.5, -2.0, 3.0), (0.05, -0.04, 0.03))
+OAT_DEG = (30.0, 0.0, 0.0)
+ERRORS = World(tilt_deg=1.5, mounting_deg=2.0, gain=1.0, drift=1.0)
+
+
+def oat_matrix(oat_deg: tuple[float, ...]) -> Array:
+    """Return the rotation of angles as a cell file has them."""
+    return R_from_oat(Oat(*np.radians(oat_deg).tolist()))
+
+
+def belief(payload: Payload = PAYLOAD, oat_deg: tuple[float, float, float] = OAT_DEG) -> Belief:
+    """Return a cell file that says the truth; the tool is along z of sensor and flange."""
+    R = oat_matrix(oat_deg)
+    p_sensor = np.array([0.0, 0.0, 0.02])
+    return Belief(
+        mass_kg=payload.mass_kg,
+        com_m=np.array(payload.com_m),
+        oat_deg=oat_deg,
+        R_flange_sensor=R,
+        p_flange_sensor_m=p_sensor,
+        p_flange_tcp_m=p_sensor + R @ np.array([0.0, 0.0, 0.14]),
+    )
+
+
+def readings(
+    payload: Payload = PAYLOAD,
+    *,
+    poses: int = 6,
+    force: Array = EYE,
+    torque: Array = EYE,
+    world: World | None = None,
+    seed: int = 0,
+) -> Samples:
+    """Return noisy static readings whose channels show `force` and `torque` of the load."""
+    rng = np.random.default_rng(seed)
+    if world is not None:
+        errors = truth(world, rng)
+        payload = replace(
+            errors,
+            mass_kg=payload.mass_kg,
+            com_m=payload.com_m,
+            bias_force_N=payload.bias_force_N,
+            bias_torque_Nm=payload.bias_torque_Nm,
+        )
+    while True:
+        time_s = np.linspace(0.0, 300.0, poses)
+        seen = read(payload, attitudes(rng, poses), time_s, rng)
+        if carries_a_fit(sort_into_poses(seen)):
+            break
+    bias_N, bias_Nm = np.array(payload.bias_force_N), np.array(payload.bias_torque_Nm)
+    return replace(
+        seen,
+        force_N=(seen.force_N - bias_N) @ force.T + bias_N,
+        torque_Nm=(seen.torque_Nm - bias_Nm) @ torque.T + bias_Nm,
+    )
+
+
+def mended(finding: Finding, seen: Samples, of: Belief) -> tuple[Samples, Belief]:
+    """Do what a finding of axes says, word by word, on an arm that stands upright."""
+    oat = re.search(r"T_flange_sensor\.oat_deg: \[(.*?)\]", finding.mend)
+    if finding.code == "reaction":
+        return replace(seen, force_N=-seen.force_N, torque_Nm=-seen.torque_Nm), of
+    if oat:
+        x, y, z = (float(angle) for angle in oat[1].split(","))
+        R = oat_matrix((x, y, z))
+        assert of.R_flange_sensor is not None
+        turned = seen.R_base_sensor @ of.R_flange_sensor.T @ R
+        # Positions are in flange axes, where they stay; the lever is in those of the sensor.
+        com = None if of.com_m is None else R.T @ of.R_flange_sensor @ of.com_m
+        told = replace(of, R_flange_sensor=R, oat_deg=(x, y, z), com_m=com)
+        return replace(seen, R_base_sensor=turned), told
+    channels = {"F": seen.force_N, "M": seen.torque_Nm}
+    after = {name: values.copy() for name, values in channels.items()}
+    orders = re.findall(r"([FM])([xyz]) = (-?)[FM]([xyz]) of today", finding.mend.split(";")[0])
+    orders += re.findall(r"(M)([xyz]) = (-?)M([xyz]) of today", finding.mend.partition("; in")[2])
+    assert orders, finding
+    for name, axis, sign, source in orders:
+        value = channels[name][:, "xyz".index(source)]
+        after[name][:, "xyz".index(axis)] = -value if sign else value
+    return replace(seen, force_N=after["F"], torque_Nm=after["M"]), of

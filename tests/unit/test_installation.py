@@ -1,0 +1,214 @@
+"""Every wrong way to install a sensor is told from its weight, with a mend that mends it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from bench.payload_worlds import World
+from common.payload import Payload
+from services.wrench.installation import installation_complaint, judge_installation
+from services.wrench.installation_axes import EYE
+from services.wrench.installation_fit import SIGNED, TURNS
+from tests.fakes.installations import ERRORS, PAYLOAD, belief, mended, oat_matrix, readings
+
+CHANNELS = ("all six", "forces", "torques")
+
+
+@st.composite
+def payloads(draw) -> Payload:
+    """Draw a tool of some weight that sits on the tool's side, off its axis, and any bias."""
+    number = st.floats(-1.0, 1.0)
+    off = st.floats(0.01, 0.03) | st.floats(-0.03, -0.01)
+    return Payload(
+        draw(st.floats(0.5, 6.0)),
+        (draw(off), draw(off), draw(st.floats(0.04, 0.1))),
+        tuple(20.0 * draw(number) for _ in range(3)),
+        tuple(draw(number) for _ in range(3)),
+    )
+
+
+oats = st.tuples(st.floats(-180.0, 180.0), st.floats(5.0, 175.0), st.floats(-180.0, 180.0))
+
+
+def wired(wiring, channels):
+    """Return what forces and torques show when some of the channels are wired so."""
+    return {
+        "force": EYE if channels == "torques" else wiring,
+        "torque": EYE if channels == "forces" else wiring,
+    }
+
+
+def test_there_are_48_wirings_and_a_mounting_can_have_24_of_them() -> None:
+    """All different, the right one first."""
+    assert len({tuple(W.ravel()) for W in SIGNED}) == 48
+    assert np.array_equal(SIGNED[0], EYE)
+    assert len(TURNS) == 24
+
+
+@pytest.mark.parametrize("world", [None, ERRORS], ids=["a good cell", "tilt, gain, drift"])
+@pytest.mark.parametrize("channels", CHANNELS)
+def test_all_47_wrong_installations_are_told_and_mended(channels, world) -> None:
+    """The right one is right; for each other one, what the finding says to write makes it right."""
+    for number, wiring in enumerate(SIGNED):
+        seen = readings(**wired(wiring, channels), world=world, seed=number, poses=8)
+        found = judge_installation(seen, belief())
+        told = f"{channels} {wiring.astype(int).tolist()}: {[str(f) for f in found.findings]}"
+        if number == 0:
+            assert found.verdict == "right", told
+            continue
+        assert found.verdict == "wrong", told
+        assert len(found.findings) == 1, told
+        again = judge_installation(*mended(found.findings[0], seen, belief()))
+        assert again.verdict == "right", f"{told}, then {[str(f) for f in again.findings]}"
+
+
+@settings(max_examples=150, deadline=None)
+@given(
+    payload=payloads(),
+    oat_deg=oats,
+    wiring=st.integers(0, 47),
+    channels=st.sampled_from(CHANNELS),
+    poses=st.integers(4, 12),
+    seed=st.integers(0, 10**6),
+)
+def test_any_tool_on_any_mounting_shows_it(payload, oat_deg, wiring, channels, poses, seed) -> None:
+    """Six poses are enough, whatever hangs on the sensor and however it sits; fewer never lie."""
+    seen = readings(payload, **wired(SIGNED[wiring], channels), poses=poses, seed=seed)
+    of = belief(payload, oat_deg)
+    found = judge_installation(seen, of)
+    if poses < 6 and found.verdict == "cannot tell":
+        assert [finding.code for finding in found.findings] == ["poses"]
+        return
+    assert found.verdict == ("right" if wiring == 0 else "wrong")
+    if wiring == 0:
+        return
+    assert judge_installation(*mended(found.findings[0], seen, of)).verdict == "right"
+
+
+@settings(max_examples=60, deadline=None)
+@given(payload=payloads(), wiring=st.integers(1, 47), seed=st.integers(0, 10**6))
+def test_without_a_known_payload_it_is_told_as_well(payload, wiring, seed) -> None:
+    """Neither mass nor lever need be known: the tool is on the side of its tip."""
+    seen = readings(payload, **wired(SIGNED[wiring], "all six"), seed=seed)
+    of = replace(belief(payload), mass_kg=None, com_m=None)
+    assert judge_installation(seen, of).verdict == "wrong"
+    assert judge_installation(readings(payload, seed=seed), of).verdict == "right"
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    turn_deg=st.floats(10.0, 40.0) | st.floats(-40.0, -10.0),
+    axis=st.integers(0, 2),
+    wiring=st.integers(0, 23),
+    seed=st.integers(0, 10**6),
+)
+def test_a_mounting_at_any_angle_is_told_to_a_degree(turn_deg, axis, wiring, seed) -> None:
+    """Not only multiples of 90 degrees: what is to be written mends it."""
+    turn = oat_matrix([(turn_deg, 0.0, 0.0), (0.0, turn_deg, 0.0), (90.0, turn_deg, -90.0)][axis])
+    shown = TURNS[wiring] @ turn
+    seen = readings(force=shown, torque=shown, seed=seed)
+    (finding,) = judge_installation(seen, belief()).findings
+    assert finding.code == "mounting"
+    again = judge_installation(*mended(finding, seen, belief()))
+    assert again.verdict == "right"
+    assert again.evidence["turned_deg"] < 1.0
+
+
+def test_a_play_of_a_few_degrees_is_right_and_said() -> None:
+    """The calibration finds and corrects it."""
+    shown = oat_matrix((4.0, 0.0, 0.0))
+    found = judge_installation(readings(force=shown, torque=shown), belief())
+    assert found.verdict == "right"
+    assert any("4.0 degrees off" in line for line in found.unseen)
+
+
+def test_angles_in_radians_in_the_cell_file_are_recognised() -> None:
+    """30 degrees written as 0.5236: the sentence says so and gives the angles to write."""
+    wrong = (0.5236, 0.0, 0.0)
+    seen = readings()
+    turned = seen.R_base_sensor @ oat_matrix((30.0, 0.0, 0.0)).T @ oat_matrix(wrong)
+    found = judge_installation(replace(seen, R_base_sensor=turned), belief(oat_deg=wrong))
+    assert "oat_deg [0.5236, 0.0, 0.0] is in radians" in found.findings[0].text
+    assert found.findings[0].mend == "write sensor.T_flange_sensor.oat_deg: [0, 0, 30]"
+
+
+# --- what weight alone cannot tell ----------------------------------------------------------------
+
+
+def test_a_sensor_of_reactions_and_an_arm_that_hangs_read_alike() -> None:
+    """Both are named; a cell file that says how gravity points settles it."""
+    seen = readings(force=-EYE, torque=-EYE)
+    (finding,) = judge_installation(seen, belief()).findings
+    assert finding.code == "reaction"
+    assert "push the tool" in finding.mend
+    assert "payload.gravity_direction_in_base: [0, 0, 1]" in finding.mend
+    hangs = replace(belief(), down_in_base=np.array([0.0, 0.0, 1.0]))
+    assert judge_installation(seen, hangs).verdict == "right"
+    assert judge_installation(readings(), hangs).findings[0].code == "reaction"
+
+
+def test_reversed_torques_are_told_by_the_side_of_the_tool_alone() -> None:
+    """-M with -c reads the same as M with c: unless tool or lever is known, that is said."""
+    seen = readings(torque=-EYE)
+    unknown = replace(belief(), com_m=None, p_flange_tcp_m=None)
+    found = judge_installation(seen, unknown)
+    assert found.verdict == "right"
+    assert any("whether the torques are all reversed" in line for line in found.unseen)
+    for known in (belief(), replace(belief(), com_m=None), replace(belief(), p_flange_tcp_m=None)):
+        (finding,) = judge_installation(seen, known).findings
+        assert finding.code == "torque_axes"
+        assert "torques are all reversed" in finding.text
+
+
+def test_a_tool_on_its_axis_leaves_the_sign_of_its_torsion_open() -> None:
+    """Its moment about z never changes: said, and no mistake invented."""
+    payload = replace(PAYLOAD, com_m=(0.0, 0.0, 0.055))
+    found = judge_installation(readings(payload), belief(payload))
+    assert found.verdict == "right"
+    assert any("the sign of Mz" in line for line in found.unseen)
+
+
+def test_a_tool_without_a_lever_shows_nothing_of_the_torques() -> None:
+    """The forces are judged all the same."""
+    payload = replace(PAYLOAD, com_m=(0.0, 0.0, 0.0))
+    found = judge_installation(readings(payload), replace(belief(payload), com_m=None))
+    assert found.verdict == "right"
+    assert any(line.startswith("the torques, for the tool's moment") for line in found.unseen)
+    turned = judge_installation(
+        readings(payload, force=TURNS[2], torque=TURNS[2]), replace(belief(payload), com_m=None)
+    )
+    assert turned.findings[0].code == "mounting"
+    assert "if the torques are turned alike" in turned.findings[0].mend
+
+
+@pytest.mark.parametrize("spread_deg", [0.0, 2.0])
+def test_poses_that_are_alike_tell_nothing(spread_deg) -> None:
+    """Verdict: cannot tell, with advice; a calibration from them is refused."""
+    rng = np.random.default_rng(3)
+    seen = readings(poses=12)
+    alike = np.array(
+        [oat_matrix(tuple(rng.uniform(-spread_deg, spread_deg, 3))) for _ in range(12)]
+    )
+    weight = alike.swapaxes(1, 2) @ np.array([0.0, 0.0, -9.8])
+    noise = 0.01 * rng.normal(size=(12, 3))
+    found = replace(seen, R_base_sensor=alike, force_N=weight + noise)
+    assert judge_installation(found, belief()).verdict == "cannot tell"
+    assert "turn the wrist" in (installation_complaint(found, belief()) or "")
+
+
+def test_turns_about_one_axis_leave_a_mirror_open() -> None:
+    """Gravity in one plane of the sensor: the axis across it may point either way."""
+    R = np.array([oat_matrix((90.0, angle, -90.0)) for angle in range(0, 360, 40)])
+    weight = R.swapaxes(1, 2) @ np.array([0.0, 0.0, -9.8])
+    seen = replace(readings(poses=9), R_base_sensor=R, force_N=weight, torque_Nm=0.0 * weight)
+    assert judge_installation(seen, belief()).verdict == "cannot tell"
+
+
+def test_model_errors_are_not_taken_for_an_installation() -> None:
+    """Usual errors of gain, tilt, mounting and drift, in many cells: right, and no complaint."""
+    for seed in range(60):
+        seen = readings(world=World(1.5, 2.0, 1.0, 1.0), seed=seed, poses=6)
+        assert installation_complaint(seen, belief()) is None, seed

@@ -5,6 +5,7 @@ from typing import Annotated
 import typer
 
 from cli import payload, verbs_force, verbs_motion, verbs_read, verbs_run, verbs_watch
+from cli.calibrate import calibrate
 from cli.context import EXIT_CODES
 from cli.demo import demo
 from cli.doctor import doctor
@@ -33,6 +34,7 @@ app.add_typer(verbs_motion.move, name="move", rich_help_panel=MOVE)
 app.command(rich_help_panel=MOVE)(verbs_motion.speed)
 app.add_typer(verbs_force.force, name="force", rich_help_panel=FORCE)
 app.command(rich_help_panel=FORCE)(verbs_force.tare)
+app.command(rich_help_panel=FORCE)(calibrate)
 app.add_typer(payload.app, name="payload", rich_help_panel=FORCE)
 
 

@@ -1,0 +1,179 @@
+"""Calibration by the arm itself: check the model, plan, ask, drive; and verification alone."""
+
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from types import FrameType
+
+import numpy as np
+import typer
+
+from cli.calibration.drive import Drive
+from cli.calibration.errors import CalibrationError, StoppedError
+from cli.calibration.evidence import evidence_of
+from cli.calibration.finish import Job, conclude, keep_readings
+from cli.calibration.plan import Options, Plan, make_plan, spread_deg
+from cli.calibration.screen import screen
+from cli.calibration.tell import Teller
+from cli.calibration.verdict import judge, left_in_use
+from cli.calibration.wizard import BOTH, Pace, Wizard, expected_s
+from cli.context import NOT_WELL, OK
+from cli.doctor_pose import Frames, check_pose, model_of
+from cli.verbs_motion import INTERRUPTED
+from common.cell import Cell
+from common.convert import pose_of
+from common.endpoints import Bus
+from common.errors import ForcemeshError
+from common.messages import RobotState
+from services.gateway.scales import Scales
+from services.gateway.service import scales_of
+from sim.robot.kinematics import ArmKinematics
+
+BY_HAND = "calibrate with --manual, which needs no model of the arm"
+
+
+@dataclass(frozen=True, slots=True)
+class Wish:
+    """How the arm is to go, and whether the person has said yes already."""
+
+    options: Options
+    pace: Pace
+    yes: bool = False
+
+
+def calibrate(job: Job, wish: Wish, bus: Bus) -> int:
+    """Plan, ask, drive, fit, verify, write, send. Returns the exit code."""
+    plan = planned(job.cell, bus, wish)
+    wizard, ended = _driven(job, wish, bus, plan)
+    keep_readings(job, wizard.dwells)
+    if ended is not None:
+        return ended
+    count = len(wizard.plan.refused)
+    skipped = (f"{count} poses were refused by the arm and others taken",) if count else ()
+    evidence = evidence_of(
+        "arm",
+        wizard.dwells,
+        source=job.places.readings,
+        serial=wizard.serial,
+        notes=(*plan.warnings, *skipped),
+    )
+    return conclude(job, evidence, bus)
+
+
+def verify(job: Job, wish: Wish, bus: Bus) -> int:
+    """Drive to fresh poses and judge what the running cell leaves there. Returns the exit code."""
+    plan = planned(job.cell, bus, wish)
+    wizard, ended = _driven(job, wish, bus, plan, fitting=False)
+    if ended is not None:
+        return ended
+    verdict = judge(left_in_use(wizard.dwells), job.bounds)
+    typer.echo(f"calibration in use: {wizard.in_use or 'not said'}")
+    typer.echo(verdict.text)
+    return OK if verdict.passed else NOT_WELL
+
+
+def planned(cell: Cell, bus: Bus, wish: Wish) -> Plan:
+    """Return the plan from where the arm is now. Raises CalibrationError with what to do."""
+    state = Drive(bus, wish.pace.speed_m_s).state()
+    if state.status.moving:
+        raise CalibrationError("the arm is moving: let it rest first")
+    return make_plan(cell, _model(cell, state), np.array(state.joint_rad), wish.options)
+
+
+def _model(cell: Cell, state: RobotState) -> ArmKinematics:
+    """Return the model of the arm, when the arm agrees with it."""
+    arm = model_of(cell.robot.joint_min_deg, cell.robot.joint_max_deg)
+    if arm is None:
+        text = (
+            "the joint limits of the cell file are not those of the RS007L, the arm that is known"
+        )
+        raise CalibrationError(f"{text}: {BY_HAND}")
+    section = cell.gateway if cell.roles.robot == "gateway" else None
+    line = check_pose(
+        pose_of(state),
+        np.array(state.joint_rad),
+        scales=Scales() if section is None else scales_of(section),
+        frames=Frames(cell.tool.T_flange_tcp.pose, cell.sensor.T_flange_sensor.pose),
+        arm=arm,
+    )
+    if line.word == "FAIL":
+        text = f"the pose that the arm reports does not agree with its joints: {line.found}"
+        raise CalibrationError(f"{text}; {line.remedy}; or {BY_HAND}")
+    return arm
+
+
+def explained(cell: Cell, plan: Plan, pace: Pace, *, fitting: bool = True) -> str:
+    """Return what a person must know before the arm moves."""
+    low, high = (
+        [1e3 * v for v in corner]
+        for corner in (cell.limits.workspace_min_m, cell.limits.workspace_max_m)
+    )
+    box = ", ".join(
+        f"{axis} {a:.0f} .. {b:.0f}" for axis, a, b in zip("xyz", low, high, strict=True)
+    )
+    floor_mm = 1e3 * plan.route.near_start.floor_m
+    walls = f" and {len(cell.limits.planes)} plane(s)" if cell.limits.planes else ""
+    count = f"{len(plan.fit)} poses and {len(plan.verify)} to verify" if fitting else ""
+    count = count or f"{len(plan.verify)} poses"
+    seconds = expected_s(plan, pace, BOTH if fitting else ("verify",))
+    lines = [*plan.warnings]
+    lines.append(
+        f"{count}, about {seconds:.0f} s at {1e3 * pace.speed_m_s:.0f} mm/s; gravity turns by "
+        f"{spread_deg(plan):.0f} degrees in the sensor, expected condition number "
+        f"{plan.conditioning:.1f}"
+    )
+    lines.append(
+        f"flange, sensor and TCP stay inside the box {box} mm (base axes){walls}, and above "
+        f"z = {floor_mm:.0f} mm; the arm goes up first and comes back to where it is now"
+    )
+    lines.append(
+        "nothing else is known: look that the box is free of things and people, that arm, tool and "
+        "cables may turn there, that the tool hangs free, and keep a hand at the emergency stop"
+    )
+    return "\n".join(lines)
+
+
+def _driven(
+    job: Job, wish: Wish, bus: Bus, plan: Plan, *, fitting: bool = True
+) -> tuple[Wizard, int | None]:
+    """Ask the person, then drive; the exit code comes with it when it ended early."""
+    typer.echo(explained(job.cell, plan, wish.pace, fitting=fitting), err=True)
+    if not wish.yes and not typer.confirm("is the box free, and may the arm move?", err=True):
+        raise CalibrationError("nothing was moved")
+    with screen() as teller:
+        return drive(job.cell, bus, plan, wish.pace, teller=teller, fitting=fitting)
+
+
+def drive(
+    cell: Cell, bus: Bus, plan: Plan, pace: Pace, *, teller: Teller, fitting: bool = True
+) -> tuple[Wizard, int | None]:
+    """Run the wizard; Ctrl-C and every error end in a hold, and what was recorded is kept."""
+    wizard = Wizard(bus, cell, plan, pace=pace, teller=teller)
+    try:
+        wizard.run(BOTH if fitting else ("verify",))
+    except KeyboardInterrupt:
+        with _deaf():
+            teller.note(f"interrupted: {wizard.abandon('the calibration was interrupted')}")
+        return wizard, INTERRUPTED
+    except StoppedError as error:
+        teller.note(str(error))
+        return wizard, NOT_WELL
+    except ForcemeshError as error:
+        teller.note(f"{error}; {wizard.abandon('the calibration failed')}")
+        return wizard, NOT_WELL
+    return wizard, None
+
+
+@contextmanager
+def _deaf() -> Iterator[None]:
+    """Let no second Ctrl-C get between a person and the hold that the first one asked for."""
+
+    def nothing(_signal: int, _frame: FrameType | None) -> None:
+        """Ignore it."""
+
+    before = signal.signal(signal.SIGINT, nothing)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)

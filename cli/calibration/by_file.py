@@ -1,0 +1,38 @@
+"""Calibration from a recording: nothing moves, the cell need not be up."""
+
+from pathlib import Path
+
+import typer
+
+from cli.calibration.evidence import Evidence
+from cli.calibration.finish import Job, conclude
+from common.bus import open_bus
+from common.errors import BusError
+from common.topics import CLIENT
+from services.wrench.identification import identify_recording
+from services.wrench.poses import sort_into_poses
+from services.wrench.recording import Samples, WrenchAxes, read_recording
+
+PATIENCE_S = 0.5
+
+
+def calibrate(job: Job, recording: Path, other: Path | None, axes: WrenchAxes | None) -> int:
+    """Fit a recording, verify it by another one if there is one, write, send if the cell is up.
+
+    Raises DataError when a recording cannot be used.
+    """
+    data = read_recording(recording)
+    taken, fit, reason = identify_recording(data, axes)
+    if reason:
+        typer.echo(reason, err=True)
+    verify = None if other is None else _poses_of(other, taken)
+    evidence = Evidence("recording", data, taken, fit, verify)
+    try:
+        with open_bus(job.cell, CLIENT, patience_s=PATIENCE_S) as bus:
+            return conclude(job, evidence, bus)
+    except BusError:
+        return conclude(job, evidence, None)
+
+
+def _poses_of(path: Path, axes: WrenchAxes) -> Samples:
+    return sort_into_poses(read_recording(path).samples(axes)).means

@@ -1,0 +1,175 @@
+"""Reads what the sensor says while the arm stands still: each sample once, good ones alone."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from cli.calibration.errors import CalibrationError
+from cli.calibration.rows import Dwell, Purpose
+from cli.calibration.stillness import Sample, Stillness
+from common import topics
+from common.cell import Cell
+from common.clock import NS_PER_S
+from common.convert import pose_of
+from common.endpoints import Bus
+from common.errors import ForcemeshError
+from common.frames import Array
+
+POLL_S = 0.001
+STILL_WITHIN_S = 10.0
+JUDGE_EVERY_NS = 50_000_000  # whether all is still
+HEARD_WITHIN_S = 2.0
+LEAST_READINGS = 10
+ATTEMPTS = 2
+
+Watch = Callable[[str], None]  # is told what is waited for; raises when the arm was stopped
+
+
+class ReadingLostError(ForcemeshError):
+    """The sensor or the arm said nothing good for a moment."""
+
+
+@dataclass(slots=True)
+class _Left:
+    """What the running cell leaves of the wrench, summed over a dwell, at the sensor's origin."""
+
+    force_N: Array
+    torque_Nm: Array
+    count: int = 0
+
+
+class Gatherer:
+    """A client's eyes on sensor, arm and wrench."""
+
+    def __init__(self, bus: Bus, cell: Cell) -> None:
+        """Subscribe."""
+        self._clock = bus.clock
+        self._started_ns = bus.clock.now_ns()
+        self._sensor = bus.reader(topics.SENSOR_WRENCH)
+        self._robot = bus.reader(topics.ROBOT_STATE)
+        self._wrench = bus.reader(topics.WRENCH)
+        self._T_flange_sensor: pin.SE3 = cell.sensor.T_flange_sensor.pose
+        self._T_flange_tcp: pin.SE3 = cell.tool.T_flange_tcp.pose
+        self._seen = (0, 0)  # epoch and number of the last sample
+        self.stillness = Stillness()
+        self.serial = ""  # of the sensor
+        self.in_use = ""  # the calibration that the running cell uses
+
+    def take(self) -> Sample | None:
+        """Return the newest sample when it is a new one.
+
+        Raises ReadingLostError while sensor or arm are not heard, or not good.
+        """
+        now_ns = self._clock.now_ns()
+        sensor, robot = self._sensor.read(now_ns), self._robot.read(now_ns)
+        for fault in (sensor.fault, robot.fault):
+            if fault:
+                self.stillness.forget()
+                raise ReadingLostError(fault)
+        message, header, state = sensor.fresh, sensor.header, robot.fresh
+        if message is None or header is None or state is None:
+            return None
+        if (header.epoch, header.seq) == self._seen:
+            return None
+        self._seen = (header.epoch, header.seq)
+        self.serial = message.serial or self.serial
+        T = pose_of(state) * self._T_flange_sensor
+        sample = Sample(
+            header.stamp_ns,
+            np.array(T.translation),
+            np.array(T.rotation),
+            np.array(message.force_N + message.torque_Nm),
+        )
+        self.stillness.see(sample)
+        return sample
+
+    def until_heard(self) -> None:
+        """Wait for the first good sample. Raises CalibrationError when none comes."""
+        give_up_ns = self._clock.now_ns() + round(HEARD_WITHIN_S * NS_PER_S)
+        why = ""
+        while self._clock.now_ns() < give_up_ns:
+            self._clock.sleep_s(POLL_S)
+            try:
+                if self.take() is not None:
+                    return
+            except ReadingLostError as error:
+                why = str(error)
+        raise CalibrationError(f"no reading within {HEARD_WITHIN_S:g} s: {why}")
+
+    def dwell(self, purpose: Purpose, dwell_s: float, watch: Watch) -> Dwell:
+        """Wait until all is still, then read for a while; once more when a reading is lost.
+
+        Raises CalibrationError, with what was waited for, when it does not come to rest.
+        """
+        for attempt in range(1, ATTEMPTS + 1):
+            try:
+                self._until_still(watch)
+                return self._read(purpose, dwell_s, watch)
+            except ReadingLostError as error:
+                watch("the sensor")
+                if attempt == ATTEMPTS:
+                    raise CalibrationError(f"the reading failed twice: {error}") from error
+                self.until_heard()
+        raise AssertionError  # the last attempt returns or raises
+
+    def _until_still(self, watch: Watch) -> None:
+        self.stillness.forget()
+        give_up_ns = self._clock.now_ns() + round(STILL_WITHIN_S * NS_PER_S)
+        waits_for, judged_ns = "readings", 0
+        while self._clock.now_ns() < give_up_ns:
+            self._clock.sleep_s(POLL_S)
+            watch(f"waiting for {waits_for}")
+            if self.take() is None or self._clock.now_ns() - judged_ns < JUDGE_EVERY_NS:
+                continue
+            judged_ns = self._clock.now_ns()
+            waits_for = self.stillness.complaint()
+            if not waits_for:
+                return
+        raise CalibrationError(f"after {STILL_WITHIN_S:g} s still waiting for {waits_for}")
+
+    def _read(self, purpose: Purpose, dwell_s: float, watch: Watch) -> Dwell:
+        samples: list[Sample] = []
+        left = _Left(np.zeros(3), np.zeros(3))
+        end_ns = self._clock.now_ns() + round(dwell_s * NS_PER_S)
+        while self._clock.now_ns() < end_ns:
+            self._clock.sleep_s(POLL_S)
+            watch("reading")
+            sample = self.take()
+            if sample is not None:
+                samples.append(sample)
+                self._add_wrench(left, sample)
+        complaint = self.stillness.complaint()
+        if complaint and complaint != "readings":
+            raise ReadingLostError(f"it did not stay still: waiting for {complaint}")
+        if len(samples) < LEAST_READINGS:
+            raise ReadingLostError(f"only {len(samples)} readings came in {dwell_s:g} s")
+        readings = np.array([sample.reading for sample in samples])
+        at_ns = np.array([sample.at_ns - self._started_ns for sample in samples])
+        return Dwell(
+            purpose,
+            at_ns / NS_PER_S,
+            np.array([sample.position_m for sample in samples]),
+            np.array([sample.R_base_sensor for sample in samples]),
+            readings[:, :3],
+            readings[:, 3:],
+            left.force_N / left.count if left.count else None,
+            left.torque_Nm / left.count if left.count else None,
+        )
+
+    def _add_wrench(self, left: _Left, sample: Sample) -> None:
+        """Add what the wrench service says, its torque taken about the sensor's origin again."""
+        if not self._wrench.poll():
+            return
+        wrench = self._wrench.read(self._clock.now_ns()).fresh
+        if wrench is None:
+            return
+        self.in_use = wrench.calibration
+        p_tcp_m = (self._T_flange_sensor.inverse() * self._T_flange_tcp).translation
+        force = np.array(wrench.force_N)
+        left.force_N += force
+        left.torque_Nm += np.array(wrench.torque_Nm) + np.cross(
+            sample.R_base_sensor @ p_tcp_m, force
+        )
+        left.count += 1

@@ -1,0 +1,26 @@
+"""Gives a calibration to the running cell."""
+
+from common import topics
+from common.calibration import CalibrationSection
+from common.clock import NS_PER_S
+from common.endpoints import Bus
+from common.requests import CalibrationRequest, Reply
+
+WITHIN_S = 3.0
+AGAIN_S = 0.1
+PASSING = ("wait", "moving")  # refusals that time mends: the arm has just come back
+
+
+def send(bus: Bus, section: CalibrationSection) -> Reply:
+    """Ask the wrench service to use a calibration from now on; return its answer.
+
+    Raises BusError when it does not answer.
+    """
+    request = CalibrationRequest(calibration_json=section.model_dump_json())
+    give_up_ns = bus.clock.now_ns() + round(WITHIN_S * NS_PER_S)
+    while True:
+        reply = bus.ask(topics.CALIBRATE, request)
+        passes = not reply.accepted and reply.code in PASSING
+        if not passes or bus.clock.now_ns() > give_up_ns:
+            return reply
+        bus.clock.sleep_s(AGAIN_S)

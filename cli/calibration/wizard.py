@@ -1,0 +1,146 @@
+"""Drives the arm through a plan and reads at each pose: the core of `forcemesh calibrate`.
+
+It is a client of the cell like any other, so it runs against real processes and in a cell on a
+virtual clock alike. What it has recorded stays in `dwells`, however it ends.
+"""
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from cli.calibration.drive import Drive
+from cli.calibration.errors import PoseRefusedError
+from cli.calibration.gather import Gatherer
+from cli.calibration.plan import Plan
+from cli.calibration.rows import Dwell, Purpose
+from cli.calibration.stillness import WINDOW_S
+from cli.calibration.tell import Teller
+from common.cell import Cell
+from common.clock import NS_PER_S
+from common.endpoints import Bus
+from common.frames import Array
+
+BOTH: tuple[Purpose, ...] = ("fit", "verify")
+RAMP_S = 0.5  # speeding up, slowing down, and being believed to be there
+
+
+@dataclass(frozen=True, slots=True)
+class Pace:
+    """How fast the arm goes, and how long it rests."""
+
+    speed_m_s: float
+    dwell_s: float = 0.5
+
+
+class Wizard:
+    """One calibration, from arming to the way home."""
+
+    def __init__(self, bus: Bus, cell: Cell, plan: Plan, *, pace: Pace, teller: Teller) -> None:
+        """Subscribe; nothing moves before `run`."""
+        self.plan = plan
+        self.dwells: list[Dwell] = []
+        self._pace, self._teller, self._clock = pace, teller, bus.clock
+        self._drive = Drive(bus, pace.speed_m_s)
+        self._gatherer = Gatherer(bus, cell)
+        self._at: Array = plan.route.q_start
+        self._done_s, self._total_s = 0.0, expected_s(plan, pace)
+        self._stage = ""
+
+    @property
+    def serial(self) -> str:
+        """Serial number of the sensor, empty when it says none."""
+        return self._gatherer.serial
+
+    @property
+    def in_use(self) -> str:
+        """Which calibration the running cell uses, empty when it was not heard."""
+        return self._gatherer.in_use
+
+    def run(self, purposes: tuple[Purpose, ...] = BOTH) -> None:
+        """Arm, visit every pose, go back to where the arm began, and leave it as it was found.
+
+        Raises ForcemeshError with what stopped it; the arm is then where it is.
+        """
+        self._total_s = expected_s(self.plan, self._pace, purposes)
+        self._gatherer.until_heard()
+        self._teller.note(self._drive.arm())
+        self._stage = "to the hub"
+        self._go(self.plan.route.way_out(self._at))
+        for purpose in purposes:
+            self._visit_all(purpose)
+        self._stage = "back to the start"
+        self._go([self.plan.route.hub, *self.plan.route.way_home(self.plan.route.hub)])
+        self._drive.release()
+        self._teller.note("the arm is back where it began")
+
+    def abandon(self, reason: str) -> str:
+        """Stop the arm where it is; return the answer."""
+        return self._drive.hold(reason)
+
+    def _visit_all(self, purpose: Purpose) -> None:
+        visited: list[int] = []
+        while True:
+            places = self.plan.fit if purpose == "fit" else self.plan.verify
+            left = [place for place in places if place not in visited]
+            if not left:
+                return
+            self._stage = f"pose {len(visited) + 1} of {len(places)}"
+            if purpose == "verify":
+                self._stage = f"verifying, {self._stage}"
+            try:
+                self._go(self.plan.route.way(self._at, self.plan.q[left[0]]))
+            except PoseRefusedError as error:
+                self._teller.note(f"{self._stage} is left out, another one is taken: {error}")
+                self.plan = self.plan.without(left[0])
+                self._back()
+                continue
+            visited.append(left[0])
+            self.dwells.append(self._dwell(purpose))
+
+    def _dwell(self, purpose: Purpose) -> Dwell:
+        began_ns = self._clock.now_ns()
+        expected_s = WINDOW_S + self._pace.dwell_s
+
+        def watch(what: str) -> None:
+            self._drive.check()
+            self._tell(what, began_ns, expected_s)
+
+        dwell = self._gatherer.dwell(purpose, self._pace.dwell_s, watch)
+        self._done_s += expected_s
+        return dwell
+
+    def _go(self, stops: list[Array]) -> None:
+        """Go from stop to stop. Raises PoseRefusedError when one of them is refused."""
+        for q in stops:
+            length_m = self.plan.route.length_m(self._at, q)
+            expected_s = length_m / self._pace.speed_m_s + RAMP_S
+            began_ns = self._clock.now_ns()
+            self._drive.go(
+                q,
+                length_m,
+                lambda what, began_ns=began_ns, s=expected_s: self._tell(what, began_ns, s),  # type: ignore[misc]
+            )
+            self._at = q
+            self._done_s += expected_s
+
+    def _back(self) -> None:
+        """Return to the last pose when a refused goal ended on its way: that way is known."""
+        if np.abs(self._drive.joints() - self._at).max() > np.radians(0.3):
+            self._go([self._at])
+
+    def _tell(self, what: str, began_ns: int, expected_s: float) -> None:
+        spent_s = (self._clock.now_ns() - began_ns) / NS_PER_S
+        done_s = self._done_s + min(spent_s, expected_s)
+        self._teller.progress(min(done_s, self._total_s), self._total_s, f"{self._stage}: {what}")
+
+
+def expected_s(plan: Plan, pace: Pace, purposes: tuple[Purpose, ...] = BOTH) -> float:
+    """Return how long a plan takes, about [s]."""
+    route = plan.route
+    places = [p for purpose in purposes for p in (plan.fit if purpose == "fit" else plan.verify)]
+    stops = [route.q_start, route.hub, *(plan.q[place] for place in places), route.hub]
+    ways_m = sum(route.length_m(a, b) for a, b in pairwise(stops))
+    ways_m += route.length_m(route.hub, route.q_start)
+    moving_s = ways_m / pace.speed_m_s + RAMP_S * (len(stops) + 1)
+    return moving_s + len(places) * (WINDOW_S + pace.dwell_s)

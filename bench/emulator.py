@@ -14,7 +14,7 @@ from rich.table import Table
 from common.clock import NS_PER_S
 from common.config import load_cell
 from common.packet import ZERO_VEC, Packet, VecInt, encode
-from common.packet_table import PROTOCOL_VERSION, Com, FeedbackSwitch, GainKind, next_id
+from common.packet_table import ID_LAST, PROTOCOL_VERSION, Com, FeedbackSwitch, GainKind, next_id
 from sim.controller.behaviour import Behaviour
 from sim.controller.machine import Machine
 from sim.controller.network import MemoryNetwork
@@ -33,7 +33,7 @@ REPEATS = 5
 TICK_NS = 1_000_000
 SCALES: VecInt = (50, 500, 250, 100, 1000, 10)  # per mm, degree, degree of a joint, N, N m, mm/s
 LIMITS: VecInt = (50, 1000, 500, 10_000, 5_000, 250)  # 1 mm, 2 deg, 50 mm/s, 200 mm, 50 N, 250 ms
-GAINS_I: VecInt = (500, 500, 500, 500, 500, 500)  # 0.05 mm/(N s), 0.05 deg/(N m s)
+GAINS_I: VecInt = (250, 250, 250, 250, 250, 250)  # 0.05 mm/(N s), 0.05 deg/(N m s)
 SAMPLE = f" {Com.POSE:06d} ".encode("ascii")
 STEPS_S = (1e-4, 1.25e-4, 2.5e-4, 5e-4)
 HEARTBEAT_TICKS, WRENCH_TICKS = 100, 16  # as in the demo's cell
@@ -123,7 +123,7 @@ class Client:
         while PORT not in network.listeners:
             self.live(1)
         self._stream = network.dial(PORT)
-        self._id = 0
+        self._id = ID_LAST
         self._ticks = 0
         self.samples = 0
         self.say(Com.HELLO, PROTOCOL_VERSION, SCALES)

@@ -16,7 +16,7 @@ from cli.doctor_checks import Greeted, Opened
 from common.clock import NS_PER_S
 from common.errors import RemoteProtocolError
 from common.packet import PACKET_CHARS, Packet, PacketReader
-from common.packet_table import ID_MAX
+from common.packet_table import ID_COUNT, ID_FIRST
 from services.gateway.commands import Pacing
 from services.gateway.dialogue import Dialogue
 from services.gateway.reports import HealthReport, JointReport, PoseReport
@@ -25,7 +25,7 @@ from services.gateway.scales import Scales
 
 PROBE_EVERY_S = 0.1
 RECEIVE_BYTES = 16_384
-LOOPS_SPAN = 1_000_000
+LOOPS_SPAN = 500_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +90,7 @@ def visit(host: str, port: int, scales: Scales, patience: Patience | None = None
 
 def _any_id() -> int:
     """Return an ID that the reports of an earlier client will not be about."""
-    return 1 + secrets.randbelow(ID_MAX)
+    return ID_FIRST + secrets.randbelow(ID_COUNT)
 
 
 def _open(where: tuple[str, int], found: Visit, patience: Patience) -> socket.socket | None:

@@ -2,19 +2,28 @@
 
 Sans-IO and the same in both directions: integers to 63 characters and back. What the nine numbers
 mean is in `common.packet_table`.
+
+There is no checksum, but the first frame marks the packet: an ID is 500000 or more and begins with
+5 to 9, each of the other eight is less and begins with 0 to 4 or a minus. So nine frames in a row
+that begin 1 to 8 frames too late hold the ID of the next packet in one of the places 2 to 9, and
+another number in the first: they are no packet, for two reasons, whatever the numbers are and
+whichever way they go. So is a packet that has lost frames. Frames that come in between, or are lost
+across the end of a packet, may leave one packet that is read wrong; then the next ID stands in a
+wrong place. A shift that is not by whole frames puts a space into a number.
 """
 
 import re
 from dataclasses import dataclass
 
 from common.errors import LocalProtocolError, RemoteProtocolError
+from common.packet_table import ID_FIRST, ID_LAST
 
 FRAMES = 9
 FRAME_CHARS = 6
 FRAME_STRIDE = FRAME_CHARS + 1  # six characters, then one space
 PACKET_CHARS = FRAMES * FRAME_STRIDE
-VALUE_MIN = -99_999
-VALUE_MAX = 999_999
+VALUE_MIN = -99_999  # of every frame but the ID
+VALUE_MAX = ID_FIRST - 1
 
 FRAME_NAMES = ("ID", "Com", "Param", "Vec1", "Vec2", "Vec3", "Vec4", "Vec5", "Vec6")
 
@@ -22,9 +31,11 @@ VecInt = tuple[int, int, int, int, int, int]
 ZERO_VEC: VecInt = (0, 0, 0, 0, 0, 0)
 
 # ASCII digits only: int() alone would take "1_0000", " 12345", "+12345" and full-width digits.
-_FRAME = re.compile(rb"-[0-9]{5}|[0-9]{6}")
-_FRAME_AND_SPACE = re.compile(rb"(?:-[0-9]{5}|[0-9]{6}) ")
-_PACKET = re.compile(rb"(?:(?:-[0-9]{5}|[0-9]{6}) ){9}")
+_INTEGER = re.compile(rb"-[0-9]{5}|[0-9]{6}")
+_ID = rb"[5-9][0-9]{5}"
+_VALUE = rb"(?:-[0-9]{5}|[0-4][0-9]{5})"
+_PACKET = re.compile(rb"%b (?:%b ){8}" % (_ID, _VALUE))
+_FRAMES_AND_SPACES = [re.compile(frame + rb" ") for frame in (_ID, *[_VALUE] * (FRAMES - 1))]
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,10 +65,9 @@ def encode(packet: Packet) -> bytes:
     for name, value in zip(FRAME_NAMES, frames, strict=True):
         if not isinstance(value, int) or isinstance(value, bool):
             raise LocalProtocolError(f"{name} is {value!r}, a frame holds an integer")
-        if not VALUE_MIN <= value <= VALUE_MAX:
-            raise LocalProtocolError(
-                f"{name} is {value}, six characters hold {VALUE_MIN} to {VALUE_MAX}"
-            )
+        low, high = (ID_FIRST, ID_LAST) if name == "ID" else (VALUE_MIN, VALUE_MAX)
+        if not low <= value <= high:
+            raise LocalProtocolError(f"{name} is {value}, it must be {low} to {high}")
     return "".join(f"{int(value):06d} " for value in packet.frames).encode("ascii")
 
 
@@ -99,20 +109,26 @@ class PacketReader:
 
 def _describe(chars: bytes, packets_before: int) -> str:
     """Say which frame of which packet is wrong, and where in the stream it stands."""
-    starts = range(0, PACKET_CHARS, FRAME_STRIDE)
-    wrong = [start for start in starts if not _FRAME_AND_SPACE.fullmatch(_cut(chars, start))]
-    name, start = FRAME_NAMES[wrong[0] // FRAME_STRIDE], wrong[0]
-    frame, space = _cut(chars, start)[:FRAME_CHARS], _cut(chars, start)[FRAME_CHARS:]
-    position = packets_before * PACKET_CHARS + start
+    cuts = [_cut(chars, start) for start in range(0, PACKET_CHARS, FRAME_STRIDE)]
+    rules = zip(_FRAMES_AND_SPACES, cuts, strict=True)
+    wrong = next(k for k, (rule, cut) in enumerate(rules) if not rule.fullmatch(cut))
+    name, frame, space = FRAME_NAMES[wrong], cuts[wrong][:FRAME_CHARS], cuts[wrong][FRAME_CHARS:]
+    position = packets_before * PACKET_CHARS + wrong * FRAME_STRIDE
     where = f"packet {packets_before + 1} of the connection"
-    if _FRAME.fullmatch(frame):
+    if not _INTEGER.fullmatch(frame):
+        return (
+            f"{where}, {name} at character {position + 1}: {_show(frame)} is not an integer "
+            f"in six characters, such as 000123 or -00123"
+        )
+    if space != b" ":
         return (
             f"{where}, after {name} at character {position + FRAME_STRIDE}: {_show(space)} "
             f"stands where a space belongs"
         )
+    belongs = f"an ID, {ID_FIRST} to {ID_LAST}, belongs" if wrong == 0 else "no ID belongs"
     return (
-        f"{where}, {name} at character {position + 1}: {_show(frame)} is not an integer "
-        f"in six characters, such as 000123 or -00123"
+        f"{where}, {name} at character {position + 1}: {_show(frame)} stands where {belongs}: "
+        f"frames are missing, or there are too many"
     )
 
 

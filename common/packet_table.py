@@ -10,17 +10,20 @@ from common.errors import LocalProtocolError, RemoteProtocolError
 
 PROTOCOL_VERSION = 1
 
-ID_MAX = 999_999
-NO_ID = 0  # "none yet"
+# An ID is at least ID_FIRST and every other number of a packet is less: `common.packet` says why.
+ID_FIRST = 500_000
+ID_LAST = 999_999
+ID_COUNT = ID_LAST - ID_FIRST + 1
+NO_ID = 0  # "none yet"; it never travels
 
 STATUS_BITS = 11
 STATUS_SPAN = 1 << STATUS_BITS
-COUNTER_SPAN = 488  # 488 * 2048 - 1 = 999423 is the last value below a frame's 999999
+COUNTER_SPAN = 240  # 240 * 2048 - 1 = 491519 is less than any ID; a 103 comes with each eighth
 
 # Scales that no hello changes.
 PERCENT = 100  # per percent
-GAIN_P = 1_000_000  # per mm/N and per deg/(N m)
-GAIN_I = 10_000  # per mm/(N s) and per deg/(N m s)
+GAIN_P = 500_000  # per mm/N and per deg/(N m)
+GAIN_I = 5_000  # per mm/(N s) and per deg/(N m s)
 
 
 class Com(IntEnum):
@@ -95,9 +98,11 @@ _SPEEDS = ("accel percent", "decel percent", "modular percent", "mechanical spee
 _GAINS = ("x gain", "y gain", "z gain", "mx gain", "my gain", "mz gain")
 _SCALES = ("position", "angle", "joint", "force", "torque", "speed")
 _LIMITS = ("step position", "step angle", "speed", "travel position", "force", "watchdog ms")
-_HEALTH = ("loops", "wrench age ms", "queue length", "monitor speed percent", "held ID", "0")
-_COUNT = range(1_000_000)
-_CODE = range(-99_999, 1_000_000)  # AS error codes are negative
+_HEALTH = (
+    "loops", "wrench age ms", "queue length", "monitor speed percent", "held ID - 500000", "0",
+)  # fmt: skip
+_COUNT = range(ID_FIRST)
+_CODE = range(-99_999, ID_FIRST)  # AS error codes are negative
 
 # fmt: off
 TABLE = {row.com: row for row in (
@@ -124,8 +129,13 @@ COMMANDS = frozenset(set(Com) - {Com.POSE, Com.JOINTS, Com.HEALTH})
 
 
 def next_id(id_: int) -> int:
-    """Return the ID that follows: 1 to 999999, then 1 again; 0 is never used."""
-    return id_ % ID_MAX + 1
+    """Return the ID that follows: 500000 to 999999, then 500000 again; after NO_ID any of them."""
+    return ID_FIRST + (id_ + 1 - ID_FIRST) % ID_COUNT
+
+
+def ids_since(earlier: int, later: int) -> int:
+    """Return how many IDs were given out after `earlier`, up to and with `later`."""
+    return (later - earlier) % ID_COUNT
 
 
 def id_reached(reached: int, wanted: int) -> bool:
@@ -133,11 +143,11 @@ def id_reached(reached: int, wanted: int) -> bool:
 
     IDs go round, so "past" means less than half a turn ahead. NO_ID has reached nothing.
     """
-    return reached != NO_ID and (reached - wanted) % ID_MAX < ID_MAX // 2
+    return reached != NO_ID and ids_since(wanted, reached) < ID_COUNT // 2
 
 
 def pack_status(counter: int, status: Status) -> int:
-    """Return Param of 101 and 102. The counter goes round at 488.
+    """Return Param of 101 and 102. The counter goes round at 240.
 
     Raises LocalProtocolError for status bits outside the eleven.
     """

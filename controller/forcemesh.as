@@ -26,7 +26,7 @@
   TIMER 6=0
 turn:
   WAIT (fm.rh<>fm.rt) OR (fm.wn<>fm.wu) OR (fm.hseq+fm.wseq<>fm.ack) OR (TIMER(6)>0.5)
-  fm.loops=(fm.loops+1) MOD 1000000
+  fm.loops=(fm.loops+1) MOD 500000
   IF fm.hseq+fm.wseq<>fm.ack THEN ;a hold came
     CALL fm.halt
   END
@@ -85,7 +85,7 @@ turn:
   fm.lack=0 ;the fm.lat that a hello has cleared
   fm.arm=0 ;1: something may move, so silence is a fault
   fm.framed=0 ;ID of the last valid packet
-  fm.hid=0 ;ID of the last command 8
+  fm.hid=0 ;ID of the last command 8 or hello, less 500000
   fm.rh=0 ;ring: next free slot
   fm.wn=0 ;wrenches received, modulo 1000000
   fm.wb=0 ;bank of the newest one
@@ -105,7 +105,7 @@ turn:
   fm.hw=-1 ;status bits of the machine, not known yet
   ; written by fm.send
   fm.drops=-1 ;connection that shall be closed
-  fm.sbeat=0 ;samples, modulo 488: the counter of 101 and 102
+  fm.sbeat=0 ;samples, modulo 240: the counter of 101 and 102
   fm.busy=0 ;1: inside TCP_SEND
   ; written by fm.main and its subroutines
   fm.quit=0 ;a person may set it to 1: fm.main ends and puts everything back
@@ -315,21 +315,21 @@ fresh:
   VALUE 6: ;gains
     IF MINVAL(.v[1],.v[2],.v[3],.v[4],.v[5],.v[6])<0 GOTO refuse
     IF $MID(.$q,15,6)<>"000000" GOTO integral
-    fm.kp[1]=.v[1]/1000000
-    fm.kp[2]=.v[2]/1000000
-    fm.kp[3]=.v[3]/1000000
-    fm.kp[4]=.v[4]/1000000
-    fm.kp[5]=.v[5]/1000000
-    fm.kp[6]=.v[6]/1000000
+    fm.kp[1]=.v[1]/500000
+    fm.kp[2]=.v[2]/500000
+    fm.kp[3]=.v[3]/500000
+    fm.kp[4]=.v[4]/500000
+    fm.kp[5]=.v[5]/500000
+    fm.kp[6]=.v[6]/500000
     fm.taken=.id
     RETURN
 integral:
-    fm.ki[1]=.v[1]/10000
-    fm.ki[2]=.v[2]/10000
-    fm.ki[3]=.v[3]/10000
-    fm.ki[4]=.v[4]/10000
-    fm.ki[5]=.v[5]/10000
-    fm.ki[6]=.v[6]/10000
+    fm.ki[1]=.v[1]/5000
+    fm.ki[2]=.v[2]/5000
+    fm.ki[3]=.v[3]/5000
+    fm.ki[4]=.v[4]/5000
+    fm.ki[5]=.v[5]/5000
+    fm.ki[6]=.v[6]/5000
     fm.taken=.id
   VALUE 10: ;limits of force feedback, and the watchdog's
     IF MINVAL(.v[1],.v[2],.v[3],.v[4],.v[5])<1 GOTO refuse
@@ -508,7 +508,7 @@ aim:
 done:
   WAIT (fm.wn<>fm.wu) OR (fm.rh<>fm.rt) OR (fm.hseq+fm.wseq<>fm.ack) OR (TIMER(6)>0.5)
   IF (fm.wn==fm.wu) OR (fm.rh<>fm.rt) OR (TIMER(6)>0.5) GOTO back
-  fm.loops=(fm.loops+1) MOD 1000000
+  fm.loops=(fm.loops+1) MOD 500000
   GOTO again
 back: ;fm.main does the rest
   RETURN
@@ -550,14 +550,14 @@ give.up: ;hold by ourselves; the watchdog brakes on until the arm is still
   fm.busy=0
 again:
   TWAIT fm.tsend
-  fm.sbeat=(fm.sbeat+1) MOD 488
+  fm.sbeat=(fm.sbeat+1) MOD 240
   IF (fm.link==0) OR (fm.hw<0) GOTO idle ;say nothing before the watchdog has looked
   IF fm.conn<>.conn GOTO scales
   HERE .#j
   HERE .p
   DECOMPOSE .j[1]=.#j
   DECOMPOSE .x[1]=.p
-  IF MINVAL(.x[1],.x[2],.x[3])*.k<-99999 GOTO misfit
+  IF (MINVAL(.x[1],.x[2],.x[3])*.k<-99999) OR (MAXVAL(.x[1],.x[2],.x[3])*.k>499999) GOTO misfit
   IF MINVAL(.j[1],.j[2],.j[3],.j[4],.j[5],.j[6])*.i<-99999 GOTO misfit
   $fm.t[1]=$RIGHT($ENCODE(/I7,1E6+fm.taken),6)+" 000101 "
   $fm.t[9]=$RIGHT($ENCODE(/I7,1E6+fm.framed),6)+" 000102 "
@@ -590,7 +590,7 @@ health: ;now and then
     .e=fm.fault
   END
   $fm.t[18]=$LEFT("-",ABS(.e<0))+$RIGHT($ENCODE(/I7,1E6+ABS(.e)),6-ABS(.e<0))+" "
-  .w=MINVAL(999999,ROUND(1000*TIMER(8)))
+  .w=MINVAL(499999,ROUND(1000*TIMER(8)))
   $fm.t[19]=$RIGHT($ENCODE(/I7,1E6+fm.loops),6)+" "+$RIGHT($ENCODE(/I7,1E6+.w),6)+" "
   .w=(fm.rh-fm.rt+64) MOD 64
   .m=ROUND(100*MSPEED)
@@ -631,7 +631,7 @@ spoiled: ;part of a packet may be out: this connection is over
     TCP_CLOSE .r,fm.sock
     fm.sock=0
   END
-  .$d="-0123456789"
+  .$d="-01234" ;how a number begins that is no ID
   .$z="000000 000000 000000 000000 000000 000000 "
   TCP_END_LISTEN .r,fm.port
 listen:
@@ -693,7 +693,7 @@ cut:
     fm.hseq=fm.hseq+1 ;voids the ring, force feedback, and the motion in hand
     fm.arm=0
     BRAKE
-    fm.hid=fm.framed MOD 999999+1
+    fm.hid=(fm.framed+1) MOD 500000
     GOTO framed
   END
   GOTO wrong
@@ -718,8 +718,8 @@ vector: ;six numbers: the spaces and no power of ten, the first characters, the 
 arm:
   fm.arm=1
 framed:
-  fm.framed=fm.framed MOD 999999+1
-  $fm.next=$RIGHT($ENCODE(/I7,1000000+fm.framed MOD 999999+1),6)+" "
+  fm.framed=500000+(fm.framed+1) MOD 500000
+  $fm.next=$RIGHT($ENCODE(/I7,1500000+(fm.framed+1) MOD 500000),6)+" "
   GOTO cut
 queue: ;for fm.main
   .h=(fm.rh+1) MOD 64
@@ -765,8 +765,9 @@ lost: ;hold, close, and listen for the next
   GOTO accept
   ; $fm.keys: 4, 1, 2, 3, 5, 6/0, 6/1, 10, 11, 12, 8, 7/0, 7/1, 7/2 stand at 1, 15 and so on; a
   ; match in between is no VALUE. A number is right when it ends where its space belongs (the
-  ; places add up to 273), when a sign or digit leads, and when "1" with the other five is 100000
-  ; or more: anything but digits would end the number for VAL before.
+  ; places add up to 273), when a sign or a digit below 5 leads, and when "1" with the other five
+  ; is 100000 or more: anything but digits would end the number for VAL before. 5 to 9 begin an
+  ; ID and nothing else: a packet that is shifted or cut by whole frames is none, see README.md.
 .END
 .PROGRAM fm.hello(.$q) ;the first packet of a connection: only hello, and only it clears the latch
   IF INSTR(.$q,"E")>0 GOTO strange
@@ -775,7 +776,8 @@ lost: ;hold, close, and listen for the next
     IF .v[.i]<0 GOTO strange
     IF $MID(.$q,7*.i+7,1)<>" " GOTO strange
   END
-  IF (.v[0]<1) OR (.v[1]<>9) GOTO strange
+  IF (.v[0]<500000) OR (.v[1]<>9) GOTO strange
+  IF MAXVAL(.v[2],.v[3],.v[4],.v[5],.v[6],.v[7],.v[8])>499999 GOTO strange
   fm.hseq=fm.hseq+1 ;whatever was under way is over
   fm.arm=0
   BRAKE
@@ -789,8 +791,9 @@ lost: ;hold, close, and listen for the next
     fm.sm=.v[7]
     fm.sv=.v[8]
   END
-  fm.taken=0
+  fm.taken=.v[0]
   fm.framed=.v[0]
+  fm.hid=.v[0]-500000
   $fm.hi[1]=$LEFT(.$q,7)+"000009 000001 "+$RIGHT($ENCODE(/I7,1000000+fm.sp),6)+" "
   $fm.hi[1]=$fm.hi[1]+$RIGHT($ENCODE(/I7,1000000+fm.so),6)+" "
   $fm.hi[1]=$fm.hi[1]+$RIGHT($ENCODE(/I7,1000000+fm.sj),6)+" "
@@ -799,7 +802,7 @@ lost: ;hold, close, and listen for the next
   $fm.hi[1]=$fm.hi[1]+$RIGHT($ENCODE(/I7,1000000+fm.sv),6)+" "
   TCP_SEND .r,fm.sock,$fm.hi[1],1,1
   IF (.r<0) OR (.v[2]<>1) GOTO done ;another version has been told ours
-  $fm.next=$RIGHT($ENCODE(/I7,1000000+fm.framed MOD 999999+1),6)+" "
+  $fm.next=$RIGHT($ENCODE(/I7,1500000+(fm.framed+1) MOD 500000),6)+" "
   fm.lack=fm.lat
   fm.link=1
 done:

@@ -1,10 +1,10 @@
 """Ten million bad packets against the readers: `python -m fuzz.codec`.
 
-Streams are halved, merged, truncated, shifted by 1 to 62 characters, or hold a character that no
-number has; two more kinds show what a protocol without a checksum sees one packet late. A misread
-is a packet that is believed and was never sent: by the gateway (a 101 with its 102), or by the
-controller (as `fuzz.framer` reads its protocol a second time). A shift by whole frames leaves
-well-formed packets: there the command numbers, the IDs and the pairs have to tell.
+Streams are halved, merged, truncated, shifted by 1 to 62 characters, shifted or cut by whole
+frames, or hold a character that no number has; two more kinds show what a protocol without a
+checksum sees one packet late. The numbers are chosen to look like commands, counters and the ends
+of their range. A misread is a packet that is believed and was never sent: by the gateway (a 101
+with its 102), or by the controller (as `fuzz.framer` reads its protocol a second time).
 """
 
 import argparse
@@ -16,15 +16,15 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from common.errors import RemoteProtocolError
-from common.packet import PACKET_CHARS, Packet, PacketReader, encode
-from common.packet_table import COUNTER_SPAN, STATUS_SPAN, Com, next_id
+from common.packet import PACKET_CHARS, VALUE_MAX, VALUE_MIN, Packet, PacketReader, encode
+from common.packet_table import COUNTER_SPAN, ID_FIRST, ID_LAST, STATUS_SPAN, Com, next_id
 from fuzz.framer import frame, numbers
 from services.gateway.reports import parse_report
 from services.gateway.scales import Scales
 
 POOL = 3000  # trios of packets to spoil
 # Numbers that look like something else when they are read one frame too early or too late.
-LOOKALIKES = (0, 1, 2, 3, 7, 8, 9, 12, 101, 102, 103, 5, 6, 4, 10, 11)
+LOOKALIKES = (0, 1, 2, 3, 7, 8, 9, 12, 101, 102, 103, 5, 6, 4, 10, 11, VALUE_MIN, -1, VALUE_MAX)
 DIGITS = frozenset(b"0123456789")
 SCALES = Scales()
 
@@ -45,7 +45,7 @@ class Tally:
     cases: int = 0
     kinds: Counter[str] = field(default_factory=Counter)
     seen_late: int = 0  # believed, of the kinds that nobody can see at once
-    legal_frames: int = 0  # a shift by whole frames that only what the numbers mean could tell
+    well_formed: Counter[str] = field(default_factory=Counter)  # only the meaning could tell
     misread: list[str] = field(default_factory=list)
 
 
@@ -56,15 +56,15 @@ def trios(rng: random.Random) -> list[Trio]:
         values = [_value(rng) for _ in range(12)]
         if number % 2:
             param = rng.randrange(COUNTER_SPAN) * STATUS_SPAN + rng.randrange(STATUS_SPAN)
-            pose = Packet(rng.randrange(10**6), Com.POSE, param, _six(values))
-            joints = Packet(rng.randrange(10**6), Com.JOINTS, param, _six(values[6:]))
+            pose = Packet(_id(rng), Com.POSE, param, _six(values))
+            joints = Packet(_id(rng), Com.JOINTS, param, _six(values[6:]))
             health = Packet(pose.id, Com.HEALTH, rng.choice((0, -1000, 5)), _six(values[::2]))
             chars = [encode(packet) for packet in (pose, joints, health)]
             if rng.random() < 0.5:
                 chars = [chars[2], chars[0], chars[1]]
             found.append(Trio((chars[0], chars[1], chars[2]), to_gateway=True))
             continue
-        id_ = rng.choice((1, 2, 7, 8, 11, 12, 500, 999_998, rng.randrange(1, 10**6)))
+        id_ = _id(rng)
         hello = encode(Packet(id_, Com.HELLO, 1, (50, 500, 250, 100, 1000, 10)))
         commands = []
         for k in range(3):
@@ -76,8 +76,12 @@ def trios(rng: random.Random) -> list[Trio]:
     return found
 
 
+def _id(rng: random.Random) -> int:
+    return rng.choice((ID_FIRST, ID_FIRST + 101, ID_LAST - 1, rng.randrange(ID_FIRST, ID_LAST + 1)))
+
+
 def _value(rng: random.Random) -> int:
-    return rng.choice(LOOKALIKES) if rng.random() < 0.5 else rng.randrange(-99_999, 10**6)
+    return rng.choice(LOOKALIKES) if rng.random() < 0.5 else rng.randrange(VALUE_MIN, VALUE_MAX + 1)
 
 
 def _six(values: "list[int] | tuple[int, ...]") -> tuple[int, int, int, int, int, int]:
@@ -107,11 +111,7 @@ def truncated(trio: Trio, rng: random.Random) -> Spoiled:
 
 
 def frames_lost(trio: Trio, rng: random.Random) -> Spoiled:
-    """One loses whole frames at its end, and the next one follows: one may be misread, then none.
-
-    The frames that follow are as good as those that are missing, and there is no checksum. TCP
-    loses nothing in the middle of a stream; this counts how far the damage would go.
-    """
+    """One loses whole frames at its end, and the next one follows."""
     return _cut(trio, rng.randrange(2), 7 * rng.randrange(1, 9))
 
 
@@ -124,6 +124,11 @@ def _cut(trio: Trio, which: int, end: int) -> Spoiled:
 def shifted(trio: Trio, rng: random.Random) -> Spoiled:
     """The beginning is missing, by 1 to 62 characters."""
     return b"".join(trio.chars)[rng.randrange(1, PACKET_CHARS) :], 0
+
+
+def shifted_by_frames(trio: Trio, rng: random.Random) -> Spoiled:
+    """One to eight whole frames of the beginning are missing."""
+    return b"".join(trio.chars)[7 * rng.randrange(1, 9) :], 0
 
 
 def odd(trio: Trio, rng: random.Random) -> Spoiled:
@@ -139,18 +144,31 @@ def odd(trio: Trio, rng: random.Random) -> Spoiled:
 
 
 def added(trio: Trio, rng: random.Random) -> Spoiled:
-    """Characters come in between: digits and a space in the right place are another number."""
+    """Characters come in between: digits and a space in the right place are another number.
+
+    One packet may be misread, then none. TCP does no such thing; this counts how often it shows.
+    """
     stream = b"".join(trio.chars)
     at = rng.randrange(PACKET_CHARS)
     extra = bytes(rng.choice(b"0123456789 -") for _ in range(rng.randrange(1, PACKET_CHARS)))
     return stream[:at] + extra + stream[at:], 0
 
 
+def frames_added(trio: Trio, rng: random.Random) -> Spoiled:
+    """Whole frames come in between, such as may stand there: as above, one packet late."""
+    stream, at = b"".join(trio.chars), 7 * rng.randrange(1, 9)
+    extra = b"".join(b"%06d " % _value(rng) for _ in range(rng.randrange(1, 9)))
+    return stream[:at] + extra + stream[at:], 0
+
+
 SPOILS: dict[str, Callable[[Trio, random.Random], Spoiled]] = {
-    spoil.__name__: spoil for spoil in (half, merged, truncated, frames_lost, shifted, odd, added)
-}
+    spoil.__name__: spoil
+    for spoil in (
+        half, merged, truncated, frames_lost, shifted, shifted_by_frames, odd, added, frames_added,
+    )
+}  # fmt: skip
 # What nobody can see at once: the packet is well formed, and its ID is the right one.
-LATE = {"frames_lost", "added"}
+LATE = {"added", "frames_added"}
 
 
 # --- who believes what ----------------------------------------------------------------------------
@@ -165,7 +183,7 @@ def run(cases: int, seed: int) -> Tally:
         stream, right = SPOILS[name](trio, rng)
         tally.cases += 1
         tally.kinds[name] += 1
-        why = judge(trio, stream, right, tally)
+        why = judge(trio, (stream, right), tally, name)
         if why and name in LATE:
             tally.seen_late += 1
         elif why:
@@ -173,8 +191,9 @@ def run(cases: int, seed: int) -> Tally:
     return tally
 
 
-def judge(trio: Trio, stream: bytes, right: int, tally: Tally) -> str:
+def judge(trio: Trio, spoiled: Spoiled, tally: Tally, name: str) -> str:
     """Return how a stream was misread, empty when it was not."""
+    stream, right = spoiled
     whole = len(stream) // PACKET_CHARS
     reference = [numbers(stream[k * 63 : k * 63 + 63]) for k in range(whole)]
     try:
@@ -189,7 +208,7 @@ def judge(trio: Trio, stream: bytes, right: int, tally: Tally) -> str:
         sound = whole
     if sound <= right:
         return ""
-    tally.legal_frames += 1
+    tally.well_formed[name] += 1
     packets = [stream[k * 63 : k * 63 + 63] for k in range(sound)]
     return _gateway(trio, packets) if trio.to_gateway else _controller(trio, packets)
 
@@ -230,7 +249,7 @@ def main() -> int:
     took_s = time.monotonic() - began_s
     print(f"{tally.cases} streams in {took_s:.0f} s, {tally.cases / took_s:.0f}/s")
     print(f"kinds         {dict(tally.kinds)}")
-    print(f"legal frames  {tally.legal_frames}")
+    print(f"well formed   {dict(tally.well_formed)}")
     print(f"seen late     {tally.seen_late}")
     print(f"misread       {len(tally.misread)}")
     for line in tally.misread[:5]:

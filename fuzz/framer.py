@@ -6,7 +6,7 @@ gateway's reader: the fuzzer compares three opinions.
 
 from dataclasses import dataclass, field
 
-from common.packet_table import PROTOCOL_VERSION, TABLE, Com, next_id
+from common.packet_table import NO_ID, PROTOCOL_VERSION, TABLE, Com, next_id
 
 FRAMES, CHARS = 9, 63
 DIGITS = frozenset(b"0123456789")
@@ -19,7 +19,8 @@ MOTIONS = {Com.MOVE_POSE, Com.MOVE_JOINTS, Com.MOVE_BY_JOINTS, Com.FEEDBACK}
 class Framed:
     """The valid beginning of a stream, and what has to follow from it."""
 
-    last_id: int = 0  # of the last valid packet; 0: not even the hello was
+    last_id: int = NO_ID  # of the last valid packet; none: not even the hello was
+    greeted_id: int = NO_ID  # of the hello
     answered: bool = False  # the hello gets one back
     closed: bool = False  # something was wrong: hold, and close
     packets: list[tuple[int, int, tuple[int, ...], bytes]] = field(default_factory=list)
@@ -34,10 +35,10 @@ class Framed:
         return [q for c, p, _, q in self.packets if c not in AT_ONCE and (c, p) != (7, 2)]
 
     @property
-    def hold_id(self) -> int | None:
-        """ID of the last command 8."""
+    def hold_id(self) -> int:
+        """ID of the last command 8, or of the hello, which is a hold too."""
         ids = [int(q[:6]) for c, _, _, q in self.packets if c == Com.HOLD]
-        return ids[-1] if ids else None
+        return (ids or [self.greeted_id])[-1]
 
     @property
     def wrench(self) -> tuple[int, ...] | None:
@@ -69,9 +70,10 @@ def _greet(chars: bytes, framed: Framed) -> None:
     """Take the first packet: hello with any ID; another version is told ours and sent away."""
     found = numbers(chars)
     framed.closed = True
-    if found is None or b"-" in chars or found[0] < 1 or found[1] != Com.HELLO:
+    if found is None or b"-" in chars or found[1] != Com.HELLO:
         return
     framed.last_id, framed.answered = found[0], True
+    framed.greeted_id = found[0]
     framed.closed = found[2] != PROTOCOL_VERSION
 
 
@@ -94,12 +96,14 @@ def _take(chars: bytes, framed: Framed) -> None:
 
 
 def numbers(chars: bytes) -> tuple[int, ...] | None:
-    """Return the nine numbers; None if any character is not where it belongs."""
+    """Return the nine numbers; None if a character, or an ID, is not where it belongs."""
     found = []
     for k in range(FRAMES):
         six, space = chars[7 * k : 7 * k + 6], chars[7 * k + 6 : 7 * k + 7]
         digits = six[1:] if six[:1] == b"-" else six
         if space != b" " or not set(digits) <= DIGITS:
+            return None
+        if (int(six) >= 500_000) != (k == 0):
             return None
         found.append(int(six))
     return tuple(found)

@@ -8,6 +8,7 @@ from itertools import takewhile
 
 from common.errors import RemoteProtocolError
 from common.packet import PACKET_CHARS, Packet, PacketReader, encode
+from common.packet_table import ID_FIRST
 from fuzz import streams
 from fuzz.framer import numbers
 from services.gateway.dialogue import Dialogue
@@ -52,7 +53,7 @@ def _packets(pieces: Iterable[bytes]) -> tuple[list[Packet], str]:
 
 def _stays_dead(reader: PacketReader, reason: str) -> None:
     try:
-        reader.feed(encode(Packet(1, 12)))
+        reader.feed(encode(Packet(ID_FIRST, 12)))
     except RemoteProtocolError as error:
         assert str(error) == reason
     else:

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from common.packet import PACKET_CHARS, Packet, PacketReader, encode
-from common.packet_table import REPORTS, TABLE, Com, next_id
+from common.packet_table import ID_FIRST, REPORTS, TABLE, Com, next_id
 from fuzz import streams
 from fuzz.framer import Framed, frame
 from sim.controller.behaviour import Behaviour
@@ -171,8 +171,8 @@ def _compare(device: Controller, expected: Framed, before: dict[str, float]) -> 
     slots = int(device.real("fm.rh") - before["rh"]) % 64
     ring = [device.element("$fm.ring", int(before["rh"] + k) % 64) for k in range(slots)]
     assert ring == [packet.decode("ascii") for packet in expected.queued]
-    if expected.hold_id is not None:
-        assert device.real("fm.hid") == expected.hold_id
+    if expected.answered:
+        assert device.real("fm.hid") == expected.hold_id - ID_FIRST
     if expected.wrench is not None:
         bank = int(device.real("fm.wb"))
         held = tuple(device.element("fm.w", bank, k) for k in range(1, 7))

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from common.packet import Packet, encode
-from common.packet_table import Com, next_id
+from common.packet_table import ID_FIRST, ID_LAST, Com, next_id
 
 FOLDER = Path(__file__).parent / "seeds"
 SCALES = (50, 500, 250, 100, 1000, 10)
@@ -18,7 +18,7 @@ FEEDBACK = ((7, 0, (0,) * 6), (4, 0, NUMBERS), (4, 0, SCALES), (7, 2, (0,) * 6))
 # What AS's SPEED takes is less than what a packet can say.
 SPEEDS = {
     "slow": ((5, 0, (100, 100, 100, 1, 0, 0)),),
-    "fast": ((10, 0, (50, 250, 999_999, 1000, 5000, 250)),),
+    "fast": ((10, 0, (50, 250, 499_999, 1000, 5000, 250)),),
 }
 BEAT, HOLD = ((12, 0, (0,) * 6),), ((8, 0, (0,) * 6),)
 
@@ -38,7 +38,10 @@ REPORTS = ((101, 2079, NUMBERS), (102, 2079, NUMBERS), (103, -34024, (7, 12, 0, 
 
 
 def conversation(
-    packets: tuple[tuple[int, int, tuple[int, ...]], ...], *, first: int = 1, version: int = 1
+    packets: tuple[tuple[int, int, tuple[int, ...]], ...],
+    *,
+    first: int = ID_FIRST,
+    version: int = 1,
 ) -> bytes:
     """Return hello and packets with consecutive IDs."""
     data, id_ = encode(Packet(first, Com.HELLO, version, SCALES)), first
@@ -53,8 +56,8 @@ def receiver_seeds() -> dict[str, bytes]:
     seeds = {name: b"\x03" + conversation(said) for name, said in CONVERSATIONS.items()}
     good = conversation(CONVERSATIONS["feedback"])
     return seeds | {
-        "wrap": b"\x01" + conversation(BEAT * 3, first=999_998),
-        "hello-zero": b"\x01" + conversation(BEAT, first=0),
+        "wrap": b"\x01" + conversation(BEAT * 3, first=ID_LAST - 1),
+        "hello-zero": b"\x01" + conversation(BEAT).replace(b"500000", b"000000", 1),
         "least-speeds": b"\x03" + conversation(((5, 0, (1, 1, 10000, 2500, 0, 0)), *MOVES)),
         "other-version": b"\x02" + conversation(BEAT, version=2),
         "no-hello": b"\x04" + good[63:],
@@ -62,6 +65,8 @@ def receiver_seeds() -> dict[str, bytes]:
         "byte-by-byte": b"\x00" + conversation(MOVES + BEAT),
         "space-moved": b"\x06" + good[:85] + b" " + good[86:],
         "power-of-ten": b"\x07" + good.replace(b"002500", b"25E002"),
+        "id-in-vector": b"\x0e" + good.replace(b"001000", b"501000"),
+        "frames-lost": b"\x0f" + good[: 63 + 28] + good[126:],
         "id-skipped": b"\x08" + good[:63] + good[126:],
         "high-digits": b"\x09" + good.replace(b"000100 ", b"0001\xb20 ", 1),
         "negative-hello": b"\x0a" + good.replace(b"000050", b"-00050", 1),
@@ -73,15 +78,16 @@ def receiver_seeds() -> dict[str, bytes]:
 
 def gateway_seeds() -> dict[str, bytes]:
     """Return streams for the gateway's reader."""
-    good = conversation((), first=1)
-    good += b"".join(encode(Packet(1, com, param, vec)) for com, param, vec in REPORTS)
+    good = conversation(())
+    good += b"".join(encode(Packet(ID_FIRST, com, param, vec)) for com, param, vec in REPORTS)
     return {
         "reports": b"\x03" + good,
         "byte-by-byte": b"\x00" + good,
         "other-scales": b"\x01" + good.replace(b"000500", b"000400", 1),
         "version": b"\x02" + conversation((), version=2),
-        "status": b"\x04" + good.replace(b"002079", b"999424"),
-        "command": b"\x05" + good + encode(Packet(2, Com.HOLD)),
+        "status": b"\x04" + good.replace(b"002079", b"491520"),
+        "command": b"\x05" + good + encode(Packet(ID_FIRST + 1, Com.HOLD)),
+        "frames-lost": b"\x08" + good[: 63 + 14] + good[126:],
         "cut": b"\x06" + good[:-7],
         "underscore": b"\x07" + good.replace(b"001000", b"1_0000"),
     }

@@ -7,10 +7,20 @@ import random
 from collections.abc import Callable, Iterator
 
 from common.packet import PACKET_CHARS
-from common.packet_table import next_id
+from common.packet_table import ID_LAST, next_id
 
 LONGEST_CHUNK = 200
-VALUES = (b"000000", b"-00001", b"000001", b"999999", b"-99999", b"012345", b"-00000")
+VALUES = (
+    b"000000",
+    b"-00001",
+    b"000001",
+    b"499999",
+    b"500000",
+    b"999999",
+    b"-99999",
+    b"012345",
+    b"-00000",
+)
 ODD = b" -+.eE^HB'_0\x00\xb2\xff\r\n,"
 EXAMPLES = tuple(
     b"%06d %06d " % pair + vec
@@ -80,7 +90,7 @@ def _odd(packets: list[bytes], rng: random.Random) -> None:
 def _number(packets: list[bytes]) -> None:
     """Make the IDs consecutive again, from what the first packet says."""
     first = packets[0][:6]
-    id_ = int(first) if first.isdigit() else 1
+    id_ = int(first) if first.isdigit() else ID_LAST
     for k in range(1, len(packets)):
         id_ = next_id(id_)
         packets[k] = b"%06d" % id_ + packets[k][6:]

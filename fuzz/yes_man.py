@@ -11,7 +11,7 @@ import pinocchio as pin
 
 from common.frames import Oat, R_from_oat, oat_from_R
 from common.packet import Packet, PacketReader, encode
-from common.packet_table import Com, Status, pack_status
+from common.packet_table import NO_ID, Com, Status, pack_status
 from services.gateway.link import News
 
 REPORT_MS = 16
@@ -31,7 +31,8 @@ class YesMan:
         self._target = self.T.copy()
         self._reader = PacketReader()
         self._scales = (50, 500, 250, 100, 1000, 10)
-        self._status, self._id, self._samples, self._next_ns, self._now_ns = READY, 0, 0, 0, 0
+        self._status, self._id, self._samples = READY, NO_ID, 0
+        self._next_ns = self._now_ns = 0
         self._outbox, self._open, self._speed_m_s = b"", False, 0.0
 
     def poll(self, now_ns: int) -> News:

@@ -14,7 +14,7 @@ from services.gateway.link import News
 from services.gateway.reports import Event, HealthReport, HelloReceived, PoseReport
 from services.gateway.round_trips import Rate, Turns
 
-LOOPS_SPAN = 1_000_000  # the loop counter of 103 goes round there
+LOOPS_SPAN = 500_000  # the loop counter of 103 goes round there
 
 # Bits without which the controller cannot obey, bits with which it will not, and their faults.
 NEEDED = {

@@ -15,7 +15,7 @@ import pinocchio as pin
 from common.errors import LocalProtocolError
 from common.messages import Gains, Mode, Speed, Vec3, Vec6
 from common.packet import Packet, PacketReader, encode
-from common.packet_table import FEEDBACK_BITS, ID_MAX, NO_ID, Com, Status, id_reached, next_id
+from common.packet_table import FEEDBACK_BITS, NO_ID, Com, Status, id_reached, ids_since, next_id
 from services.gateway import commands
 from services.gateway.commands import Command, ControllerLimits, Pacing, PoseCarry
 from services.gateway.reports import Event, JointReport, PoseReport, parse_hello, parse_report
@@ -125,7 +125,7 @@ class Dialogue:
     def unframed(self) -> int:
         """Packets under way that the controller's receiver has not seen."""
         seen = self._hello_id if self.framed_id == NO_ID else self.framed_id
-        return (self.last_id - seen) % ID_MAX
+        return ids_since(seen, self.last_id)
 
     @property
     def settled(self) -> bool:

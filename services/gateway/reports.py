@@ -11,7 +11,7 @@ from common.frames import Oat, R_from_oat
 from common.messages import Vec6
 from common.packet import Packet
 from common.packet_table import (
-    ID_MAX,
+    ID_FIRST,
     PERCENT,
     PROTOCOL_VERSION,
     REPORTS,
@@ -59,7 +59,7 @@ class HealthReport:
     wrench_age_s: float
     queue_length: int
     monitor_speed_fraction: float
-    held_id: int
+    held_id: int  # of the last hold; hello is one
 
 
 Event = HelloReceived | PoseReport | JointReport | HealthReport
@@ -93,8 +93,6 @@ def parse_report(packet: Packet, scales: Scales) -> PoseReport | JointReport | H
         raise RemoteProtocolError(f"the controller sent command {packet.com}, which is ours")
     if com == Com.HELLO:
         raise RemoteProtocolError("the controller said hello twice")
-    if not 0 <= packet.id <= ID_MAX:
-        raise RemoteProtocolError(f"report {packet.com} names ID {packet.id}, which cannot be")
     if com == Com.HEALTH:
         return _health(packet)
     counter, status = unpack_status(packet.param)
@@ -115,12 +113,12 @@ def _joints(packet: Packet, scales: Scales) -> Vec6:
 
 
 def _health(packet: Packet) -> HealthReport:
-    loops, wrench_age_ms, queued, monitor_speed, held_id, _ = packet.vec
+    loops, wrench_age_ms, queued, monitor_speed, held, _ = packet.vec
     return HealthReport(
         error_code=packet.param,
         loop_count=loops,
         wrench_age_s=wrench_age_ms * 1e-3,
         queue_length=queued,
         monitor_speed_fraction=monitor_speed / PERCENT / 100.0,
-        held_id=held_id,
+        held_id=ID_FIRST + held,
     )

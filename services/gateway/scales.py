@@ -8,7 +8,8 @@ from common.messages import Vec6
 from common.packet import VALUE_MAX, VALUE_MIN, VecInt
 
 # Each scale must carry what it is for: 180 degrees of O, A, T and 360 of a joint into the negative
-# side (-99999), 1 m, 100 N, 10 N m and 250 mm/s. And one unit must be worth having.
+# side (-99999), 1 m, 100 N, 10 N m and 250 mm/s; 499999 to the other side is five times as much.
+# And one unit must be worth having.
 # fmt: off
 SCALE_RANGES = {
     "position_per_mm": (10, 99),

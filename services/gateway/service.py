@@ -11,7 +11,7 @@ from common.endpoints import Bus
 from common.errors import ConfigError, LocalProtocolError, RefusedError
 from common.guard import Guard
 from common.messages import LinkHealth, RobotState, RobotStatus
-from common.packet_table import ID_MAX, Status
+from common.packet_table import ID_COUNT, ID_FIRST, Status
 from common.permission import NO_COMMAND_YET, CommandGate, Verdict
 from common.tracking import Tracking
 from services.gateway.commands import ControllerLimits, Pacing
@@ -42,7 +42,8 @@ class Gateway:
             max_untaken=section.max_untaken_setpoints, heartbeat_after_s=section.heartbeat_s
         )
         # A process that starts anew does not take reports about its predecessor's IDs for its own.
-        self._dialogue = Dialogue(scales_of(section), pacing, last_id=bus.epoch % ID_MAX + 1)
+        last_id = ID_FIRST + bus.epoch % ID_COUNT
+        self._dialogue = Dialogue(scales_of(section), pacing, last_id=last_id)
         self._connection = Connection(
             wire or Link(LinkSettings(section.host, section.port)),
             self._dialogue,

@@ -23,18 +23,18 @@ from sim.robot.settings import SimSettings
 from tests.contract.robots import PORT, PROGRAM
 from tests.fakes.hostile_cell import QUICK, Accepted, watch_program
 
-WELL_FORMED = re.compile(rb"(?:(?:-[0-9]{5}|[0-9]{6}) ){9}")
+WELL_FORMED = re.compile(rb"[5-9][0-9]{5} (?:(?:-[0-9]{5}|[0-4][0-9]{5}) ){8}")
 NO_VECTOR = {Com.FEEDBACK, Com.HOLD, Com.HEARTBEAT}
 OURS = {com for com in TABLE if com < Com.POSE}
-HELLO = Packet(700, Com.HELLO, 1, (50, 500, 250, 100, 1000, 10))
+HELLO = Packet(700_700, Com.HELLO, 1, (50, 500, 250, 100, 1000, 10))
 TALK = (
     HELLO,
-    Packet(701, Com.HOLD),
-    Packet(702, Com.TCP, 0, (100, -200, 8000, 45000, -500, 1)),
-    Packet(703, Com.GAINS, 1, (10, 0, 10, 0, 10, 0)),
-    Packet(704, Com.WRENCH, 0, (-99999, 999999, -1, 0, 1, -12345)),
-    Packet(705, Com.HEARTBEAT),
-    Packet(706, Com.FEEDBACK, 2),
+    Packet(700_701, Com.HOLD),
+    Packet(700_702, Com.TCP, 0, (100, -200, 8000, 45000, -500, 1)),
+    Packet(700_703, Com.GAINS, 1, (10, 0, 10, 0, 10, 0)),
+    Packet(700_704, Com.WRENCH, 0, (-99999, 499999, -1, 0, 1, -12345)),
+    Packet(700_705, Com.HEARTBEAT),
+    Packet(700_706, Com.FEEDBACK, 2),
 )
 STREAM = b"".join(encode(packet) for packet in TALK)
 NASTY = b"0123456789-+ .eE^HBxX\x00\n\xff"
@@ -50,11 +50,11 @@ def believable(stream: bytes) -> list[str]:
             break
         frames = [int(frame) for frame in chars.split()]
         if not taken:
-            good = frames[0] >= 1 and frames[1] == Com.HELLO and frames[2] == 1
+            good = frames[1] == Com.HELLO and frames[2] == 1
             good = good and chars.count(b"-") == 0
         else:
             com, param = frames[1], frames[2]
-            good = frames[0] == next_id(id_) and chars[0:1] + chars[7:8] + chars[14:15] == b"000"
+            good = frames[0] == next_id(id_) and chars[7:8] + chars[14:15] == b"00"
             good = good and com in OURS and com != Com.HELLO and param in _params(com)
             good = good and not (com in NO_VECTOR and any(frames[3:]))
             good = good and not (com in NO_VECTOR and b"-" in chars)
@@ -157,16 +157,37 @@ def test_a_digit_of_the_id_is_never_mistaken() -> None:
         assert ear().hear(stream) == (believable(STREAM)[:4], True)
 
 
+@pytest.mark.parametrize("frame", range(1, 9))
+@pytest.mark.parametrize("digit", b"56789")
+def test_a_number_that_begins_like_an_id_is_seen_in_every_field(frame: int, digit: int) -> None:
+    """500000 and more is an ID, and stands in the first place only."""
+    at = 4 * PACKET_CHARS + frame * FRAME_STRIDE
+    stream = STREAM[:at] + bytes([digit]) + b"00000" + STREAM[at + 6 :]
+    assert ear().hear(stream) == (believable(STREAM)[:4], True)
+
+
+@pytest.mark.parametrize(
+    ("frame", "lost"), [(k, m) for k in range(9) for m in range(1, min(8, 9 - k) + 1)]
+)
+def test_whole_frames_that_are_lost_are_seen_in_the_packet_that_lost_them(
+    frame: int, lost: int
+) -> None:
+    """Wherever in it they stood: its own ID is missing, or the next packet's comes too early."""
+    at = 4 * PACKET_CHARS + frame * FRAME_STRIDE
+    stream = STREAM[:at] + STREAM[at + lost * FRAME_STRIDE :]
+    assert ear().hear(stream) == (believable(STREAM)[:4], True)
+
+
 @pytest.mark.parametrize(
     "packet",
     [
-        Packet(702, Com.LIMITS, 0, (50, 500, 700_100, 1000, 5000, 250)),  # one digit replaced
-        Packet(702, Com.SPEEDS, 0, (10_000, 10_000, 10_000, 700_100, 0, 0)),
-        Packet(702, Com.SPEEDS, 0, (10_000, 10_000, 1, 1, 0, 0)),
+        Packet(700_702, Com.LIMITS, 0, (50, 500, 400_100, 1000, 5000, 250)),  # one digit replaced
+        Packet(700_702, Com.SPEEDS, 0, (10_000, 10_000, 10_000, 400_100, 0, 0)),
+        Packet(700_702, Com.SPEEDS, 0, (10_000, 10_000, 1, 1, 0, 0)),
     ],
-    ids=["limits, 70 m/s", "speeds, 70 m/s", "speeds, 10 nm/s"],
+    ids=["limits, 40 m/s", "speeds, 40 m/s", "speeds, 10 nm/s"],
 )
 def test_a_speed_that_the_language_does_not_take_is_refused(packet: Packet) -> None:
     """Not an error stop, after which a person has to reset the controller."""
-    talk = (HELLO, Packet(701, Com.HOLD), packet, Packet(703, Com.MOVE_BY_JOINTS))
+    talk = (HELLO, Packet(700_701, Com.HOLD), packet, Packet(700_703, Com.MOVE_BY_JOINTS))
     Ear().hear(b"".join(encode(each) for each in talk))

@@ -11,7 +11,7 @@ from common import topics
 from common.config import load_cell
 from common.messages import Host
 from common.packet import Packet, encode
-from common.packet_table import Com
+from common.packet_table import ID_FIRST, Com
 from common.requests import Empty, ForceStartRequest
 from sim.controller.behaviour import Behaviour, pessimistic
 from tests.contract.robots import PORT
@@ -89,8 +89,10 @@ def test_the_connection_after_one_that_hung_is_kept(phase_s: float) -> None:
 
 def words(*coms: int) -> bytes:
     """What somebody might say who knows the protocol: hello, then more."""
-    hello = encode(Packet(1, Com.HELLO, 1, (50, 500, 250, 100, 1000, 10)))
-    return hello + b"".join(encode(Packet(n, com)) for n, com in enumerate(coms, start=2))
+    hello = encode(Packet(ID_FIRST, Com.HELLO, 1, (50, 500, 250, 100, 1000, 10)))
+    return hello + b"".join(
+        encode(Packet(n, com)) for n, com in enumerate(coms, start=ID_FIRST + 1)
+    )
 
 
 @pytest.mark.parametrize("motion", ["goal", "stream", "feedback"])
@@ -151,7 +153,7 @@ def test_without_new_wrenches_the_program_holds_by_itself_though_the_link_lives(
     cell = HostileCell(behaviour)
     cell.begin("feedback")
     starved_ns = cell.rig.clock.now_ns()
-    beat = encode(Packet(1, Com.HEARTBEAT))[7:]
+    beat = encode(Packet(ID_FIRST, Com.HEARTBEAT))[7:]
     abuse = cell.network.strike(
         UP, Rewrite(turn=lambda p: p[:7] + beat if p[7:13] == b"000004" else p)
     )

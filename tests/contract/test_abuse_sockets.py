@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from common.packet import Packet, encode
-from common.packet_table import Com
+from common.packet_table import ID_FIRST, Com
 from tests.contract.robots import PORT
 from tests.contract.test_abuse_wire import BREAKING, DOWN, MOTIONS, UP
 from tests.fakes.hostile_cell import LoneController, SocketCell
@@ -91,7 +91,7 @@ def test_a_gateway_that_vanishes_without_closing_is_missed_and_the_next_one_serv
 
 def test_a_second_client_is_not_heard_while_the_gateway_is_connected() -> None:
     """Hello and hold of a stranger wait in the backlog; nothing comes back, the goal is done."""
-    hello = encode(Packet(1, Com.HELLO, 1, (50, 500, 250, 100, 1000, 10)))
+    hello = encode(Packet(ID_FIRST, Com.HELLO, 1, (50, 500, 250, 100, 1000, 10)))
     with ExitStack() as stack:
         cell = SocketCell(stack)
         cell.begin("goal")
@@ -99,7 +99,7 @@ def test_a_second_client_is_not_heard_while_the_gateway_is_connected() -> None:
         stranger = stack.enter_context(
             socket.create_connection(("127.0.0.1", cell.sockets.bound[PORT]))
         )
-        stranger.sendall(hello + encode(Packet(2, Com.HOLD)))
+        stranger.sendall(hello + encode(Packet(ID_FIRST + 1, Com.HOLD)))
         stranger.setblocking(False)
         cell.rig.advance(0.3)
         assert cell.machine.memory.read("fm.hseq") == held

@@ -10,7 +10,7 @@ import pytest
 
 from cli.doctor_link import Patience, Visit, visit
 from common.packet import Packet, encode
-from common.packet_table import Com, Status
+from common.packet_table import ID_FIRST, Com, Status
 from services.gateway.scales import Scales
 from tests.fakes.controller import FakeController
 
@@ -162,7 +162,7 @@ def test_a_controller_that_greets_and_reports_nothing_has_no_rate() -> None:
     def greet() -> None:
         client, _ = listener.accept()
         with client:
-            client.sendall(encode(Packet(1, Com.HELLO, 1, SCALES.vec)))
+            client.sendall(encode(Packet(ID_FIRST, Com.HELLO, 1, SCALES.vec)))
             while client.recv(1000):
                 pass
 

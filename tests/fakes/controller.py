@@ -23,6 +23,7 @@ from common.packet import Packet, PacketReader, VecInt, encode
 from common.packet_table import (
     COMMANDS,
     FEEDBACK_BITS,
+    ID_FIRST,
     NO_ID,
     PROTOCOL_VERSION,
     Com,
@@ -200,7 +201,7 @@ class FakeController:
     def _hello(self, packet: Packet) -> None:
         robot, tantrums = self.robot, self.tantrums
         robot.status &= ~Status.WATCHDOG_LATCHED
-        robot.taken_id, self._armed = NO_ID, False
+        robot.taken_id, robot.held_id, self._armed = packet.id, packet.id, False
         robot.scales = tantrums.scales or packet.vec
         self._said_hello = True
         if tantrums.greet:
@@ -234,7 +235,8 @@ class FakeController:
         self._outbox += encode(Packet(robot.taken_id, Com.POSE, param, robot.pose_vec()))
         self._outbox += encode(Packet(self._framed_id, Com.JOINTS, param, robot.joint_vec()))
         if self._samples % self._health_every == 0:
-            vec = (self._samples % 1_000_000, 0, len(robot.ring), 10_000, robot.held_id, 0)
+            held = robot.held_id - ID_FIRST
+            vec = (self._samples % ID_FIRST, 0, len(robot.ring), 10_000, held, 0)
             self._outbox += encode(Packet(robot.taken_id, Com.HEALTH, 0, vec))
         if self._samples % self.tantrums.merge == 0:
             data, self._outbox = self._outbox, b""

@@ -11,7 +11,16 @@ import pinocchio as pin
 from common.clock import NS_PER_S
 from common.frames import oat_from_R
 from common.packet import ZERO_VEC, Packet, PacketReader, VecInt, encode
-from common.packet_table import PROTOCOL_VERSION, Com, Status, next_id, unpack_status
+from common.packet_table import (
+    ID_FIRST,
+    ID_LAST,
+    NO_ID,
+    PROTOCOL_VERSION,
+    Com,
+    Status,
+    next_id,
+    unpack_status,
+)
 from sim.controller.behaviour import Behaviour
 from sim.controller.machine import Machine
 from sim.controller.network import MemoryNetwork, MemoryStream
@@ -56,7 +65,7 @@ class Talk:
         self.stream = MemoryStream()
         self.closed, self.reading = True, True
         self.inbox: list[Packet] = []
-        self.id = 0
+        self.id = ID_LAST
         self._reader = PacketReader()
         self._sent_ns = 0
 
@@ -122,7 +131,7 @@ class Talk:
         self.closed = True
 
     def greet(
-        self, *, id_: int = 1, version: int = PROTOCOL_VERSION, scales: VecInt = SCALES
+        self, *, id_: int = ID_FIRST, version: int = PROTOCOL_VERSION, scales: VecInt = SCALES
     ) -> None:
         """Connect and say hello; wait for nothing."""
         self.dial()
@@ -130,7 +139,7 @@ class Talk:
         self.write(encode(Packet(id_, Com.HELLO, version, scales)))
 
     def hello(
-        self, *, limits: VecInt | None = LIMITS, id_: int = 1, scales: VecInt = SCALES
+        self, *, limits: VecInt | None = LIMITS, id_: int = ID_FIRST, scales: VecInt = SCALES
     ) -> None:
         """Connect, say hello, wait for the stream of reports, set the limits."""
         self.greet(id_=id_, scales=scales)
@@ -166,7 +175,7 @@ class Talk:
         for packet in reversed(self.inbox):
             if packet.com == com:
                 return packet
-        return Packet(0, com)
+        return Packet(NO_ID, com)
 
     @property
     def status(self) -> Status:

@@ -6,7 +6,7 @@ import pinocchio as pin
 from common.clock import NS_PER_S
 from common.messages import Gains, Speed
 from common.packet import Packet, PacketReader, encode
-from common.packet_table import Com, Status, pack_status
+from common.packet_table import ID_LAST, Com, Status, pack_status
 from services.gateway.commands import ControllerLimits, Pacing
 from services.gateway.dialogue import Dialogue
 from services.gateway.scales import Scales
@@ -47,7 +47,7 @@ def joint_report(framed_id: int) -> bytes:
     return encode(Packet(framed_id, Com.JOINTS, pack_status(1, Status(0))))
 
 
-def greeted(pacing: Pacing | None = None, last_id: int = 0) -> Dialogue:
+def greeted(pacing: Pacing | None = None, last_id: int = ID_LAST) -> Dialogue:
     """A dialogue after both hellos, at time 0."""
     dialogue = Dialogue(SCALES, pacing, last_id=last_id)
     hello = dialogue.connected(0)

@@ -249,7 +249,7 @@ def _is_sample(state: RobotState, sample: tuple[np.ndarray, np.ndarray]) -> bool
 def watch_program(machine: Machine, accepted: list[Accepted], taken: list[Accepted]) -> None:
     """Write down each packet at the step of the program that believes it; changes nothing else."""
     for program, begins, into in (
-        ("fm.recv", "fm.framed=fm.framed", accepted),
+        ("fm.recv", "fm.framed=500000+", accepted),
         ("fm.hello", "fm.link=1", accepted),
         ("fm.take", "fm.taken=.id", taken),
     ):

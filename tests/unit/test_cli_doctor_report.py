@@ -17,7 +17,7 @@ from common.cell import Cell
 from common.config import load_cell
 from common.messages import Health, LinkHealth, RobotState, RobotStatus
 from common.packet import Packet
-from common.packet_table import Com, Status
+from common.packet_table import ID_FIRST, Com, Status
 from services.gateway.reports import HealthReport, JointReport, PoseReport
 from services.gateway.round_trips import Spread
 from services.gateway.service import scales_of
@@ -61,7 +61,7 @@ def heard(status: Status = READY) -> Heard:
 
 def a_visit(found: Heard | None) -> Visit:
     """A visit that was greeted well."""
-    hello = Packet(1, Com.HELLO, 1, SCALES.vec)
+    hello = Packet(ID_FIRST, Com.HELLO, 1, SCALES.vec)
     return Visit(greeted="answered", hello=hello, heard=found)
 
 
@@ -113,10 +113,10 @@ VISITS = {
     "mute": (Visit(greeted="silent"), "hello", NO_ANSWER),
     "garbled": (Visit(greeted="garbled"), "hello", NO_ANSWER),
     "version": (
-        Visit(greeted="answered", hello=Packet(1, 9, 2, SCALES.vec)), "protocol", NOT_WELL
+        Visit(greeted="answered", hello=Packet(ID_FIRST, 9, 2, SCALES.vec)), "protocol", NOT_WELL
     ),
     "scales": (
-        Visit(greeted="answered", hello=Packet(1, 9, 1, (60, 500, 250, 100, 1000, 10))),
+        Visit(greeted="answered", hello=Packet(ID_FIRST, 9, 1, (60, 500, 250, 100, 1000, 10))),
         "scales", NOT_WELL,
     ),
 }  # fmt: skip

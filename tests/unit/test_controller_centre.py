@@ -25,7 +25,7 @@ def turning(mode: int = 2) -> Talk:
     talk = Talk()
     talk.hello()
     talk.send(Com.TCP, 0, AT_TCP)
-    talk.start_feedback(mode, gains_i=(0, 0, 2000, 20_000, 0, 0))
+    talk.start_feedback(mode, gains_i=(0, 0, 1000, 10_000, 0, 0))
     push(talk, 2)
     return talk
 
@@ -74,7 +74,7 @@ def test_travel_counts_on_from_the_start() -> None:
     talk = Talk()
     talk.hello(limits=(50, 1000, 500, 150, 5_000, 250))
     talk.send(Com.TCP, 0, AT_TCP)
-    talk.start_feedback(3, gains_i=(0, 0, 5000, 0, 0, 0))
+    talk.start_feedback(3, gains_i=(0, 0, 2500, 0, 0, 0))
     push(talk, 2)
     z = talk.height_mm()
     for turn in range(20):

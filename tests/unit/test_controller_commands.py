@@ -249,8 +249,8 @@ def test_settings_that_make_no_sense_are_taken_refused_and_change_nothing(
 
 
 TOO_MUCH = {
-    "limits of 90 m/s": [(Com.LIMITS, (50, 1000, 900_000, 10_000, 5_000, 250))],
-    "speed of 100 m/s": [(Com.SPEEDS, (10_000, 10_000, 10_000, 999_999, 0, 0)), MOVE],
+    "limits of 50 m/s": [(Com.LIMITS, (50, 1000, 499_999, 10_000, 5_000, 250))],
+    "speed of 50 m/s": [(Com.SPEEDS, (10_000, 10_000, 10_000, 499_999, 0, 0)), MOVE],
     "speed of 0.00001 mm/s": [(Com.SPEEDS, (10_000, 10_000, 1, 1, 0, 0)), MOVE],
     "a turn of more than an hour": [(Com.SPEEDS, (10_000, 10_000, 2_000, 1, 0, 0)), TURN],
 }

@@ -101,7 +101,7 @@ def beyond_the_reach(talk: Talk) -> None:
 
 def yielding(talk: Talk, vec: VecInt) -> None:
     """Force feedback gives way to a wrench for 1.6 s."""
-    talk.start_feedback(1, gains_i=(0, 100_000, 100_000, 0, 0, 0))
+    talk.start_feedback(1, gains_i=(0, 50_000, 50_000, 0, 0, 0))
     for _ in range(80):
         talk.send(Com.WRENCH, 0, vec)
         talk.live(0.02)

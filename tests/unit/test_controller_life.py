@@ -4,7 +4,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from common.packet_table import Com, Status
+from common.packet_table import ID_FIRST, Com, Status
 from sim.controller.behaviour import Behaviour, pessimistic
 from sim.controller.errors import AsError
 from sim.controller.machine import Machine
@@ -186,7 +186,7 @@ def test_force_feedback_makes_no_leap_after_a_freeze(behaviour: Behaviour) -> No
     """Wrenches that piled up are one wrench; the time that was lost is not integrated over."""
     talk = Talk(behaviour)
     talk.hello()
-    talk.start_feedback(1, gains_i=(0, 0, 2_000, 0, 0, 0))
+    talk.start_feedback(1, gains_i=(0, 0, 1_000, 0, 0, 0))
     for _ in range(20):
         talk.send(Com.WRENCH, 0, (0, 0, 1000, 0, 0, 0))
         talk.live(0.02)
@@ -207,7 +207,7 @@ def test_a_hold_stops_the_arm_voids_the_ring_and_is_named_in_103(behaviour: Beha
     talk.do(Com.LIMITS, 0, LIMITS)
     talk.live(0.5)
     assert talk.height_mm() - z < 50.0 * 0.15
-    assert talk.last(Com.HEALTH).vec[4] == held
+    assert talk.last(Com.HEALTH).vec[4] == held - ID_FIRST
     assert talk.status & Status.HELD
     assert not talk.status & Status.MOVING
     assert still(talk)

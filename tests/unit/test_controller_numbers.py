@@ -8,7 +8,7 @@ import pytest
 
 from common.frames import rotation_between
 from common.packet import VecInt
-from common.packet_table import COUNTER_SPAN, Com, Status, unpack_status
+from common.packet_table import COUNTER_SPAN, ID_FIRST, Com, Status, unpack_status
 from tests.fakes.controller_talk import SCALES, Talk
 
 OTHER: VecInt = (20, 200, 100, 10, 100, 5)
@@ -144,10 +144,10 @@ def test_each_gain_is_of_its_own_axis_and_kind(axis: int, kind: str) -> None:
     load = PUSH[axis] / scale
     mode = 1 + axis // 3
     if kind == "proportional":
-        talk.start_feedback(mode, gains_p=one_hot(axis, 200_000 if axis > 2 else 50_000))
+        talk.start_feedback(mode, gains_p=one_hot(axis, 100_000 if axis > 2 else 25_000))
         expected = load * (0.2 if axis > 2 else 0.05)
     else:
-        talk.start_feedback(mode, gains_i=one_hot(axis, 10_000 if axis > 2 else 1_000))
+        talk.start_feedback(mode, gains_i=one_hot(axis, 5_000 if axis > 2 else 500))
         expected = load * (1.0 if axis > 2 else 0.1) * 0.5  # half a second
     push(talk, 3, (0,) * 6)
     start = talk.T_mm
@@ -163,7 +163,7 @@ def test_a_load_that_is_there_at_the_start_is_no_change() -> None:
     """No axis gets a kick from its proportional gain."""
     talk = Talk()
     talk.hello()
-    talk.start_feedback(3, gains_p=(20_000, 20_000, 20_000, 100_000, 100_000, 100_000))
+    talk.start_feedback(3, gains_p=(10_000, 10_000, 10_000, 50_000, 50_000, 50_000))
     start = talk.T_mm
     push(talk, 10, PUSH)
     assert np.allclose(talk.T_mm.homogeneous, start.homogeneous, atol=1e-3)
@@ -175,7 +175,7 @@ def test_a_new_start_counts_from_where_the_arm_is() -> None:
     talk.hello()
     stopped = talk.T_mm
     for _ in range(3):
-        talk.start_feedback(3, gains_i=(2_000, 2_000, 2_000, 20_000, 20_000, 20_000))
+        talk.start_feedback(3, gains_i=(1000, 1000, 1000, 10_000, 10_000, 10_000))
         push(talk, 8, (0,) * 6)
         assert np.allclose(talk.T_mm.homogeneous, stopped.homogeneous, atol=0.02)
         push(talk, 25, PUSH)
@@ -191,7 +191,7 @@ def test_the_tcp_of_command_11_is_what_a_moment_turns_about() -> None:
     talk.hello()
     talk.do(Com.TCP, 0, (1_500, -1_000, 6_000, 15_000, 20_000, -25_000))
     tcp = np.array([30.0, -20.0, 120.0])
-    talk.start_feedback(2, gains_p=(0, 0, 0, 999_999, 999_999, 999_999))
+    talk.start_feedback(2, gains_p=(0, 0, 0, 499_999, 499_999, 499_999))
     push(talk, 3, (0,) * 6)
     start = talk.T_mm
     for k in range(1, 21):  # no more than 0.2 degrees at a time
@@ -228,7 +228,7 @@ def test_all_scales_are_those_of_the_hello() -> None:
     angles = np.degrees(talk.robot.q) * OTHER[2]
     assert np.abs(np.subtract(talk.last(Com.JOINTS).vec, angles)).max() <= 0.6
     talk.do(Com.TCP, 0, (0, 0, 2_400, 0, 0, 0))
-    talk.start_feedback(3, gains_p=(0, 0, 20_000, 200_000, 0, 0))
+    talk.start_feedback(3, gains_p=(0, 0, 10_000, 100_000, 0, 0))
     push(talk, 3, (0,) * 6)
     start = talk.T_mm
     push(talk, 25, (0, 0, 200, 100, 0, 0))  # 20 N, 1 N m
@@ -263,7 +263,7 @@ def test_reports_are_the_pose_and_the_joints_rounded_to_a_unit(
 
 
 def test_one_sample_has_one_counter_and_each_eighth_a_103() -> None:
-    """101, 102 with the same Param, in this order; 488 counters; 60 a second or more."""
+    """101, 102 with the same Param, in this order; 240 counters; 60 a second or more."""
     talk = Talk()
     talk.hello()
     start_s, before = talk.now_s, len(talk.heard(Com.POSE))
@@ -295,5 +295,5 @@ def test_health_says_age_of_the_wrench_queue_monitor_speed_and_held_id() -> None
     assert 50 < young[1] < 200
     assert 1050 < old[1] < 1250
     assert old[0] > young[0]
-    assert (young[2:], old[2:]) == ((0, 3_750, 0, 0), (0, 3_750, held, 0))
+    assert (young[2:], old[2:]) == ((0, 3_750, 0, 0), (0, 3_750, held - ID_FIRST, 0))
     assert talk.status & Status.HELD

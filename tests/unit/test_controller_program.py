@@ -8,13 +8,24 @@ from hypothesis import strategies as st
 
 from common.errors import RemoteProtocolError
 from common.packet import FRAME_STRIDE, PACKET_CHARS, ZERO_VEC, Packet, PacketReader, VecInt, encode
-from common.packet_table import COMMANDS, ID_MAX, TABLE, Com, Status, known, next_id
+from common.packet_table import (
+    COMMANDS,
+    GAIN_I,
+    GAIN_P,
+    ID_FIRST,
+    ID_LAST,
+    TABLE,
+    Com,
+    Status,
+    known,
+    next_id,
+)
 from tests.fakes.controller_talk import LIMITS, SCALES, Talk
 
 LEAST: VecInt = (10, 100, 50, 1, 10, 1)
 MOST: VecInt = (99, 555, 277, 999, 9999, 1000)
 SPEEDS: VecInt = (10_000, 10_000, 10_000, 500, 0, 0)
-HELLO = encode(Packet(1, Com.HELLO, 1, SCALES))
+HELLO = encode(Packet(ID_FIRST, Com.HELLO, 1, SCALES))
 HEAD = 3 * FRAME_STRIDE  # ID, Com, Param
 RING = 63  # one slot of 64 stays empty
 # A vector that each command accepts, and that moves nothing from where the arm stands.
@@ -56,9 +67,9 @@ def busy() -> tuple[Talk, int]:
 # --- hello ----------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("id_", [1, 5, ID_MAX])
+@pytest.mark.parametrize("id_", [ID_FIRST, ID_FIRST + 5, ID_LAST])
 def test_hello_is_answered_with_its_id_version_and_scales_then_reports_follow(id_: int) -> None:
-    """Before the hello nothing is said; after it 101 and 102 say the hello's ID and "none yet"."""
+    """Before the hello nothing is said; after it 101, 102 and 103 say the hello's ID."""
     talk = Talk()
     talk.dial()
     talk.live(0.3)
@@ -68,7 +79,8 @@ def test_hello_is_answered_with_its_id_version_and_scales_then_reports_follow(id
     talk.wait(lambda: talk.heard(Com.HEALTH), 1.0, beat=False)
     assert talk.inbox[0] == Packet(id_, Com.HELLO, 1, SCALES)
     assert len(talk.heard(Com.HELLO)) == 1
-    assert (talk.taken, talk.framed, talk.fault) == (0, id_, 0)
+    assert (talk.taken, talk.framed, talk.fault) == (id_, id_, 0)
+    assert talk.last(Com.HEALTH).vec[4] == id_ - ID_FIRST
     assert talk.send(Com.HEARTBEAT) == next_id(id_)
     talk.wait(lambda: talk.framed == next_id(id_), 1.0)
 
@@ -76,11 +88,14 @@ def test_hello_is_answered_with_its_id_version_and_scales_then_reports_follow(id
 @pytest.mark.parametrize(
     "data",
     [
-        encode(Packet(1, Com.HEARTBEAT)),
-        encode(Packet(0, Com.HELLO, 1, SCALES)),
-        encode(Packet(-5, Com.HELLO, 1, SCALES)),
-        encode(Packet(1, Com.HELLO, -1, SCALES)),
-        encode(Packet(1, Com.HELLO, 1, (50, 500, 250, 100, 1000, -10))),
+        encode(Packet(ID_FIRST, Com.HEARTBEAT)),
+        HELLO.replace(b"500000", b"499999"),
+        HELLO.replace(b"500000", b"000000"),
+        HELLO.replace(b"500000", b"-00005"),
+        HELLO.replace(b"001000", b"500000"),
+        HELLO.replace(b"000001", b"500001"),
+        encode(Packet(ID_FIRST, Com.HELLO, -1, SCALES)),
+        encode(Packet(ID_FIRST, Com.HELLO, 1, (50, 500, 250, 100, 1000, -10))),
         HELLO[:-1] + b"0",
         HELLO.replace(b"000050", b"0005E1"),
         HELLO.replace(b"000050", b" 00050"),
@@ -98,14 +113,14 @@ def test_first_packet_that_is_no_hello_closes_the_connection_unanswered(data: by
     assert talk.inbox[0].com == Com.HELLO
 
 
-@pytest.mark.parametrize("version", [0, 2, 999_999])
+@pytest.mark.parametrize("version", [0, 2, 499_999])
 def test_another_version_is_told_ours_and_goes(version: int) -> None:
     """The PC can say which end is older; nothing of it counts as a hello."""
     talk = shared()
     latched = talk.value("fm.lack")
-    first_words(talk, encode(Packet(7, Com.HELLO, version, SCALES)))
+    first_words(talk, encode(Packet(ID_FIRST + 7, Com.HELLO, version, SCALES)))
     talk.wait(lambda: talk.closed, 1.0, beat=False)
-    assert talk.inbox == [Packet(7, Com.HELLO, 1, SCALES)]
+    assert talk.inbox == [Packet(ID_FIRST + 7, Com.HELLO, 1, SCALES)]
     assert talk.value("fm.lack") == latched
 
 
@@ -116,11 +131,11 @@ def test_scales_are_taken_up_to_their_limits_and_else_stay_as_they_were(
 ) -> None:
     """One scale that does not fit leaves all six alone; the answer tells which are in force."""
     talk = shared()
-    first_words(talk, encode(Packet(1, Com.HELLO, 1, SCALES)))
+    first_words(talk, encode(Packet(ID_FIRST, Com.HELLO, 1, SCALES)))
     a, b, c, d, e, f = (scale + beyond * (k == index) for k, scale in enumerate(edge))
-    first_words(talk, encode(Packet(1, Com.HELLO, 1, (a, b, c, d, e, f))))
+    first_words(talk, encode(Packet(ID_FIRST, Com.HELLO, 1, (a, b, c, d, e, f))))
     assert talk.inbox[0].vec == SCALES
-    first_words(talk, encode(Packet(1, Com.HELLO, 1, edge)))
+    first_words(talk, encode(Packet(ID_FIRST, Com.HELLO, 1, edge)))
     assert talk.inbox[0].vec == edge
 
 
@@ -162,18 +177,18 @@ def test_every_command_of_the_table_is_framed(com: Com, param: int) -> None:
     talk = shared()
     first_words(talk, HELLO)
     talk.live(0.07)  # the watchdog looks twice
-    talk.id = 1
+    talk.id = ID_FIRST
     vec = HARMLESS.get(com, ZERO_VEC)
     if com == Com.MOVE_POSE:
         vec = talk.shifted_vec()
     if com == Com.MOVE_JOINTS:
         vec = (0, 0, -22_500, 0, -22_500, 0)
     talk.send(com, param, vec)
-    talk.wait(lambda: talk.framed == 2, 1.0, beat=False)
+    talk.wait(lambda: talk.framed == ID_FIRST + 1, 1.0, beat=False)
     talk.send(com, TABLE[com].params[-1] + 1, vec)
     talk.wait(lambda: talk.closed, 1.0, beat=False)
     assert talk.value("fm.fault") == 4
-    assert talk.framed == 2
+    assert talk.framed == ID_FIRST + 1
 
 
 @settings(max_examples=400)
@@ -188,14 +203,16 @@ def test_the_receiver_takes_exactly_the_packets_that_the_codec_takes(
     """One character changed: the connection stands if and only if it is a packet, and it is due."""
     talk = shared()
     first_words(talk, HELLO)
-    sent = encode(Packet(2, com, 0, HARMLESS.get(com, ZERO_VEC)))
+    sent = encode(Packet(ID_FIRST + 1, com, 0, HARMLESS.get(com, ZERO_VEC)))
     data = bytearray(sent)
     data[place] = ord(char)
     talk.write(bytes(data))
     talk.live(0.02)
-    if is_due(bytes(data), 2) and data != sent:  # another number than the harmless one is in force
+    if (
+        is_due(bytes(data), ID_FIRST + 1) and data != sent
+    ):  # another number than the harmless one is in force
         shared.cache_clear()
-    assert talk.closed != is_due(bytes(data), 2), bytes(data)
+    assert talk.closed != is_due(bytes(data), ID_FIRST + 1), bytes(data)
 
 
 def is_due(data: bytes, id_: int) -> bool:
@@ -213,7 +230,7 @@ def is_due(data: bytes, id_: int) -> bool:
     return row.com in COMMANDS - {Com.HELLO} and data[:fixed] == expected[:fixed]
 
 
-@pytest.mark.parametrize("id_", [1, 3, 0, 999_999])
+@pytest.mark.parametrize("id_", [ID_FIRST, ID_FIRST + 2, ID_LAST])
 def test_an_id_that_is_not_the_next_closes_the_connection(id_: int) -> None:
     """A packet twice, a packet lost: never guess."""
     talk = shared()
@@ -227,16 +244,16 @@ def test_a_second_hello_closes_the_connection() -> None:
     """Also with the ID that is due: hello is the first packet and no other."""
     talk = shared()
     first_words(talk, HELLO)
-    talk.write(encode(Packet(2, Com.HELLO, 1, SCALES)))
+    talk.write(encode(Packet(ID_FIRST + 1, Com.HELLO, 1, SCALES)))
     talk.wait(lambda: talk.closed, 1.0, beat=False)
     assert talk.value("fm.fault") == 4
 
 
 def test_ids_go_round_at_999999() -> None:
-    """0 is never used."""
+    """500000 follows."""
     talk = Talk()
-    talk.hello(id_=ID_MAX - 2, limits=None)
-    for expected in (ID_MAX - 1, ID_MAX, 1, 2):
+    talk.hello(id_=ID_LAST - 2, limits=None)
+    for expected in (ID_LAST - 1, ID_LAST, ID_FIRST, ID_FIRST + 1):
         talk.do(Com.SPEEDS, 0, SPEEDS)
         assert talk.framed == talk.taken == talk.id == expected
     assert not talk.closed
@@ -248,14 +265,16 @@ def test_how_the_stream_is_cut_makes_no_difference(cuts: list[int], data: st.Dat
     """Bytes come in any pieces, hello too; every packet is framed once, in order."""
     talk = Talk()
     talk.dial()
-    stream = HELLO + b"".join(encode(Packet(k, Com.GAINS, 1, (k,) * 6)) for k in range(2, 22))
+    stream = HELLO + b"".join(
+        encode(Packet(ID_FIRST + k, Com.GAINS, 1, (k,) * 6)) for k in range(1, 21)
+    )
     while stream:
         size = data.draw(st.sampled_from(cuts))
         talk.write(stream[:size])
         stream = stream[size:]
         talk.live(data.draw(st.sampled_from([0.0, 0.001, 0.02])))
-    talk.wait(lambda: talk.framed == talk.taken == 21, 1.0, beat=False)
-    assert talk.value("fm.ki[6]") == pytest.approx(21e-4)
+    talk.wait(lambda: talk.framed == talk.taken == ID_FIRST + 20, 1.0, beat=False)
+    assert talk.value("fm.ki[6]") == pytest.approx(20 / GAIN_I)
 
 
 # --- the ring -------------------------------------------------------------------------------------
@@ -272,7 +291,7 @@ def test_what_waits_in_the_ring_is_framed_at_once_taken_later_and_in_order() -> 
     seen: list[int] = []
 
     def took() -> bool:
-        gain = round(talk.value("fm.kp[1]") * 1e6)
+        gain = round(talk.value("fm.kp[1]") * GAIN_P)
         seen.extend([gain] if gain not in seen else [])
         return talk.taken == ids[-1]
 

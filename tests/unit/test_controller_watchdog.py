@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from common.packet_table import Com, Status
+from common.packet_table import ID_FIRST, Com, Status
 from sim.controller.behaviour import Behaviour, pessimistic
 from sim.controller.errors import AsError
 from tests.fakes.controller_talk import LIMITS, QUICK, Talk
@@ -38,7 +38,7 @@ def feeding(behaviour: Behaviour) -> Talk:
     """Force feedback gives way by 20 mm/s to a wrench that has come every 20 ms."""
     talk = Talk(behaviour)
     talk.hello()
-    talk.start_feedback(1, gains_i=(0, 0, 20_000, 0, 0, 0))
+    talk.start_feedback(1, gains_i=(0, 0, 10_000, 0, 0, 0))
     z = talk.height_mm()
     while talk.height_mm() < z + 3.0:
         push(talk)
@@ -175,7 +175,7 @@ def test_a_gap_between_two_wrenches_is_not_made_up_for(behaviour: Behaviour) -> 
     """After a gap that is shorter than the limit the integral counts anew: no leap."""
     talk = feeding(behaviour)
     talk.send(Com.LIMITS, 0, (*LIMITS[:5], 600))
-    talk.send(Com.GAINS, 1, (0, 0, 2_000, 0, 0, 0))
+    talk.send(Com.GAINS, 1, (0, 0, 1_000, 0, 0, 0))
     for _ in range(10):
         push(talk)
     talk.live(0.3, beat=True)
@@ -283,7 +283,7 @@ def test_an_error_stop_is_latched_and_needs_ereset_and_execute(behaviour: Behavi
     assert not talk.status & Status.PROGRAM_RUNNING
     talk.send(Com.MOVE_POSE, 0, talk.shifted_vec(z=10.0))
     assert stays(talk, 1.0, beat=True)
-    assert talk.taken == 0
+    assert talk.taken == ID_FIRST  # the hello itself
     talk.pendant.error_reset()
     talk.pendant.execute("fm.main")
     assert stays(talk, 2.0)  # a controller that plans its first motion for a second listens anew

@@ -12,7 +12,7 @@ from common.errors import LocalProtocolError, RemoteProtocolError
 from common.frames import Oat, R_from_oat, rotation_between
 from common.messages import Gains, Speed, Vec6
 from common.packet import Packet, PacketReader, encode
-from common.packet_table import Com, Status, pack_status
+from common.packet_table import ID_FIRST, Com, Status, pack_status
 from services.gateway import commands, reports
 from services.gateway.commands import Command, ControllerLimits, PoseCarry
 from services.gateway.scales import SCALE_RANGES, Scales, scales_from_hello
@@ -32,13 +32,13 @@ poses = st.builds(
 
 def over_the_wire(command: Command) -> Packet:
     """Encode and decode, as the controller would get it."""
-    (packet,) = PacketReader().feed(encode(command.packet(7)))
+    (packet,) = PacketReader().feed(encode(command.packet(ID_FIRST)))
     return packet
 
 
 def pose_of(packet: Packet) -> pin.SE3:
     """Read a command's pose with the eyes of the report parser."""
-    echoed = Packet(0, Com.POSE, pack_status(0, Status(0)), packet.vec)
+    echoed = Packet(ID_FIRST, Com.POSE, pack_status(0, Status(0)), packet.vec)
     report = reports.parse_report(echoed, SCALES)
     assert isinstance(report, reports.PoseReport)
     return report.T_base_flange
@@ -117,11 +117,12 @@ def test_a_stream_that_comes_to_a_pole_keeps_its_o(a_deg: float) -> None:
 def test_joint_angles_arrive_within_half_a_unit(q: Vec6) -> None:
     """Command 2 and the report of joints share unit and sign, for two full turns."""
     packet = over_the_wire(commands.move_to_joints(q, SCALES))
-    echoed = Packet(5, Com.JOINTS, pack_status(3, Status.MOVING), packet.vec)
+    echoed = Packet(ID_FIRST + 5, Com.JOINTS, pack_status(3, Status.MOVING), packet.vec)
     report = reports.parse_report(echoed, SCALES)
     assert isinstance(report, reports.JointReport)
     assert np.degrees(np.abs(np.array(report.joint_rad) - q)).max() <= 0.5 / 250 + 1e-9
-    assert (report.framed_id, report.counter, report.status) == (5, 3, Status.MOVING)
+    assert (report.framed_id, report.counter) == (ID_FIRST + 5, 3)
+    assert report.status == Status.MOVING
 
 
 def test_each_command_has_the_numbers_of_the_table() -> None:
@@ -150,8 +151,8 @@ def test_each_command_has_the_numbers_of_the_table() -> None:
         commands.wrench((1.0, -2.0, 30.0), (0.1, -0.2, 0.3), SCALES): (
             4, 0, (100, -200, 3000, 100, -200, 300)),
         commands.speeds(speed, SCALES): (5, 0, (5000, 10000, 1000, 2500, 0, 0)),
-        commands.gains(gains)[0]: (6, 0, (2000, 0, 1000, 500000, 0, 0)),
-        commands.gains(gains)[1]: (6, 1, (1000, 0, 0, 0, 0, 100)),
+        commands.gains(gains)[0]: (6, 0, (1000, 0, 500, 250000, 0, 0)),
+        commands.gains(gains)[1]: (6, 1, (500, 0, 0, 0, 0, 50)),
         commands.start_feedback("position")[0]: (7, 0, (0,) * 6),
         commands.start_feedback("orientation")[0]: (7, 1, (0,) * 6),
         commands.STOP_FEEDBACK: (7, 2, (0,) * 6),
@@ -223,37 +224,37 @@ def test_scales_are_range_checked_at_both_ends(name: str) -> None:
 
 def test_the_controllers_hello_must_agree() -> None:
     """Another version or another scale is refused, and the error names both sides."""
-    good = commands.hello(SCALES).packet(1)
+    good = commands.hello(SCALES).packet(ID_FIRST)
     assert reports.parse_hello(good, SCALES) == reports.HelloReceived(SCALES)
     with pytest.raises(RemoteProtocolError, match="protocol 2, this program 1"):
-        reports.parse_hello(Packet(1, 9, 2, good.vec), SCALES)
+        reports.parse_hello(Packet(ID_FIRST, 9, 2, good.vec), SCALES)
     with pytest.raises(RemoteProtocolError, match="position_per_mm asked 50, has 60"):
-        reports.parse_hello(Packet(1, 9, 1, (60, *good.vec[1:])), SCALES)
+        reports.parse_hello(Packet(ID_FIRST, 9, 1, (60, *good.vec[1:])), SCALES)
     with pytest.raises(RemoteProtocolError, match="must be hello"):
-        reports.parse_hello(Packet(1, 101, 0, good.vec), SCALES)
+        reports.parse_hello(Packet(ID_FIRST, 101, 0, good.vec), SCALES)
 
 
 def test_health_arrives_in_si() -> None:
     """103: error code, loops, wrench age, queue, monitor speed, held ID."""
-    packet = Packet(9, Com.HEALTH, -34024, (123, 45, 2, 3000, 77, 0))
+    packet = Packet(ID_FIRST, Com.HEALTH, -34024, (123, 45, 2, 3000, 77, 0))
     assert reports.parse_report(packet, SCALES) == reports.HealthReport(
         error_code=-34024,
         loop_count=123,
         wrench_age_s=0.045,
         queue_length=2,
         monitor_speed_fraction=0.3,
-        held_id=77,
+        held_id=ID_FIRST + 77,
     )
 
 
 @pytest.mark.parametrize(
     "packet",
     [
-        Packet(1, 1, 0), Packet(1, 12, 0), Packet(1, 9, 1), Packet(1, 104, 0),
-        Packet(1, 0, 0), Packet(-1, 101, 0), Packet(1, 101, -1), Packet(1, 102, 999_999),
+        Packet(ID_FIRST, com, param)
+        for com, param in ((1, 0), (12, 0), (9, 1), (104, 0), (0, 0), (101, -1), (102, 499_999))
     ],
-)  # fmt: skip
+)
 def test_what_a_controller_never_says_is_refused(packet: Packet) -> None:
-    """Our own commands, a second hello, unknown numbers, impossible IDs and status."""
+    """Our own commands, a second hello, unknown numbers, impossible status."""
     with pytest.raises(RemoteProtocolError):
         reports.parse_report(packet, SCALES)

@@ -3,7 +3,7 @@
 import pytest
 
 from common.packet import Packet, encode
-from common.packet_table import PERCENT, Com, Status, pack_status
+from common.packet_table import ID_FIRST, PERCENT, Com, Status, pack_status
 from services.gateway.connection import Connection
 from services.gateway.dialogue import Dialogue
 from services.gateway.link import News
@@ -91,8 +91,8 @@ def test_half_a_sample_is_none() -> None:
 def test_halves_of_two_samples_close_the_link() -> None:
     """A packet is missing between them: pose and joints are not of one moment."""
     talk = Talk().greet()
-    other = encode(Packet(1, Com.JOINTS, pack_status(2, FIT)))
-    assert not talk.hear(pose_report(1) + other)
+    other = encode(Packet(ID_FIRST, Com.JOINTS, pack_status(2, FIT)))
+    assert not talk.hear(pose_report(ID_FIRST) + other)
     assert "a packet is missing" in talk.wire.last_fault
     assert (talk.connection.errors, talk.connection.is_ready) == (1, False)
     assert "a packet is missing" in talk.connection.trouble(0)
@@ -124,7 +124,7 @@ def test_numbers_are_what_was_measured_and_no_others() -> None:
         talk.now_ns += 10 * MS
         talk.report(number)
         health = (20 * number, 0, 0, 50 * PERCENT, 0, 0)
-        talk.hear(encode(Packet(1, Com.HEALTH, 0, health)))
+        talk.hear(encode(Packet(ID_FIRST, Com.HEALTH, 0, health)))
     numbers = talk.connection.numbers(talk.now_ns)
     assert numbers["sender_hz"] == pytest.approx(100.0)
     assert numbers["program_loop_hz"] == pytest.approx(2000.0)

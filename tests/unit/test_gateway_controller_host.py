@@ -43,8 +43,8 @@ def test_the_controller_gets_tool_and_gains_then_the_start_then_wrench_minus_set
     ]  # fmt: skip
     assert cell.controller.robot.tcp == (0, 0, 160 * 50, 0, 0, 0)
     assert cell.controller.of(Com.WRENCH)[0].vec == (100, 0, 200, 100, 200, 300)
-    assert cell.controller.robot.gains_p == (2000, 2000, 2000, 0, 0, 0)
-    assert cell.controller.robot.gains_i == (100, 100, 100, 0, 0, 0)
+    assert cell.controller.robot.gains_p == (1000, 1000, 1000, 0, 0, 0)
+    assert cell.controller.robot.gains_i == (50, 50, 50, 0, 0, 0)
     assert cell.rig.state.status.position_feedback
     assert not cell.rig.state.status.orientation_feedback
 
@@ -84,7 +84,7 @@ def test_new_gains_reach_a_running_feedback(cell: GatewayCell) -> None:
     start_feedback(cell)
     gains = GAINS.model_copy(update={"force_p_m_per_N": (3e-6, 3e-6, 3e-6)})
     cell.rig.say("feedback", host="controller", feedback=Feedback(mode="position", gains=gains))
-    cell.rig.until(lambda: cell.controller.robot.gains_p[0] == 3000)
+    cell.rig.until(lambda: cell.controller.robot.gains_p[0] == 1500)
     assert len(cell.controller.of(Com.FEEDBACK)) == 1
 
 

@@ -10,7 +10,7 @@ from common.clock import NS_PER_S
 from common.errors import LocalProtocolError, RemoteProtocolError
 from common.messages import Speed
 from common.packet import Packet, encode
-from common.packet_table import ID_MAX, Com
+from common.packet_table import ID_FIRST, ID_LAST, NO_ID, Com, next_id
 from services.gateway import commands
 from services.gateway.commands import Pacing
 from services.gateway.dialogue import Dialogue
@@ -33,14 +33,14 @@ from tests.fakes.dialogues import (
 def test_hello_is_the_first_packet_and_asks_for_the_scales() -> None:
     """A connection begins with command 9, version in Param, scales in the vector."""
     (packet,) = packets(Dialogue(SCALES).connected(0))
-    assert packet == commands.hello(SCALES).packet(1)
+    assert packet == commands.hello(SCALES).packet(next_id(NO_ID))
 
 
 def test_reports_become_events() -> None:
     """Hello, 101, 102 and 103 in one stream, in their order."""
     dialogue = Dialogue(SCALES)
-    data = dialogue.connected(0) + pose_report(0) + joint_report(1)
-    data += encode(Packet(0, Com.HEALTH, 0))
+    data = dialogue.connected(0) + pose_report(dialogue.last_id) + joint_report(dialogue.last_id)
+    data += encode(Packet(ID_FIRST, Com.HEALTH, 0))
     kinds = [type(event) for event in dialogue.feed(data, 0)]
     assert kinds == [HelloReceived, PoseReport, JointReport, HealthReport]
 
@@ -48,8 +48,8 @@ def test_reports_become_events() -> None:
 @pytest.mark.parametrize(
     "first",
     [
-        Packet(1, 9, 2, SCALES.vec), Packet(1, 9, 1, (60, 500, 250, 100, 1000, 10)),
-        Packet(1, 101, 0), Packet(1, 9, 1),
+        Packet(ID_FIRST, 9, 2, SCALES.vec), Packet(ID_FIRST, 9, 1, (60, 500, 250, 100, 1000, 10)),
+        Packet(ID_FIRST, 101, 0), Packet(ID_FIRST, 9, 1),
     ],
 )  # fmt: skip
 def test_a_controller_that_does_not_agree_is_refused(first: Packet) -> None:
@@ -75,14 +75,15 @@ def test_nothing_but_hello_and_hold_goes_out_before_the_controllers_hello() -> N
 
 
 def test_ids_are_consecutive_over_everything_and_over_reconnects() -> None:
-    """Each packet has the ID after the one before it; 999999 is followed by 1."""
-    dialogue = Dialogue(SCALES, last_id=ID_MAX - 3)
+    """Each packet has the ID after the one before it; 999999 is followed by 500000."""
+    dialogue = Dialogue(SCALES, last_id=ID_LAST - 3)
     sent = packets(dialogue.connected(0))
     dialogue.feed(encode(sent[0]), 0)
     sent += packets(dialogue.move_to_pose(at(1), SPEED, 0))
     sent += packets(dialogue.hold(0))
     sent += packets(dialogue.connected(0))
-    assert [packet.id for packet in sent] == [ID_MAX - 2, ID_MAX - 1, ID_MAX, 1, 2]
+    ids = [ID_LAST - 2, ID_LAST - 1, ID_LAST, ID_FIRST, ID_FIRST + 1]
+    assert [packet.id for packet in sent] == ids
 
 
 def test_speeds_go_before_goals_and_only_when_they_changed() -> None:
@@ -128,7 +129,7 @@ def test_the_newest_setpoint_waits_until_the_one_before_is_taken() -> None:
 @given(
     st.integers(1, 4),
     st.lists(st.sampled_from(["offer", "tick", "take", "wait"]), max_size=60),
-    st.integers(0, ID_MAX - 1),
+    st.integers(ID_FIRST, ID_LAST),
 )
 def test_setpoints_under_way_never_exceed_what_is_allowed(
     most: int, steps: list[str], last_id: int
@@ -204,12 +205,14 @@ def test_hold_is_command_8_and_forgets_all_motion() -> None:
 
 def test_ids_of_an_earlier_connection_take_nothing() -> None:
     """A controller that still names an old command has taken none of the new ones."""
-    dialogue = greeted(last_id=500)
+    dialogue = greeted(last_id=ID_FIRST + 500)
     dialogue.offer_setpoint(at(1))
     (packet,) = packets(dialogue.tick(0, permitted=True))
-    for stale in (499, 500, packet.id + 1, 0):
+    for stale in (packet.id - 3, packet.id - 2, packet.id + 1):
         dialogue.feed(pose_report(stale), 0)
-        assert (dialogue.untaken, dialogue.taken_id) == (1, 0)
+        assert (dialogue.untaken, dialogue.taken_id) == (1, NO_ID)
+    dialogue.feed(pose_report(packet.id - 1), 0)  # the hello itself
+    assert dialogue.untaken == 1
     dialogue.feed(pose_report(packet.id), 0)
     assert (dialogue.untaken, dialogue.taken_id) == (0, packet.id)
 
@@ -230,7 +233,7 @@ def test_the_round_trip_is_measured_from_sending_to_framing() -> None:
 def test_a_new_connection_knows_nothing_of_the_old_one() -> None:
     """Half a packet, pending motion and running feedback end with the connection."""
     dialogue = in_feedback()
-    dialogue.feed(pose_report(0)[:30], 0)
+    dialogue.feed(pose_report(ID_FIRST)[:30], 0)
     hello = dialogue.connected(0)
     assert not dialogue.ready
     assert not dialogue.feedback_active

@@ -77,7 +77,7 @@ def test_feedback_that_the_controller_ended_by_itself_is_noticed() -> None:
 def test_feedback_found_running_blocks_motion_too() -> None:
     """A controller that says it runs is believed, whoever started it."""
     dialogue = greeted()
-    dialogue.feed(pose_report(0, Status.ORIENTATION_FEEDBACK), 0)
+    dialogue.feed(pose_report(dialogue.last_id, Status.ORIENTATION_FEEDBACK), 0)
     with pytest.raises(LocalProtocolError, match="feedback"):
         dialogue.offer_setpoint(at(1))
 

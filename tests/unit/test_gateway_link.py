@@ -10,6 +10,7 @@ import pytest
 
 from common.clock import NS_PER_S
 from common.packet import PACKET_CHARS, Packet, encode
+from common.packet_table import ID_FIRST
 from services.gateway.link import Link, LinkSettings
 from tests.fakes.controller import FakeController
 
@@ -186,7 +187,7 @@ def test_packets_that_nobody_takes_end_the_connection(peer: Peer) -> None:
     """When the peer's window is shut, set points must not pile up in our kernel."""
     peer.listener.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1)
     driver, client = connected(peer, stalled_after_s=0.05, silent_after_s=60.0)
-    packet = encode(Packet(1, 12, 0))
+    packet = encode(Packet(ID_FIRST, 12, 0))
 
     def send_and_look() -> bool:
         driver.send(packet)
@@ -200,7 +201,7 @@ def test_packets_that_nobody_takes_end_the_connection(peer: Peer) -> None:
 def test_a_peer_that_reads_is_never_called_stalled(peer: Peer) -> None:
     """A steady stream that is read goes on for many times the stall limit."""
     driver, client = connected(peer, stalled_after_s=0.1, silent_after_s=60.0)
-    packet = encode(Packet(1, 12, 0))
+    packet = encode(Packet(ID_FIRST, 12, 0))
     started, read = time.monotonic(), 0
     while time.monotonic() - started < 0.5:
         driver.send(packet)

@@ -22,7 +22,7 @@ from hypothesis.stateful import (
 
 from common.messages import Feedback, Gains, PoseRecord, RobotCommand, WrenchAtTcp
 from common.packet import Packet, encode
-from common.packet_table import Com, Status
+from common.packet_table import ID_FIRST, Com, Status
 from common.permission import CommandGate
 from common.reader import Reader
 from services.gateway.dialogue import Dialogue
@@ -203,7 +203,7 @@ class GatewayMachine(RuleBasedStateMachine):
         self.world.live(2)
         assert self.world.gateway.verdict.command is None
 
-    @rule(data=st.binary(min_size=63, max_size=130) | st.just(encode(Packet(1, Com.HELLO))))
+    @rule(data=st.binary(min_size=63, max_size=130) | st.just(encode(Packet(ID_FIRST, Com.HELLO))))
     def garbage(self, data: bytes) -> None:
         """Bytes that are no report, or one out of place."""
         self.world.controller.say(data)

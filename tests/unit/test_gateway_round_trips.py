@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from common.clock import NS_PER_S
-from common.packet_table import COMMANDS, ID_MAX, NO_ID, Com, next_id
+from common.packet_table import COMMANDS, ID_FIRST, ID_LAST, NO_ID, Com, next_id
 from services.gateway.commands import HEARTBEAT, STOP_FEEDBACK, Command
 from services.gateway.round_trips import (
     FORGET_AFTER_S,
@@ -22,7 +22,7 @@ from services.gateway.round_trips import (
 from tests.fakes.dialogues import GAINS, MS, greeted, in_feedback, joint_report, pose_report
 
 delays = st.lists(st.integers(0, 2 * NS_PER_S), min_size=1, max_size=60)
-first_ids = st.integers(1, ID_MAX)
+first_ids = st.integers(ID_FIRST, ID_LAST)
 
 
 def consecutive(first: int, count: int) -> list[int]:

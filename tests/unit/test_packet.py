@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from common.errors import LocalProtocolError, RemoteProtocolError
 from common.packet import (
+    FRAME_NAMES,
     FRAME_STRIDE,
     FRAMES,
     PACKET_CHARS,
@@ -20,7 +21,8 @@ from common.packet import (
 from common.packet_table import (
     COMMANDS,
     COUNTER_SPAN,
-    ID_MAX,
+    ID_FIRST,
+    ID_LAST,
     NO_ID,
     REPORTS,
     STATUS_BITS,
@@ -28,6 +30,7 @@ from common.packet_table import (
     Com,
     Status,
     id_reached,
+    ids_since,
     known,
     next_id,
     pack_status,
@@ -35,9 +38,9 @@ from common.packet_table import (
 )
 
 values = st.integers(VALUE_MIN, VALUE_MAX)
-packets = st.builds(Packet, values, values, values, st.tuples(*[values] * 6))
-ids = st.integers(1, ID_MAX)
-SAMPLE = Packet(123, 1, 0, (-123, 999_999, -99_999, 0, 45_000, -1))
+ids = st.integers(ID_FIRST, ID_LAST)
+packets = st.builds(Packet, ids, values, values, st.tuples(*[values] * 6))
+SAMPLE = Packet(500_123, 1, 0, (-123, 499_999, -99_999, 0, 45_000, -1))
 
 
 def chop(data: bytes, cuts: list[int]) -> list[bytes]:
@@ -69,7 +72,7 @@ def test_any_chunking_decodes_alike(sent: list[Packet], cuts: list[int]) -> None
 def test_the_characters_are_those_of_the_specification() -> None:
     """Six characters with leading zeros, then one space; 123 is 000123."""
     assert encode(SAMPLE) == (
-        b"000123 000001 000000 -00123 999999 -99999 000000 045000 -00001 "
+        b"500123 000001 000000 -00123 499999 -99999 000000 045000 -00001 "
     )  # fmt: skip
 
 
@@ -82,7 +85,7 @@ def test_a_packet_is_taken_with_its_last_character() -> None:
 
 def test_a_255_byte_burst_keeps_its_remainder() -> None:
     """255 characters are four packets and three characters, the cut that public code gets wrong."""
-    sent = [Packet(i, 1, 0, (i,) * 6) for i in range(1, 10)]
+    sent = [Packet(ID_FIRST + i, 1, 0, (i,) * 6) for i in range(1, 10)]
     data = b"".join(map(encode, sent))
     reader = PacketReader()
     assert reader.feed(data[:255]) == sent[:4]
@@ -90,27 +93,61 @@ def test_a_255_byte_burst_keeps_its_remainder() -> None:
     assert reader.feed(data[510:]) == sent[8:]
 
 
-@pytest.mark.parametrize("value", [VALUE_MIN - 1, VALUE_MAX + 1, -(10**9), 10**9])
 @pytest.mark.parametrize("frame", range(FRAMES))
-def test_a_value_that_does_not_fit_is_refused_before_a_byte_exists(frame: int, value: int) -> None:
+@pytest.mark.parametrize("beyond", [1, 500_001, 10**9])
+def test_a_value_that_does_not_fit_is_refused_before_a_byte_exists(frame: int, beyond: int) -> None:
     """Out of range raises with the frame's name and the value; it is never clipped."""
-    numbers = [1] * FRAMES
-    numbers[frame] = value
-    with pytest.raises(LocalProtocolError, match=str(value)):
-        encode(Packet(numbers[0], numbers[1], numbers[2], tuple(numbers[3:])))  # type: ignore[arg-type]
+    low, high = (VALUE_MIN, VALUE_MAX) if frame else (ID_FIRST, ID_LAST)
+    for value in (low - beyond, high + beyond):
+        numbers = [ID_FIRST, *[1] * (FRAMES - 1)]
+        numbers[frame] = value
+        refusal = f"{FRAME_NAMES[frame]} is {value}, it must be {low} to {high}"
+        with pytest.raises(LocalProtocolError, match=refusal):
+            encode(Packet(numbers[0], numbers[1], numbers[2], tuple(numbers[3:])))  # type: ignore[arg-type]
+
+
+@given(packets, packets, st.integers(1, FRAMES - 1))
+def test_two_packets_read_some_frames_too_late_are_none(a: Packet, b: Packet, late: int) -> None:
+    """Whatever the numbers: an ID stands where none belongs, and none where one does."""
+    data = (encode(a) + encode(b))[late * FRAME_STRIDE :]
+    with pytest.raises(RemoteProtocolError, match="packet 1 of the connection, ID at character 1"):
+        PacketReader().feed(data)
+    believable = encode(SAMPLE)[:FRAME_STRIDE] + data[FRAME_STRIDE:]
+    with pytest.raises(RemoteProtocolError, match="no ID belongs"):
+        PacketReader().feed(believable)
+
+
+@given(
+    packets,
+    packets,
+    st.lists(st.integers(0, FRAMES), min_size=2, max_size=2, unique=True).map(sorted),
+    st.lists(values, min_size=1, max_size=8),
+)
+def test_frames_that_are_lost_or_put_in_are_seen(
+    a: Packet, b: Packet, lost: list[int], extra: list[int]
+) -> None:
+    """A packet that lost some is none; one into which some were put is followed by none."""
+    first, second = encode(a), encode(b)
+    at, then = (frame * FRAME_STRIDE for frame in lost)
+    if lost != [0, FRAMES]:  # a whole packet: that is for consecutive IDs to tell
+        with pytest.raises(RemoteProtocolError, match="packet 1 "):
+            PacketReader().feed(first[:at] + first[then:] + second)
+    more = b"".join(b"%06d " % value for value in extra)
+    with pytest.raises(RemoteProtocolError, match="packet 2 " if at else "packet 1 "):
+        PacketReader().feed(first[:at] + more + first[at:] + second)
 
 
 @pytest.mark.parametrize("value", [1.0, True, None, "1", float("nan")])
 def test_a_frame_holds_integers_only(value: object) -> None:
     """What is not an int is refused, whatever it would print as."""
     with pytest.raises(LocalProtocolError, match="integer"):
-        encode(Packet(1, 1, 0, (value, 0, 0, 0, 0, 0)))  # type: ignore[arg-type]
+        encode(Packet(ID_FIRST, 1, 0, (value, 0, 0, 0, 0, 0)))  # type: ignore[arg-type]
 
 
 def test_a_packet_of_a_wrong_length_is_refused() -> None:
     """Eight or ten frames cannot be sent."""
     with pytest.raises(LocalProtocolError, match="8"):
-        encode(Packet(1, 1, 0, (0,) * 5))  # type: ignore[arg-type]
+        encode(Packet(ID_FIRST, 1, 0, (0,) * 5))  # type: ignore[arg-type]
 
 
 def test_one_wrong_character_is_refused_or_is_another_number() -> None:
@@ -121,8 +158,9 @@ def test_one_wrong_character_is_refused_or_is_another_number() -> None:
         for byte in range(256):
             if byte == data[position]:
                 continue
-            allowed = in_frame < FRAME_STRIDE - 1 and (
-                byte in b"0123456789" or (byte == ord("-") and in_frame == 0)
+            leading = b"56789" if position == 0 else b"-01234"
+            allowed = in_frame < FRAME_STRIDE - 1 and byte in (
+                leading if in_frame == 0 else b"0123456789"
             )
             reader = PacketReader()
             mutant = data[:position] + bytes([byte]) + data[position + 1 :]
@@ -189,7 +227,7 @@ def test_a_dead_reader_stays_dead() -> None:
 
 @given(st.integers(0, 5000), st.integers(0, 2**STATUS_BITS - 1))
 def test_counter_and_status_share_one_frame(counter: int, bits: int) -> None:
-    """The counter goes round at 488 and the number always fits a frame."""
+    """The counter goes round at 240 and the number always fits a frame."""
     param = pack_status(counter, Status(bits))
     assert 0 <= param <= VALUE_MAX
     assert unpack_status(param) == (counter % COUNTER_SPAN, Status(bits))
@@ -210,17 +248,17 @@ def test_status_bits_outside_the_eleven_cannot_be_sent() -> None:
 
 
 @given(ids)
-def test_ids_are_consecutive_and_never_zero(id_: int) -> None:
-    """1 to 999999, then 1 again."""
-    following = next_id(id_)
-    assert following == (1 if id_ == ID_MAX else id_ + 1)
-    assert next_id(NO_ID) == 1
+def test_ids_are_consecutive_and_go_round(id_: int) -> None:
+    """500000 to 999999, then 500000 again."""
+    assert next_id(id_) == (ID_FIRST if id_ == ID_LAST else id_ + 1)
+    assert ids_since(id_, next_id(id_)) == 1
+    assert ID_FIRST <= next_id(NO_ID) <= ID_LAST
 
 
-@given(ids, st.integers(0, 400_000))
+@given(ids, st.integers(0, 240_000))
 def test_ids_are_compared_round_the_turn(id_: int, steps: int) -> None:
     """An ID is reached by itself and by what follows it, also after 999999."""
-    later = (id_ - 1 + steps) % ID_MAX + 1
+    later = ID_FIRST + (id_ - ID_FIRST + steps) % 500_000
     assert id_reached(later, id_)
     assert id_reached(id_, later) == (steps == 0)
     assert not id_reached(NO_ID, id_)

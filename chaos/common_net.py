@@ -36,7 +36,6 @@ ROOT = Path(__file__).resolve().parent.parent
 RUN_FOLDER = "FORCEMESH_RUN_FOLDER"
 POLL_S = 0.002
 PATIENCE_S = 30.0  # of the harness, with a machine that has other work
-MOTION = ("ARMED", "ACTIVE")
 
 
 class HarnessError(ForcemeshError):

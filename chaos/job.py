@@ -26,7 +26,6 @@ PRESS_N = 35.0
 RELEASE_FROM_M = -0.0175  # of the flange below home; contact begins 5 mm below
 NEAR_M = -0.003
 FAR_M = 0.08
-MAY_MOVE = ("ARMED", "SETTLING", "ACTIVE")  # states of the arbiter
 
 
 class NotMovingError(Exception):
@@ -164,7 +163,7 @@ class Job:
         def there() -> bool:
             nonlocal stopped
             arbiter = self._ear.arbiter()
-            if arbiter is not None and arbiter.state not in MAY_MOVE:
+            if arbiter is not None and not arbiter.goes_on:
                 stopped = "; ".join(trip.text for trip in arbiter.trips) or arbiter.state
             return bool(stopped) or what()
 

@@ -107,7 +107,7 @@ class Bench:
             began_ns=began_ns,
             healed_ns=healed_ns,
             accepted_ns=None if robot.accepted is None else robot.accepted.at_ns,
-            held=status.state not in ("ARMED", "ACTIVE"),
+            held=not status.goes_on,
             causes=cell.causes(),
             bites=bites,
             ends=trial.ends,

@@ -23,9 +23,9 @@ from common.cell import Cell
 from common.clock import NS_PER_S
 from common.endpoints import Reader
 from common.errors import ForcemeshError
+from common.messages import MAY_MOVE
 from common.priority import take_realtime_priority
 from common.topics import Topic
-from services.arbiter.states import MAY_MOVE
 
 PRESS_N = 20.0
 PRESS_S, RELEASE_S = 2.5, 1.5

@@ -5,7 +5,7 @@ import time
 from chaos import injector
 from chaos.cases import Case
 from chaos.ear import Ear
-from chaos.job import MAY_MOVE, Job, NotMovingError
+from chaos.job import Job, NotMovingError
 from chaos.measure import Window, measure
 from chaos.outcome import Outcome
 from chaos.rig import Rig
@@ -105,7 +105,7 @@ class Trials:
     def _note_causes(self, outcome: Outcome) -> None:
         notes, arbiter = self._ear.notes, self._ear.arbiter()
         outcome.causes = [code for code in notes.codes if code in FAULTS]
-        held = arbiter is None or arbiter.state not in MAY_MOVE
+        held = arbiter is None or not arbiter.goes_on
         outcome.went_on = not notes.codes and not held
         if not outcome.status_shows and not outcome.went_on:
             outcome.status_shows = self._shows(self._status(), outcome.case.role)

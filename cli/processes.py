@@ -19,6 +19,7 @@ from common.cell import Cell
 from common.config import dump_cell
 from common.endpoints import Bus
 from common.errors import BusError, ForcemeshError
+from common.messages import MAY_MOVE
 from common.requests import HoldRequest
 
 # Role: {who plays it in the cell file: module}. None: a process of somebody else's publishes it.
@@ -42,7 +43,6 @@ ASK_WITHIN_S = 0.5
 HOLD_WITHIN_S = 1.0
 STOP_WITHIN_S = 3.0
 HUB_LAST_S = 0.5  # of those, kept for the hub, which goes last
-IN_MOTION = ("ARMED", "SETTLING", "ACTIVE", "STOPPING")
 HELD = ("HOLDING", "FAULT", "BOOT")  # what the arbiter is after a hold
 
 
@@ -137,7 +137,7 @@ class Supervisor:
         """Hold the arm if it may move, end every process, and leave a run file only of a death."""
         if self._stopping.is_set():
             return
-        if self._last_state() in IN_MOTION and not self._is_dead("hub", "arbiter"):
+        if self._last_state() in MAY_MOVE and not self._is_dead("hub", "arbiter"):
             self._hold("the cell is being stopped")
         self._stopping.set()
         self._exits.close()

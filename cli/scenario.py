@@ -185,7 +185,7 @@ class Scenario:
         fresh = self._tick(phase)
         now_ns = self._clock.now_ns()
         status = self._arbiter.read(now_ns)
-        if status.fault or (status.fresh and status.fresh.state not in ("ARMED", "ACTIVE")):
+        if status.fault or (status.fresh and not status.fresh.goes_on):
             raise ScenarioError(f"while {phase}: {_why_stopped(status.fresh, status.fault)}")
         wrench, robot = self._wrench.read(now_ns).message, self._robot.read(now_ns).message
         if not fresh or wrench is None or robot is None or not wrench.valid:

@@ -226,6 +226,8 @@ class Trip(Record):
 ArbiterState = Literal[
     "BOOT", "IDLE", "ARMED", "SETTLING", "ACTIVE", "STOPPING", "HOLDING", "FAULT"
 ]
+GOES_ON: tuple[ArbiterState, ...] = ("ARMED", "SETTLING", "ACTIVE")
+MAY_MOVE: tuple[ArbiterState, ...] = (*GOES_ON, "STOPPING")
 
 
 class ArbiterStatus(Message):
@@ -241,6 +243,16 @@ class ArbiterStatus(Message):
     trips: tuple[Trip, ...] = ()
     not_ready: tuple[Text, ...] = ()  # what arming would be refused for
     clears: Text = ""
+
+    @property
+    def may_move(self) -> bool:
+        """Whether the arm may still move, if only to come to rest."""
+        return self.state in MAY_MOVE
+
+    @property
+    def goes_on(self) -> bool:
+        """Whether it may move and nothing has stopped it."""
+        return self.state in GOES_ON
 
 
 class Health(Message):

@@ -3,8 +3,9 @@
 from pathlib import Path
 
 from common.faults import FAULTS
+from common.messages import MAY_MOVE
 from services.arbiter.ranks import RANKS
-from services.arbiter.states import CLEARS, MAY_MOVE, MEANS, TABLE
+from services.arbiter.states import CLEARS, MEANS, TABLE
 from services.arbiter.stops import REACTIONS, RETREAT_FROM
 from services.arbiter.turns import REST_S, SETTLE_WITHIN_S
 

@@ -10,6 +10,7 @@ from common.convert import pose_of, record_of
 from common.faults import FAULTS, clipped, refusal, refused, tripped
 from common.limits import Limits
 from common.messages import (
+    MAY_MOVE,
     ArbiterState,
     ArbiterStatus,
     Goal,
@@ -30,7 +31,7 @@ from services.arbiter.goals import real_speed_m_s, speed_of, speed_trip
 from services.arbiter.inputs import Inputs
 from services.arbiter.preflight import Terms, complaints, lasting
 from services.arbiter.reports import lines, recent
-from services.arbiter.states import CLEARS, MAY_MOVE, after
+from services.arbiter.states import CLEARS, after
 from services.arbiter.stream import Moment
 from services.arbiter.turns import REST_S, Claim
 

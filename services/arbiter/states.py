@@ -40,7 +40,6 @@ CLEARS: dict[ArbiterState, str] = {
     "FAULT":    "mend the cause, then clear, then arm",
 }
 # fmt: on
-MAY_MOVE = ("ARMED", "SETTLING", "ACTIVE", "STOPPING")
 
 
 def after(state: ArbiterState, event: str) -> ArbiterState:

@@ -29,7 +29,6 @@ from services.regulator.tuning import tune
 STOPPED = "stopped"
 LONGEST_GAP_PERIODS = 3.0  # a longer gap between samples is not integrated over
 MOVERS = ("operator", "program")  # while one of them moves the arm, nothing is proposed
-MOTION_STATES = ("ARMED", "ACTIVE")
 
 
 class Failure(NamedTuple):
@@ -182,12 +181,12 @@ class Regulator:
         arbiter = status.fresh
         if arbiter is None:
             self._end(status.fault)
-        elif arbiter.state not in MOTION_STATES:
+        elif not arbiter.goes_on:
             self._end(f"the arbiter is {arbiter.state}")
         elif arbiter.lease != self._session.lease:  # held and armed again between two readings
             self._end("the arm was armed anew")
-        elif arbiter.commander in MOVERS:
-            self._end(f"the {arbiter.commander} commands the arm")
+        elif mover := _mover(arbiter):
+            self._end(f"the {mover} commands the arm")
 
     def _end(self, reason: str) -> None:
         self._session, self._stop_reason, self.fault = None, reason, ""
@@ -225,7 +224,6 @@ class Regulator:
     def _refusal(
         self, wanted: ForceStartRequest, arbiter: ArbiterStatus | None, worse: Reading[Any]
     ) -> Reply | None:
-        state = "silent" if arbiter is None else arbiter.state
         largest_N = self._cell.force.setpoint_max_N
         if wanted.host not in self._cell.robot.hosts:
             text = (
@@ -236,14 +234,21 @@ class Regulator:
         if wanted.setpoint_N > largest_N:
             text = "set point above force.setpoint_max_N"
             return refusal("setpoint", text, value=wanted.setpoint_N, limit=largest_N)
-        if state not in MOTION_STATES:
+        if arbiter is None or not arbiter.goes_on:
+            state = "silent" if arbiter is None else arbiter.state
             return refusal("not_armed", f"the arbiter is {state}: arm first")
-        if arbiter is not None and arbiter.armed_for == "jog":
+        if arbiter.armed_for == "jog":
             return refusal("not_armed", "armed for jog alone: hold, then arm for all")
-        if arbiter is not None and arbiter.commander in MOVERS:
-            text = f"the {arbiter.commander} commands the arm: wait for the move to end, or hold"
+        if mover := _mover(arbiter):
+            text = f"the {mover} commands the arm: wait for the move to end, or hold"
             return refusal("busy", text)
         return refusal(worse.code, worse.fault) if worse.fault else None
+
+
+def _mover(arbiter: ArbiterStatus) -> str:
+    """Return who moves the arm, or is about to; empty when nobody but the regulator may."""
+    both = (arbiter.commander, arbiter.next_commander)
+    return next((who for who in both if who in MOVERS), "")
 
 
 def seen_by(law: LawState, sample: LawInput, T_base_tcp: pin.SE3) -> Seen:

@@ -20,6 +20,7 @@ from common.convert import record_of
 from common.endpoints import Reading
 from common.faults import tripped
 from common.messages import (
+    MAY_MOVE,
     ArbiterState,
     ArbiterStatus,
     Feedback,
@@ -40,7 +41,6 @@ from common.requests import Reply
 from common.version import forcemesh_version
 from services.arbiter.core import Arbiter
 from services.arbiter.inputs import Inputs, Watched
-from services.arbiter.states import MAY_MOVE
 from tests.fakes.arbiter_world import CELL, FIT, STOPPED, T_START, shifted
 
 # A way to go back when it is pushed hard, so that all three ways to stop are walked.

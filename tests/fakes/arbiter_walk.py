@@ -12,10 +12,10 @@ from functools import partial
 from typing import Any
 
 from common.clock import NS_PER_S
+from common.messages import MAY_MOVE
 from common.requests import MoveRequest, Reply
 from services.arbiter.inputs import OWN_HOLDS, ROBOT_ANSWERS_WITHIN_S, Inputs
 from services.arbiter.preflight import PREFLIGHT_S
-from services.arbiter.states import MAY_MOVE
 from services.arbiter.stops import RETREAT_WITHIN_S
 from services.arbiter.turns import REST_S, SETTLE_WITHIN_S
 from tests.fakes.arbiter_product import (

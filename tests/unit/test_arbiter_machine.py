@@ -8,6 +8,7 @@ from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, 
 
 from common.codec import MAX_BYTES, Header, encode
 from common.messages import (
+    MAY_MOVE,
     Accepted,
     Feedback,
     Gains,
@@ -18,7 +19,6 @@ from common.messages import (
 )
 from common.requests import MoveRequest, Reply
 from services.arbiter.inputs import PRECONDITIONS
-from services.arbiter.states import MAY_MOVE
 from tests.fakes.arbiter_world import (
     CELL,
     FIT,

@@ -5,8 +5,8 @@ from typing import get_args
 
 import pytest
 
-from common.messages import ArbiterState
-from services.arbiter.states import CLEARS, MAY_MOVE, MEANS, TABLE, after
+from common.messages import MAY_MOVE, ArbiterState
+from services.arbiter.states import CLEARS, MEANS, TABLE, after
 from tools.arbitration_page import PAGE, page
 
 STATES: tuple[ArbiterState, ...] = get_args(ArbiterState)

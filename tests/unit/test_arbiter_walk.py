@@ -12,11 +12,12 @@ import pytest
 
 from common.clock import NS_PER_S
 from common.faults import FAULTS
+from common.messages import MAY_MOVE
 from common.permission import CommandGate, Verdict
 from services.arbiter import commanders, states
 from services.arbiter.commanders import Commanders
 from services.arbiter.ranks import goes_before
-from services.arbiter.states import MAY_MOVE, TABLE
+from services.arbiter.states import TABLE
 from services.arbiter.turns import Turn
 from tests.fakes.arbiter_product import (
     DEADLINE_S,

@@ -104,6 +104,13 @@ def test_a_gap_is_not_integrated_over(bench: RegulatorBench) -> None:
 # --- the arbiter ----------------------------------------------------------------------------------
 
 
+def test_it_goes_on_while_the_arm_settles_for_it(bench: RegulatorBench) -> None:
+    """It begins when the arm is at rest; until then its proposal is what is waited for."""
+    bench.arbiter = ArbiterStatus(state="SETTLING", next_commander="regulator", lease=3)
+    bench.step(20)
+    assert bench.said().valid
+
+
 @pytest.mark.parametrize(
     ("status", "reason"),
     [
@@ -113,6 +120,11 @@ def test_a_gap_is_not_integrated_over(bench: RegulatorBench) -> None:
         (ArbiterStatus(state="BOOT"), "the arbiter is BOOT"),
         (ArbiterStatus(state="ARMED", lease=4), "armed anew"),
         (ArbiterStatus(state="ACTIVE", commander="operator", lease=3), "the operator commands"),
+        (
+            ArbiterStatus(state="SETTLING", next_commander="program", lease=3),
+            "the program commands",
+        ),
+        (ArbiterStatus(state="STOPPING", lease=3), "the arbiter is STOPPING"),
         (ArbiterStatus(valid=False, reason="no idea"), "arbiter/status invalid: no idea"),
     ],
     ids=lambda value: value if isinstance(value, str) else "",

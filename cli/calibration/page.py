@@ -10,6 +10,8 @@ from cli.calibration.evidence import Findings
 from cli.calibration.verdict import Verdict
 from common.errors import DataError
 
+WORTH = 0.97  # a pose that leaves more of the deviation than this is not worth going to
+MODELS_SHOWN = 7
 METHODS = {
     "arm": "the wizard moved the arm",
     "manual": "a person moved the arm",
@@ -132,12 +134,14 @@ def _numbers(value: Any, scale: float, digits: int) -> str:
 def _models(report: dict[str, Any]) -> list[list[str]]:
     return [
         [m["name"], f"{m['rms_force_N']:.4f}", f"{m['rms_torque_Nm']:.5f}", m["verdict"]]
-        for m in sorted(report["models"], key=lambda m: -m["evidence"])
+        for m in sorted(report["models"], key=lambda m: -m["evidence"])[:MODELS_SHOWN]
     ]
 
 
 def _advice(report: dict[str, Any]) -> str:
     advice = report["next_pose"]
+    if advice["std_after"] > WORTH * advice["std_before"]:
+        return "No further pose would make any parameter much surer."
     down = _numbers(advice["down_in_sensor"], 1.0, 2)
     return (
         f"One more pose would teach most with gravity along ({down}) in sensor axes: "

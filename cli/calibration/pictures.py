@@ -1,9 +1,11 @@
 """The pictures of a calibration's report, as SVG text: residuals, before and after, attitudes."""
 
 from io import StringIO
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -15,6 +17,7 @@ from common.payload import residual
 FIT, VERIFY, LIMIT = "#4878a8", "#e08a3c", "#b03030"
 AXES_COLOURS = ("#c0504d", "#5a9a4a", "#4878a8")
 MOST_BARS = 40
+MOST_POINTS = 1200
 STYLE: Any = {
     "font.size": 10,
     "axes.spines.top": False,
@@ -27,8 +30,7 @@ STYLE: Any = {
 
 def residual_bars(found: Findings) -> Figure:
     """Return what is left at each pose of the fit, and at each fresh one, beside the limits."""
-    figure = _figure(3.4)
-    force, torque = figure.subplots(1, 2)
+    figure, ((force, torque),) = _panels(3.4)
     groups = [("fit", found.fit_left, FIT)]
     if found.verify_left is not None:
         groups.append(("verification", found.verify_left, VERIFY))
@@ -36,7 +38,7 @@ def residual_bars(found: Findings) -> Figure:
     torques = [(label, 1e3 * left.torque_Nm, colour) for label, left, colour in groups]
     _bars(force, forces, "force left (N)", found.bounds.force_N)
     _bars(torque, torques, "torque left (mN·m)", 1e3 * found.bounds.torque_Nm)
-    force.legend(loc="upper left", fontsize=9, frameon=False)
+    force.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, frameon=False)
     return figure
 
 
@@ -46,21 +48,20 @@ def before_after(found: Findings) -> Figure:
     payload = found.evidence.fit.payload
     R, F, M = samples.R_base_sensor, samples.force_N, samples.torque_Nm
     left_N, left_Nm = residual(payload, R, force_N=F, torque_Nm=M, time_s=samples.time_s)
-    figure = _figure(5.2)
-    panels = figure.subplots(2, 2, sharex=True)
+    figure, panels = _panels(5.4, rows=2)
+    first_row = found.evidence.fit.first_row
     for column, (read, left, unit) in enumerate(((F, left_N, "N"), (M, left_Nm, "N·m"))):
         kind = ("force", "torque")[column]
-        _lines(panels[0, column], read, f"{kind} as read ({unit})")
-        _lines(panels[1, column], left, f"{kind} compensated ({unit})")
-        panels[1, column].set_xlabel("reading of the fit")
-    panels[0, 0].legend(loc="upper left", ncols=3, fontsize=9, frameon=False)
+        _lines(panels[0, column], read, first_row, f"{kind} as read ({unit})")
+        _lines(panels[1, column], left, first_row, f"{kind} compensated ({unit})")
+        panels[1, column].set_xlabel("reading of the fit; thick: mean of each pose")
+    panels[0, 0].legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, frameon=False)
     return figure
 
 
 def attitudes(found: Findings) -> Figure:
     """Return the directions of gravity in sensor axes, on the two halves of the sphere."""
-    figure = _figure(3.9)
-    halves = figure.subplots(1, 2)
+    figure, (halves,) = _panels(3.9)
     poses = found.evidence.recording.samples(found.evidence.axes).R_base_sensor
     groups = [("fit", -poses[found.evidence.fit.first_row][:, 2, :], FIT, "o")]
     if found.evidence.verify is not None:
@@ -85,9 +86,11 @@ def svg_of(figure: Figure) -> str:
     return out.getvalue()
 
 
-def _figure(height: float) -> Figure:
+def _panels(height: float, rows: int = 1) -> tuple[Figure, Any]:
+    """Return a figure with two columns of panels, shape (rows, 2)."""
     with rc_context(STYLE):
-        return Figure(figsize=(9.2, height), layout="constrained")
+        figure = Figure(figsize=(9.2, height), layout="constrained")
+        return figure, figure.subplots(rows, 2, squeeze=False, sharex=rows > 1)
 
 
 def _bars(axes: Axes, groups: list[tuple[str, Array, str]], label: str, limit: float) -> None:
@@ -97,16 +100,26 @@ def _bars(axes: Axes, groups: list[tuple[str, Array, str]], label: str, limit: f
         height = values if len(values) <= MOST_BARS else np.sort(values)[::-1][:MOST_BARS]
         axes.bar(np.arange(start, start + len(height)), height, color=colour, label=text)
         start += len(height)
+    smallest = min(limit, *(values.min() for _, values, _ in groups))
+    axes.set_yscale("log")  # a good fit leaves so little that it would not be seen beside the limit
+    axes.yaxis.set_major_formatter("{x:g}")
     axes.axhline(limit, color=LIMIT, linewidth=1.2, linestyle="--")
     axes.text(start - 0.4, limit, f"limit {limit:g}", color=LIMIT, ha="right", va="bottom")
     axes.set(xlabel="pose", ylabel=label, xlim=(0.3, start - 0.3))
-    axes.set_ylim(0.0, 1.2 * max(limit, *(values.max() for _, values, _ in groups)))
+    largest = max(limit, *(values.max() for _, values, _ in groups))
+    axes.set_ylim(max(0.5 * smallest, 1e-4 * limit), 2.0 * largest)
     axes.grid(visible=False, axis="x")
 
 
-def _lines(axes: Axes, values: Array, label: str) -> None:
+def _lines(axes: Axes, values: Array, first_row: npt.NDArray[np.intp], label: str) -> None:
+    """Draw three components, and thick their mean over each pose that was used."""
+    places = np.arange(0, len(values), 1 + len(values) // MOST_POINTS)
     for axis in range(3):
-        axes.plot(values[:, axis], color=AXES_COLOURS[axis], linewidth=0.9, label="xyz"[axis])
+        axes.plot(places, values[places, axis], color=AXES_COLOURS[axis], linewidth=0.5, alpha=0.35)
+        bounds = np.append(first_row, len(values))
+        means = [values[a:b, axis].mean() for a, b in pairwise(bounds)]
+        colour = AXES_COLOURS[axis]
+        axes.stairs(means, bounds, color=colour, linewidth=1.8, label="xyz"[axis], baseline=None)
     axes.set_ylabel(label)
 
 

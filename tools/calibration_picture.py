@@ -1,0 +1,66 @@
+"""Make docs/pictures/calibration.png: calibrate the demo's cell on a virtual clock and draw it.
+
+`python -m tools.calibration_picture` takes about half a minute; nothing is started, nothing moves.
+"""
+
+from io import BytesIO
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.image import imread, imsave
+
+from cli.calibration.evidence import Findings, evidence_of, findings_of
+from cli.calibration.pictures import attitudes, before_after, residual_bars
+from cli.calibration.plan import Options, make_plan
+from cli.calibration.verdict import Bounds
+from cli.calibration.wizard import Pace, Wizard
+from cli.virtual import VirtualCell
+from common.cell import Cell
+from common.config import load_cell
+from common.frames import Array
+from sim.robot.kinematics import ArmKinematics
+
+ROOT = Path(__file__).resolve().parents[1]
+OUT = ROOT / "docs" / "pictures" / "calibration.png"
+DPI = 100
+
+
+class Silence:
+    """A teller that says nothing."""
+
+    def note(self, text: str) -> None:
+        """Say nothing."""
+
+    def progress(self, done_s: float, total_s: float, text: str) -> None:
+        """Say nothing."""
+
+
+def calibrated(cell: Cell) -> Findings:
+    """Let the wizard run in a virtual cell and return what it found."""
+    world = VirtualCell(cell)
+    world.advance(1.5)
+    plan = make_plan(cell, ArmKinematics(), world.arm.q, Options())
+    wizard = Wizard(world.client, cell, plan, pace=Pace(0.1), teller=Silence())
+    wizard.run()
+    return findings_of(cell, evidence_of("arm", wizard.dwells, source=Path("demo.csv")), Bounds())
+
+
+def pixels(figure: Figure) -> Array:
+    """Return a figure as an image."""
+    out = BytesIO()
+    figure.savefig(out, format="png", dpi=DPI)
+    out.seek(0)
+    return np.asarray(imread(out))
+
+
+def main() -> None:
+    """Write the picture."""
+    found = calibrated(load_cell(ROOT / "cells" / "demo.yaml", {"calibration": None}))
+    drawn = [pixels(draw(found)) for draw in (residual_bars, before_after, attitudes)]
+    imsave(OUT, np.ascontiguousarray(np.vstack(drawn)))
+    print(f"{OUT.relative_to(ROOT)}: {found.verdict.text}")
+
+
+if __name__ == "__main__":
+    main()

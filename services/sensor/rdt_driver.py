@@ -23,7 +23,7 @@ from services.sensor.rdt import (
     signed,
 )
 from services.sensor.rdt_quality import Quality, continues, meaning_of_break
-from services.sensor.rdt_status import MONITOR_CONDITION
+from services.sensor.rdt_status import MONITOR_CONDITIONS
 
 # So long every sample is called bad after the sensor was restarted or stolen: whoever keeps only
 # the newest message must not miss it.
@@ -140,7 +140,7 @@ class RdtDriver:
             text = f"records have waited up to {age_ns / 1e6:.0f} ms to be read"
             self._silence = Complaint("overrun", text)
             return None
-        self._counts["monitor_conditions"] += record.status == MONITOR_CONDITION
+        self._counts["monitor_conditions"] += record.status in MONITOR_CONDITIONS
         self._silence = NO_MORE
         return self._sample(record, now_ns)
 

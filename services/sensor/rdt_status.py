@@ -1,11 +1,13 @@
 """The status word of ATI's sensors: its bits by name. Pure.
 
 Sources: ATI 9620-05-Net F/T section 18.2, 9610-05-Ethernet Axia section 4.8. The two makes share
-bits 16 and 31 and disagree on the others, so where they do, both names are said.
+bits 16 and 31 and disagree on the others, so where they do, both names are said. A monitor
+condition, a threshold that the user set in the sensor, leaves the reading good: the Net F/T sets
+the error bit with it, the Axia (table 4.9) does not.
 """
 
 HEALTHY = 0
-MONITOR_CONDITION = 0x8001_0000  # a threshold that the user set in the sensor: the reading is good
+MONITOR_CONDITIONS = (0x8001_0000, 0x0001_0000)  # Net F/T, Axia
 ERROR_BIT = 31
 SATURATION_BITS = {17, 27, 30}
 
@@ -36,9 +38,9 @@ NAMES = {
 def is_good(status: int) -> bool:
     """Tell whether the reading beside a status word can be used.
 
-    The monitor condition is one word, not a mask: a further bit beside it is not harmless.
+    The monitor condition is a word, not a mask: a further bit beside it is not harmless.
     """
-    return status in {HEALTHY, MONITOR_CONDITION}
+    return status == HEALTHY or status in MONITOR_CONDITIONS
 
 
 def status_text(status: int) -> str:

@@ -28,7 +28,7 @@ from services.sensor.rdt import (
     request,
     sample_of,
 )
-from services.sensor.rdt_status import MONITOR_CONDITION
+from services.sensor.rdt_status import MONITOR_CONDITIONS
 from services.sensor.thinning import Thinning, pause, thin
 
 SCALE = Scale(counts_per_N=10_000, counts_per_Nm=100_000, force_range_N=200, torque_range_Nm=8)
@@ -68,7 +68,7 @@ def test_record_is_the_bytes_of_the_manual() -> None:
     """Three unsigned numbers, then six signed counts, big endian, 36 bytes."""
     data = bytes.fromhex("00000001 0000000e 80010000 00000064 ffffff9c 7fffffff 80000000 00000000")
     expected = (100, -100, 2**31 - 1, -(2**31), 0, -1)
-    assert parse(data + b"\xff\xff\xff\xff") == Record(1, 14, MONITOR_CONDITION, expected)
+    assert parse(data + b"\xff\xff\xff\xff") == Record(1, 14, MONITOR_CONDITIONS[0], expected)
 
 
 @given(uint32, uint32, uint32, st.tuples(*[int32] * 6))
@@ -120,7 +120,7 @@ def test_one_axis_at_95_percent_of_its_range_saturates_the_sample(axis: int, sig
 def test_every_status_but_two_is_a_fault_without_numbers(status: int) -> None:
     """Healthy and the user's own threshold pass; an unknown bit is never taken for harmless."""
     sample = sample_of(Record(1, 1, status, (10_000,) * 6), SCALE)
-    if status in {0, MONITOR_CONDITION}:
+    if status in {0, *MONITOR_CONDITIONS}:
         assert sample.status == "ok"
     else:
         assert sample.status == "fault"
@@ -128,7 +128,7 @@ def test_every_status_but_two_is_a_fault_without_numbers(status: int) -> None:
         assert sample.force_N == sample.torque_Nm == (0.0, 0.0, 0.0)
 
 
-@pytest.mark.parametrize("status", [0x8000_0000, 0x0001_0000, 0x8001_0001, 0x8003_0000, 1])
+@pytest.mark.parametrize("status", [0x8000_0000, 0x0001_0001, 0x8001_0001, 0x8003_0000, 1])
 def test_status_next_to_the_harmless_one_is_a_fault(status: int) -> None:
     """The harmless status is one word, not a mask: its single bits are not harmless."""
     assert sample_of(Record(1, 1, status, (0,) * 6), SCALE).status == "fault"

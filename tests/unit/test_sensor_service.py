@@ -7,7 +7,7 @@ from itertools import pairwise
 import pytest
 
 from common.clock import NS_PER_S
-from services.sensor.rdt_status import MONITOR_CONDITION
+from services.sensor.rdt_status import MONITOR_CONDITIONS
 from tests.fakes.rdt_sensor import PERIOD_S, FakeSensor, Rig, assert_no_numbers
 
 pytestmark = pytest.mark.realtime
@@ -133,8 +133,9 @@ def test_serious_status_is_published_at_once_and_without_numbers(rig: Rig) -> No
 
 def test_threshold_of_the_user_is_counted_and_no_fault(rig: Rig) -> None:
     """The monitor condition says something about the process, nothing about the reading."""
-    assert all(message.valid for message in rig.stream(0.02, status=MONITOR_CONDITION))
-    assert rig.counters["monitor_conditions"] == 10
+    for count, status in enumerate(MONITOR_CONDITIONS, start=1):
+        assert all(message.valid for message in rig.stream(0.02, status=status))
+        assert rig.counters["monitor_conditions"] == 10 * count
 
 
 @pytest.mark.parametrize("force_N", [190.0, -190.0, 2000.0])

@@ -1,0 +1,183 @@
+"""Every wrong way to install a sensor, in a virtual cell: who notices, and what they say.
+
+    python -m bench installations              the table, some ten minutes
+    python -m bench.installations --write      the same into docs/installations.md
+
+Three lines of defence are played, each as if those before it had been passed by:
+- `check axes`: the rows that the arm gathers in six poses, as this installation shows them;
+- arming: tare, turn the wrist by hand, `arm` for force;
+- the press: what the sensor shows wrong is hidden at rest, then the tool is pressed on a plate.
+"""
+
+import argparse
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from rich.table import Table
+
+from bench.installations_page import Outcome, page, short
+from bench.installations_stage import (
+    EYE,
+    Mistake,
+    Stage,
+    as_shown,
+    attitude_times,
+    changed,
+    true_cell,
+)
+from bench.sensor_faults import PRESSED_N, Eyes
+from common import topics
+from common.errors import ForcemeshError
+from common.requests import ArmRequest, Empty
+from services.wrench.installation import judge_installation
+from services.wrench.installation_fit import SIGNED
+from services.wrench.installation_terms import Belief
+
+PAGE = Path(__file__).resolve().parent.parent / "docs" / "installations.md"
+PRESS_S, REST_S = 6.0, 0.1
+ALL, FORCES, TORQUES, UNITS = "all six channels", "forces", "torques", "units and payload"
+KGF, LBF = 1.0 / 9.80665, 1.0 / 4.4482216
+
+
+def wirings(group: str) -> Iterator[Mistake]:
+    """Yield the 47 wrong wirings of some channels."""
+    for wiring in SIGNED[1:]:
+        rows = [
+            f"{'-' if row.min() < 0.0 else '+'}{'xyz'[int(np.argmax(abs(row)))]}" for row in wiring
+        ]
+        yield Mistake(
+            " ".join(rows),
+            group,
+            EYE if group == TORQUES else wiring,
+            EYE if group == FORCES else wiring,
+        )
+
+
+def others() -> Iterator[Mistake]:
+    """Yield wrong units and payloads."""
+    sensor = partial(Mistake, group=UNITS)
+    yield sensor("none: all is right")
+    yield sensor("forces in kgf", force=KGF * EYE)
+    yield sensor("forces in pounds", force=LBF * EYE)
+    yield sensor("forces and torques in kgf, kgf m", force=KGF * EYE, torque=KGF * EYE)
+    yield sensor("forces multiplied by 9.81", force=EYE / KGF)
+    yield sensor("torques in N mm", torque=1e3 * EYE)
+    yield sensor("torques in inch-pounds", torque=8.8507458 * EYE)
+    degrees, radians = np.degrees(1.0), np.radians(1.0)
+    yield sensor("attitudes: degrees for radians", attitude=partial(attitude_times, times=degrees))
+    yield sensor("attitudes: radians for degrees", attitude=partial(attitude_times, times=radians))
+    oat = {"sensor.T_flange_sensor.oat_deg": [round(float(np.radians(30.0)), 4), 0.0, 0.0]}
+    yield sensor("oat_deg of the sensor in radians", changes=oat)
+    for key, value in (
+        ("tool.T_flange_tcp.position_m", [0.0, 0.0, 160.0]),
+        ("sensor.T_flange_sensor.position_m", [0.0, 0.0, 20.0]),
+        ("payload.com_m", [12.0, -8.0, 55.0]),
+    ):
+        yield sensor(f"{key} in mm", changes={key: value})
+    for factor in (0.8, 1.2):
+        yield sensor(
+            f"payload.mass_kg: {factor:g} of the true", changes={"payload.mass_kg": factor}
+        )
+    for axis in range(3):
+        com = np.array([0.012, -0.008, 0.055])
+        com[axis] += 0.02
+        yield sensor(
+            f"payload.com_m 20 mm off in {'xyz'[axis]}", changes={"payload.com_m": com.tolist()}
+        )
+
+
+def play(mistake: Mistake) -> Outcome:
+    """Play the lines of defence that make a difference for a group.
+
+    Torques do not matter to a straight press, and forces alone press as all six channels do.
+    """
+    believed = changed(true_cell(), mistake.changes)
+    found = judge_installation(as_shown(mistake), Belief.of(believed))
+    tare, arming = ("", "") if mistake.group == FORCES else _arming(mistake)
+    press = ("", 0.0, 0.0) if mistake.group in (FORCES, TORQUES) else _press(mistake)
+    return Outcome(
+        mistake.name,
+        mistake.group,
+        found.verdict,
+        tuple(str(finding) for finding in found.findings),
+        tare,
+        arming,
+        *press,
+    )
+
+
+def _arming(mistake: Mistake) -> tuple[str, str]:
+    """Return why the tare, and why arming for force with a turned wrist, was refused."""
+    stage = Stage(mistake)
+    tare = stage.world.client.ask(topics.TARE, Empty())
+    refused = "" if tare.accepted else f"{tare.code}: {tare.text}"
+    try:
+        stage.turn_wrist()
+    except ForcemeshError as error:
+        return refused, f"jog: {error}"
+    reply = stage.world.client.ask(topics.ARM, ArmRequest())
+    return refused, "" if reply.accepted else f"{reply.code}: {reply.text}"
+
+
+def _press(mistake: Mistake) -> tuple[str, float, float]:
+    """Return why the press was stopped, how hard and how far it truly went."""
+    stage = Stage(mistake, hidden=True)
+    client = stage.world.client
+    client.ask(topics.TARE, Empty())
+    stage.world.advance(REST_S)
+    reply = client.ask(topics.ARM, ArmRequest())
+    if not reply.accepted:
+        return f"not armed: {reply.text}", 0.0, 0.0
+    eyes = Eyes(stage)
+    try:
+        stage.feedback(PRESSED_N, "pc")
+    except ForcemeshError as error:
+        return f"not started: {error}", 0.0, 0.0
+    held_s = eyes.until_held(PRESS_S)
+    stopped = f"{eyes.code()} after {1e3 * held_s:.0f} ms" if np.isfinite(held_s) else ""
+    return stopped, eyes.peak_N, eyes.way_m
+
+
+def outcomes() -> list[Outcome]:
+    """Play everything, on every core."""
+    mistakes = [*others(), *wirings(ALL), *wirings(FORCES), *wirings(TORQUES)]
+    with ProcessPoolExecutor() as pool:
+        return list(pool.map(play, mistakes))
+
+
+def table() -> Table:
+    """Return who noticed what."""
+    rows = Table(title="Wrong installations of the sensor, virtual clock", title_justify="left")
+    for name in ("installation", "wrong", "check axes", "tare", "arming", "press", "peak", "way"):
+        rows.add_column(name)
+    for seen in outcomes():
+        rows.add_row(
+            seen.group,
+            seen.mistake,
+            f"{seen.verdict}: {seen.sentences}",
+            short(seen.tare),
+            short(seen.arming),
+            seen.press or "-",
+            f"{seen.peak_N:.1f} N",
+            f"{1e3 * seen.way_m:.2f} mm",
+        )
+    return rows
+
+
+def main() -> None:
+    """Print the page, or write it."""
+    parser = argparse.ArgumentParser(prog="python -m bench.installations", description=__doc__)
+    parser.add_argument("--write", action="store_true", help="write docs/installations.md")
+    writes = parser.parse_args().write
+    text = page(outcomes())
+    if writes:
+        PAGE.write_text(text, encoding="utf-8")
+    else:
+        print(text)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,219 @@
+"""A virtual cell whose sensor, or whose cell file, is wrong, and what it does then."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from bench.faults import CutTransport, World, cell_for
+from bench.sensor_faults import STIFF_N_M
+from cli.calibration.drive import Drive
+from cli.calibration.gather import Gatherer
+from cli.calibration.plan import Options, Plan, make_plan
+from cli.calibration.rows import Dwell, samples_of
+from cli.virtual import VirtualCell
+from common import topics
+from common.cell import Cell
+from common.codec import decode, encode
+from common.config import cell_from_tree
+from common.convert import vec6
+from common.errors import SimulationError
+from common.frames import Array, Oat, R_from_oat, R_from_quaternion, oat_from_R, quaternion_from_R
+from common.memory import MemoryTransport
+from common.messages import RobotState
+from common.requests import MoveRequest
+from common.topics import Qos
+from services.wrench.recording import Samples
+from sim.robot.arm import SimArm
+from sim.robot.ft_sensor import FtSample
+from sim.robot.service import SimRobot
+
+EYE = np.eye(3)
+COM_M = [0.012, -0.008, 0.055]
+POSES, DWELL_S, SPEED_M_S = 6, 0.2, 0.25
+TURN_DEG = (0.0, 0.0, 0.0, 0.0, 70.0, 0.0)  # of the wrist, by hand, before arming
+GAP_M = 0.001
+REST_S = 0.6
+
+
+@dataclass(frozen=True)
+class Mistake:
+    """One wrong installation: what the channels show, the cell file, the robot's attitudes."""
+
+    name: str
+    group: str
+    force: Array = field(default_factory=lambda: EYE)
+    torque: Array = field(default_factory=lambda: EYE)
+    changes: dict[str, Any] = field(default_factory=dict)  # of the cell file, by dotted key
+    attitude: Callable[[Array], Array] | None = None  # what the robot says for an orientation
+
+    @property
+    def wiring(self) -> Array:
+        """What the six channels show of the load. Shape (6, 6)."""
+        both = np.zeros((6, 6))
+        both[:3, :3], both[3:, 3:] = self.force, self.torque
+        return both
+
+    @property
+    def of_sensor(self) -> bool:
+        """Whether the sensor is what is wrong."""
+        return not (np.array_equal(self.force, EYE) and np.array_equal(self.torque, EYE))
+
+
+def true_cell() -> Cell:
+    """Return the demo's cell, with a plate near by, and a payload that is right."""
+    cell = cell_for("sim", gap_m=GAP_M, stiffness_N_m=STIFF_N_M)
+    return changed(cell, {"payload.com_m": COM_M, "sim.tool_com_m": COM_M})
+
+
+def bias_of(cell: Cell) -> Array:
+    """Return what the simulated sensor reads without a load. Raises SimulationError."""
+    if cell.sim is None:
+        raise SimulationError("the cell file has no section `sim`")
+    return np.array([*cell.sim.bias_force_N, *cell.sim.bias_torque_Nm])
+
+
+def changed(cell: Cell, changes: dict[str, Any]) -> Cell:
+    """Return a cell with other entries, by their dotted keys."""
+    tree = cell.model_dump(mode="json")
+    for key, value in changes.items():
+        *path, last = key.split(".")
+        section = tree
+        for name in path:
+            section = section[name]
+        section[last] = value
+    return cell_from_tree(tree, "a cell with a mistake")
+
+
+def attitude_times(R: Array, times: float) -> Array:
+    """Return the orientation whose O, A, T are so many times larger."""
+    return R_from_oat(Oat(*(times * angle for angle in oat_from_R(R))))
+
+
+class BentTransport(CutTransport):
+    """A bus on which the robot says another orientation than it has."""
+
+    def __init__(self, attitude: Callable[[Array], Array] | None) -> None:
+        """Bend nothing without a function."""
+        super().__init__()
+        self._attitude = attitude
+
+    def publish(self, key: str, qos: Qos) -> Callable[[bytes], None]:
+        """Return the function that puts bytes on a key."""
+        put, bend = super().publish(key, qos), self._attitude
+        if bend is None or not key.endswith(topics.ROBOT_STATE.key):
+            return put
+
+        def put_bent(data: bytes) -> None:
+            header, state = decode(data, RobotState)
+            R = bend(R_from_quaternion(state.orientation_xyzw))
+            bent = state.model_copy(update={"orientation_xyzw": quaternion_from_R(R)})
+            put(encode(header, bent))
+
+        return put_bent
+
+
+class MistakenCell(VirtualCell):
+    """Every process believes one cell file, and the arm and its sensor are as another says."""
+
+    def __init__(self, believed: Cell, true: Cell, transport: MemoryTransport) -> None:
+        """Start all services."""
+        self._true = true
+        super().__init__(believed, transport)
+
+    def _add_sim(self) -> SimArm:
+        bus = self._bus("robot")
+        robot = SimRobot(bus, self._true)
+        self._add("robot", robot, bus, bus.playing("sensor"))
+        return robot.arm
+
+
+class Stage(World):
+    """A cell with a mistake, just up: neither tared nor armed."""
+
+    def __init__(self, mistake: Mistake, *, hidden: bool = False) -> None:
+        """Bring it up; hidden: what the sensor reads at rest is as if it had been tared away."""
+        true = true_cell()
+        self.bus = BentTransport(mistake.attitude)
+        self.world = MistakenCell(changed(true, mistake.changes), true, self.bus)
+        self.host = "pc"
+        self.p_m = []
+        self.last_ns = 0
+        sensor = self.world.arm.ft_sensor
+        if mistake.of_sensor and hidden:
+            sensor.disturb = hide(self.world.arm.sample_ft(), mistake.wiring)
+        else:
+            sensor.wiring = mistake.wiring
+        self.world.advance(1.6)
+
+    def turn_wrist(self) -> None:
+        """Jog the wrist by hand, and let it rest. Raises ForcemeshError with what stopped it."""
+        drive = Drive(self.world.client, SPEED_M_S)
+        drive.arm()
+        q = drive.joints() + np.radians(TURN_DEG)
+        request = MoveRequest(kind="joints", joint_rad=vec6(q), speed_m_s=SPEED_M_S)
+        self.ask(topics.MOVE, request)
+        self.world.advance(6.0, lambda: bool(np.abs(drive.joints() - q).max() < 1e-3))
+        drive.release()
+        self.world.advance(REST_S + 1.0)
+
+
+def hide(rest: FtSample, wiring: Array) -> Callable[[FtSample], FtSample]:
+    """Return a sensor that shows what it should at rest, and changes through a wiring."""
+    at_rest = np.concatenate((rest.force_N, rest.torque_Nm))
+
+    def disturb(sample: FtSample) -> FtSample:
+        grown = np.concatenate((sample.force_N, sample.torque_Nm)) - at_rest
+        shown = at_rest + wiring @ grown
+        return FtSample(shown[:3], shown[3:], sample.status, sample.counter)
+
+    return disturb
+
+
+@cache
+def plan_of() -> Plan:
+    """Return the six poses of the automatic check, from where the demo's arm begins."""
+    stage = Stage(Mistake("none", ""))
+    arm = stage.world.arm
+    return make_plan(stage.world.cell, arm.kinematics, np.array(arm.q), Options(POSES, 1))
+
+
+def gather(mistake: Mistake) -> Samples:
+    """Let the arm go through the poses of the check and read; rows as this mistake shows them."""
+    stage, plan = Stage(mistake), plan_of()
+    bus, route = stage.world.client, plan.route
+    drive, gatherer = Drive(bus, SPEED_M_S), Gatherer(bus, stage.world.cell)
+    gatherer.until_heard()
+    drive.arm()
+    at, dwells = route.q_start, list[Dwell]()
+    for place in plan.fit:
+        hub = [] if dwells else route.way_out(at)
+        for q in [*hub, *route.way(hub[-1] if hub else at, plan.q[place])]:
+            drive.go(q, route.length_m(at, q), lambda _: None)
+            at = q
+        dwells.append(gatherer.dwell("fit", DWELL_S, lambda _: None))
+    return samples_of(dwells)
+
+
+@cache
+def gathered() -> Samples:
+    """Return the rows of a right installation: each mistake shows them in its own way."""
+    return gather(Mistake("none", ""))
+
+
+def as_shown(mistake: Mistake) -> Samples:
+    """Return the rows of the check as a mistake shows them; the same as playing them anew."""
+    rows, true = gathered(), true_cell()
+    believed = changed(true, mistake.changes)
+    bias = bias_of(true)
+    load = np.concatenate((rows.force_N, rows.torque_Nm), axis=1) - bias
+    shown = load @ mistake.wiring.T + bias
+    R_true, R_believed = (
+        np.asarray(cell.sensor.T_flange_sensor.pose.rotation) for cell in (true, believed)
+    )
+    R_base_flange = rows.R_base_sensor @ R_true.T
+    if mistake.attitude is not None:
+        R_base_flange = np.array([mistake.attitude(R) for R in R_base_flange])
+    return Samples(R_base_flange @ R_believed, shown[:, :3], shown[:, 3:], rows.time_s)

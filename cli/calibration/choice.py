@@ -57,7 +57,7 @@ def fresh_attitudes(R_base_sensor: Array, count: int, taken: tuple[int, ...]) ->
     nearest = np.full(len(R_base_sensor), np.inf)
     for place in taken:
         nearest = np.minimum(nearest, angle(R_base_sensor[place], R_base_sensor))
-    while len(chosen) < count and nearest.max() > APART_RAD / 2.0:
+    while len(chosen) < count and nearest.max(initial=0.0) > APART_RAD / 2.0:
         best = int(np.argmax(nearest))
         chosen.append(best)
         nearest = np.minimum(nearest, angle(R_base_sensor[best], R_base_sensor))

@@ -6,6 +6,7 @@ the same plan.
 """
 
 from dataclasses import dataclass, field, replace
+from itertools import islice
 from math import degrees
 
 import numpy as np
@@ -25,6 +26,7 @@ from sim.robot.kinematics import ArmKinematics
 LEAST_POSES = 6
 LIFTS_M = (0.1, 0.08, 0.06, 0.04, 0.02, 0.0)
 CANDIDATES = 6000
+MOST_CANDIDATES = 400  # that are possible: more would hardly teach more
 ARM_TURN_RAD = np.radians([25.0, 35.0, 35.0])  # of joints 1 to 3, at most
 FOLDED_RAD = np.radians(105.0)  # beyond, joint 5 folds the tool back along the forearm
 LEAST_SINGULAR_VALUE = 0.05  # of the Jacobian (m, rad): away from singular poses
@@ -102,34 +104,44 @@ def make_plan(cell: Cell, arm: ArmKinematics, q_start: Array, options: Options) 
     R = np.array([(arm.flange_pose(row) * T_flange_sensor).rotation for row in q]).reshape(-1, 3, 3)
     payload = cell.payload.payload if cell.payload.mass_kg > 0.05 else USUAL_PAYLOAD
     fit = best_attitudes(R, payload, options.poses)
-    verify = fresh_attitudes(R, options.verify_poses, tuple(fit))
-    warnings = _judged(fit, verify, options)
-    found = conditioning(R[fit], payload)
-    if found > WORST_CONDITIONING:
-        raise CalibrationError(
-            f"the poses inside the box differ too little (condition number {found:.0f}, at most "
-            f"{WORST_CONDITIONING:.0f}): {ADVICE}"
-        )
-    if found > POOR_CONDITIONING:
-        warnings.append(f"condition number {found:.0f} is poor (fair: 10): {ADVICE}")
-    route = Route(inner, fence, q_start, hub)
-    fit = shortest_order(route, q, fit, hub)
-    verify = shortest_order(route, q, verify, q[fit[-1]])
-    return Plan(route, payload, q, R, tuple(fit), tuple(verify), found, tuple(warnings))
-
-
-def _judged(fit: list[int], verify: list[int], options: Options) -> list[str]:
     if len(fit) < LEAST_POSES:
         raise CalibrationError(
             f"only {len(fit)} poses that differ are possible inside the box, {LEAST_POSES} are the "
             f"least: {ADVICE}"
         )
+    verify = fresh_attitudes(R, options.verify_poses, tuple(fit))
+    found = conditioning(R[fit], payload)
+    route = Route(inner, fence, q_start, hub)
+    fit = shortest_order(route, q, fit, hub)
+    verify = shortest_order(route, q, verify, q[fit[-1]])
+    return Plan(
+        route,
+        payload,
+        q,
+        R,
+        tuple(fit),
+        tuple(verify),
+        conditioning=found,
+        warnings=_warnings(len(fit), len(verify), options, found),
+    )
+
+
+def _warnings(fit: int, verify: int, options: Options, condition_number: float) -> tuple[str, ...]:
+    """Say what is poor about a plan. Raises CalibrationError when it is too poor."""
+    if condition_number > WORST_CONDITIONING:
+        raise CalibrationError(
+            f"the poses inside the box differ too little (condition number {condition_number:.0f}, "
+            f"at most {WORST_CONDITIONING:.0f}): {ADVICE}"
+        )
     warnings = []
-    if len(fit) < options.poses:
-        warnings.append(f"only {len(fit)} of {options.poses} poses are possible inside the box")
-    if len(verify) < options.verify_poses:
-        warnings.append(f"only {len(verify)} of {options.verify_poses} poses are left to verify by")
-    return warnings
+    if fit < options.poses:
+        warnings.append(f"only {fit} of {options.poses} poses are possible inside the box")
+    if verify < options.verify_poses:
+        warnings.append(f"only {verify} of {options.verify_poses} poses are left to verify by")
+    if condition_number > POOR_CONDITIONING:
+        text = f"condition number {condition_number:.0f} is poor (fair: {POOR_CONDITIONING:.0f})"
+        warnings.append(f"{text}: {ADVICE}")
+    return tuple(warnings)
 
 
 def _hub(fence: Fence, q_start: Array) -> tuple[Array, float]:
@@ -149,16 +161,17 @@ def _candidates(fence: Fence, hub: Array, turn_rad: float) -> Array:
     rng = np.random.default_rng(0)  # the same start, the same plan
     most = np.array([*ARM_TURN_RAD, *[turn_rad] * 3])
     offsets = rng.uniform(-1.0, 1.0, (CANDIDATES, 6)) * most
-    offsets[: CANDIDATES // 4, :3] = 0.0  # turns of the wrist alone, wherever they are enough
+    offsets[::4, :3] = 0.0  # turns of the wrist alone, wherever they are enough
     folded_rad = max(float(FOLDED_RAD), abs(float(hub[4])))
-    found = [
+    good = (
         q
         for q in hub + offsets
         if abs(q[4]) <= folded_rad
         and not fence.complaint(q)
         and _is_regular(fence.arm, q)
         and not fence.way_complaint(hub, q)
-    ]
+    )
+    found = list(islice(good, MOST_CANDIDATES))
     return np.array(found).reshape(-1, 6)
 
 

@@ -1,0 +1,78 @@
+"""A virtual cell that is calibrated, with a teller whose lines a test reads."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cli.calibration.plan import Options, Plan, make_plan
+from cli.calibration.wizard import Pace, Wizard
+from cli.virtual import VirtualCell
+from common.cell import Cell
+from common.config import load_cell
+from sim.robot.kinematics import ArmKinematics
+
+DEMO = Path(__file__).resolve().parents[2] / "cells" / "demo.yaml"
+HOME_RAD = np.radians([0.0, 0.0, -90.0, 0.0, -90.0, 0.0])
+FAST = Pace(speed_m_s=0.25, dwell_s=0.3)
+
+
+def demo_cell(**overrides: Any) -> Cell:
+    """Return the demo's cell without any calibration."""
+    return load_cell(DEMO, {"calibration": None, **overrides})
+
+
+class Notes:
+    """A teller: keeps the lines, and lets a test do something at a certain stage."""
+
+    def __init__(self) -> None:
+        """Begin with no line."""
+        self.lines: list[str] = []
+        self.stages: list[str] = []
+        self.shares: list[float] = []
+        self._events: list[tuple[str, Callable[[], None]]] = []
+
+    def note(self, text: str) -> None:
+        """Keep a line."""
+        self.lines.append(text)
+
+    def progress(self, done_s: float, total_s: float, text: str) -> None:
+        """Keep what changes, and do what was asked for at this stage, once."""
+        if not self.stages or self.stages[-1] != text:
+            self.stages.append(text)
+        self.shares.append(done_s / total_s if total_s else 0.0)
+        for event in self._events:
+            if event[0] in text:
+                self._events.remove(event)
+                event[1]()
+                return
+
+    def at(self, text: str, do: Callable[[], None]) -> None:
+        """Do something the first time that a stage holds a text."""
+        self._events.append((text, do))
+
+
+class CalibrationLab:
+    """The cell on a virtual clock, at home and ready to be armed."""
+
+    def __init__(self, cell: Cell | None = None) -> None:
+        """Wait out the preflight."""
+        self.cell = cell or demo_cell()
+        self.world = VirtualCell(self.cell)
+        self.world.advance(1.2)
+        self.notes = Notes()
+
+    @property
+    def bus(self):
+        """A client's way to the cell."""
+        return self.world.client
+
+    def plan(self, **options: Any) -> Plan:
+        """Return a plan from where the arm is."""
+        wanted = Options(**{"poses": 6, "verify_poses": 2, **options})
+        return make_plan(self.cell, ArmKinematics(), self.world.arm.q, wanted)
+
+    def wizard(self, plan: Plan | None = None, pace: Pace = FAST) -> Wizard:
+        """Return a wizard that has not begun."""
+        return Wizard(self.bus, self.cell, plan or self.plan(), pace=pace, teller=self.notes)

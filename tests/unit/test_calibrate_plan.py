@@ -1,0 +1,217 @@
+"""The plan of a calibration: inside the fence all the way, well conditioned, the same each time."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cli.calibration.choice import USUAL_PAYLOAD, best_attitudes, conditioning
+from cli.calibration.errors import CalibrationError
+from cli.calibration.plan import LEAST_POSES, Options, Plan, make_plan
+from common.config import load_cell
+from common.frames import GRAVITY_M_S2, skew
+from services.wrench.poses import angle
+from sim.robot.kinematics import ArmKinematics
+from tests.fakes.calibration import DEMO, HOME_RAD
+
+ARM = ArmKinematics()
+SPREAD_RAD = np.radians([40.0, 15.0, 15.0, 20.0, 20.0, 60.0])  # of starts, about the demo's
+WALL = {"point_m": [0.0, 0.62, 0.0], "normal": [0.0, -2.0, 0.0]}
+SMALL = {
+    "limits.workspace_min_m": [-0.1, 0.375, 0.2],
+    "limits.workspace_max_m": [0.1, 0.575, 0.5],
+}
+
+
+def cell_with(**overrides):
+    """Return the demo's cell, uncalibrated, with some limits changed."""
+    changes = {f"limits.{name}": value for name, value in overrides.items()}
+    return load_cell(DEMO, {"calibration": None, **changes})
+
+
+def stops_of(plan: Plan) -> list[np.ndarray]:
+    """Return every joint goal of a plan, from the start back to the start."""
+    route = plan.route
+    stops = [route.q_start, *route.way_out(route.q_start)]
+    for place in (*plan.fit, *plan.verify):
+        stops += route.way(stops[-1], plan.q[place])
+    return [*stops, route.hub, *route.way_home(route.hub)]
+
+
+def points_of(cell, q):
+    """Return flange, sensor and TCP in base, worked out from the frames of the cell file."""
+    T = ARM.flange_pose(q)
+    frames = (T, T * cell.sensor.T_flange_sensor.pose, T * cell.tool.T_flange_tcp.pose)
+    return np.array([frame.translation for frame in frames])
+
+
+def assert_inside(cell, plan: Plan) -> None:
+    """Walk the whole way finely and look at every point."""
+    lowest_m = points_of(cell, plan.route.q_start)[:, 2].min() - 1e-6
+    low, high = np.array(cell.limits.workspace_min_m), np.array(cell.limits.workspace_max_m)
+    joint_low, joint_high = (
+        np.radians(limit) for limit in (cell.robot.joint_min_deg, cell.robot.joint_max_deg)
+    )
+    for q_from, q_to in pairwise(stops_of(plan)):
+        count = 1 + int(np.abs(q_to - q_from).max() / np.radians(0.7))
+        for share in np.linspace(0.0, 1.0, count + 1):
+            q = q_from + share * (q_to - q_from)
+            points = points_of(cell, q)
+            assert (points >= low).all()
+            assert (points <= high).all()
+            assert points[:, 2].min() >= lowest_m
+            assert (q > joint_low).all()
+            assert (q < joint_high).all()
+            for plane in cell.limits.planes:
+                assert ((points - plane.point_m) @ np.array(plane.normal)).min() >= 0.0
+
+
+def refuse_all(plan: Plan) -> None:
+    """Refuse pose after pose, until the plan gives up."""
+    for _ in range(len(plan.q)):
+        plan = plan.without(plan.fit[0])
+
+
+@settings(max_examples=8, deadline=None)
+@given(
+    offset=st.lists(st.floats(-1.0, 1.0), min_size=6, max_size=6),
+    walls=st.sampled_from([[], [WALL]]),
+    turn_deg=st.sampled_from([60.0, 120.0, 180.0]),
+)
+def test_goals_and_ways_stay_inside_from_any_start(offset, walls, turn_deg):
+    """Box, walls, floor and joint limits hold for three points at every goal and on every way."""
+    cell = cell_with(planes=walls)
+    q_start = HOME_RAD + np.array(offset) * SPREAD_RAD
+    if walls and points_of(cell, q_start)[:, 1].max() > 0.6:
+        with pytest.raises(CalibrationError):
+            make_plan(cell, ARM, q_start, Options(turn_rad=np.radians(turn_deg)))
+        return
+    plan = make_plan(cell, ARM, q_start, Options(turn_rad=np.radians(turn_deg)))
+
+    assert_inside(cell, plan)
+    assert len(plan.fit) == 10
+    assert plan.conditioning < 10.0
+
+
+@pytest.fixture(scope="module")
+def plan() -> Plan:
+    """The plan of the demo's cell."""
+    return make_plan(cell_with(), ARM, HOME_RAD, Options())
+
+
+def test_the_same_start_gives_the_same_plan(plan):
+    """A person who looks at the plan twice sees the same one."""
+    again = make_plan(cell_with(), ARM, HOME_RAD, Options())
+    assert again.fit == plan.fit
+    assert again.verify == plan.verify
+    assert np.array_equal(again.q, plan.q)
+
+
+def test_gravity_goes_all_round_the_sensor(plan):
+    """The tool comes to point upwards too, and every axis feels the weight both ways."""
+    down = -plan.R_base_sensor[list(plan.fit), 2, :]
+    assert (down.max(axis=0) > 0.5).all()
+    assert (down.min(axis=0) < -0.3).all()
+
+
+def test_the_expected_condition_number_is_that_of_the_design_matrix(plan):
+    """The number that is printed is the ratio of singular values of the scaled plain problem."""
+    rows = []
+    for R in plan.R_base_sensor[list(plan.fit)]:
+        g = R.T @ np.array([0.0, 0.0, -GRAVITY_M_S2])
+        zeros = np.zeros((3, 3))
+        rows.append(np.hstack([g[:, None], zeros, np.eye(3), zeros]))
+        rows.append(np.hstack([np.zeros((3, 1)), -skew(g), zeros, np.eye(3)]))
+    A = np.vstack(rows)
+    singular = np.linalg.svd(A / np.linalg.norm(A, axis=0), compute_uv=False)
+    assert plan.conditioning == pytest.approx(singular[0] / singular[-1], rel=1e-3)
+
+
+def test_the_choice_is_better_than_attitudes_at_random(plan):
+    """Of fifty random choices among the same candidates none is conditioned better by much."""
+    rng = np.random.default_rng(3)
+    numbers = [
+        conditioning(plan.R_base_sensor[rng.choice(len(plan.q), 10, replace=False)], USUAL_PAYLOAD)
+        for _ in range(50)
+    ]
+    assert plan.conditioning < np.median(numbers)
+    assert plan.conditioning < 1.1 * min(numbers)
+
+
+def test_fresh_poses_are_far_from_those_of_the_fit(plan):
+    """What verifies has not been seen: another attitude by tens of degrees."""
+    fit = plan.R_base_sensor[list(plan.fit)]
+    apart = [angle(plan.R_base_sensor[place], fit).min() for place in plan.verify]
+    assert len(apart) == 4
+    assert min(apart) > np.radians(20.0)
+    assert not set(plan.fit) & set(plan.verify)
+
+
+def test_a_small_box_gives_a_plan_inside_it(plan):
+    """20 centimetres are enough, with ways by the hub where the direct ones are closed."""
+    cell = load_cell(DEMO, {"calibration": None, **SMALL})
+    small = make_plan(cell, ARM, HOME_RAD, Options())
+    assert_inside(cell, small)
+    assert len(small.q) < len(plan.q)
+
+
+def test_a_refused_pose_is_replaced_by_another_one(plan):
+    """The plan keeps its size; neither the refused pose nor one beside it comes back."""
+    refused = plan.fit[3]
+    other = plan.without(refused)
+    assert len(other.fit) == len(plan.fit)
+    assert refused not in (*other.fit, *other.verify)
+    new = set(other.fit) - set(plan.fit)
+    apart = angle(plan.R_base_sensor[refused], plan.R_base_sensor[list(new)])
+    assert apart.min() > np.radians(15.0)
+    fewer = plan.without(plan.verify[0])
+    assert len(fewer.verify) == len(plan.verify)
+    assert fewer.fit == plan.fit
+
+
+def test_when_every_pose_is_refused_it_ends_with_advice(plan):
+    """There is no endless search: below six poses it says what to do."""
+    ended = r"only 5 poses are left, 6 are the least: .*--manual"
+    with pytest.raises(CalibrationError, match=ended):
+        refuse_all(plan)
+
+
+@pytest.mark.parametrize(
+    ("limits", "says"),
+    [
+        ({"workspace_min_m": [-0.4, 0.2, 0.3]}, "TCP would be at z = 217 mm"),
+        ({"workspace_max_m": [0.4, 0.8, 0.3]}, "flange would be at z = 377 mm"),
+        ({"workspace_max_m": [0.4, 0.8, 0.38]}, "no room to turn in"),
+        (
+            {"workspace_min_m": [-0.05, 0.425, 0.2], "workspace_max_m": [0.05, 0.525, 0.5]},
+            f"poses that differ are possible inside the box, {LEAST_POSES} are the least",
+        ),
+        ({"planes": [{"point_m": [0, 0.4, 0], "normal": [0, -1, 0]}]}, "behind or near plane 1"),
+        ({"tether_m": 0.011}, "tether"),
+    ],
+)
+def test_a_cell_without_room_is_refused_with_advice(limits, says):
+    """One sentence that says where it fails, and what to do."""
+    with pytest.raises(CalibrationError, match=says) as error:
+        make_plan(cell_with(**limits), ARM, HOME_RAD, Options())
+    assert "--manual" in str(error.value)
+
+
+def test_fewer_poses_than_asked_for_are_told():
+    """Sixty poses that differ do not fit into a small box: it says how many do."""
+    cell = load_cell(DEMO, {"calibration": None, **SMALL})
+    plan = make_plan(cell, ARM, HOME_RAD, Options(poses=40))
+    assert LEAST_POSES <= len(plan.fit) < 40
+    assert f"only {len(plan.fit)} of 40 poses are possible" in plan.warnings[0]
+
+
+def test_attitudes_that_differ_about_the_vertical_alone_teach_little():
+    """Turning about gravity leaves it as it is: the condition number says so."""
+    turns = np.radians(np.arange(0.0, 360.0, 30.0))
+    R = np.array(
+        [[[np.cos(a), -np.sin(a), 0], [np.sin(a), np.cos(a), 0], [0, 0, 1]] for a in turns]
+    )
+    assert conditioning(R, USUAL_PAYLOAD) > 30.0
+    assert best_attitudes(R[:2], USUAL_PAYLOAD, 5) in ([0, 1], [1, 0])

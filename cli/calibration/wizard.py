@@ -19,6 +19,7 @@ from cli.calibration.tell import Teller
 from common.cell import Cell
 from common.clock import NS_PER_S
 from common.endpoints import Bus
+from common.errors import RefusedError
 from common.frames import Array
 
 BOTH: tuple[Purpose, ...] = ("fit", "verify")
@@ -46,6 +47,7 @@ class Wizard:
         self._at: Array = plan.route.q_start
         self._done_s, self._total_s = 0.0, expected_s(plan, pace)
         self._stage = ""
+        self._begun = False
 
     @property
     def serial(self) -> str:
@@ -64,7 +66,7 @@ class Wizard:
         """
         self._total_s = expected_s(self.plan, self._pace, purposes)
         self._gatherer.until_heard()
-        self._teller.note(self._drive.arm())
+        self._arm()
         self._stage = "to the hub"
         self._go(self.plan.route.way_out(self._at))
         for purpose in purposes:
@@ -75,8 +77,16 @@ class Wizard:
         self._teller.note("the arm is back where it began")
 
     def abandon(self, reason: str) -> str:
-        """Stop the arm where it is; return the answer."""
-        return self._drive.hold(reason)
+        """Stop the arm where it is, when it was armed for this; return the answer."""
+        return self._drive.hold(reason) if self._begun else "nothing was moved"
+
+    def _arm(self) -> None:
+        self._begun = True  # also when it is interrupted before the answer has come
+        try:
+            self._teller.note(self._drive.arm())
+        except RefusedError:
+            self._begun = False
+            raise
 
     def _visit_all(self, purpose: Purpose) -> None:
         visited: list[int] = []

@@ -15,7 +15,8 @@ from sim.robot.kinematics import ArmKinematics
 
 DEMO = Path(__file__).resolve().parents[2] / "cells" / "demo.yaml"
 HOME_RAD = np.radians([0.0, 0.0, -90.0, 0.0, -90.0, 0.0])
-FAST = Pace(speed_m_s=0.25, dwell_s=0.3)
+QUICK = {"limits.speed_m_s": 1.0}  # the cell file's own limit would take minutes of virtual time
+FAST = Pace(speed_m_s=0.8, dwell_s=0.3)
 
 
 def demo_cell(**overrides: Any) -> Cell:
@@ -58,7 +59,7 @@ class CalibrationLab:
 
     def __init__(self, cell: Cell | None = None) -> None:
         """Wait out the preflight."""
-        self.cell = cell or demo_cell()
+        self.cell = cell or demo_cell(**QUICK)
         self.world = VirtualCell(self.cell)
         self.world.advance(1.2)
         self.notes = Notes()

@@ -1,0 +1,229 @@
+"""The wizard in a whole virtual cell: a clean run, and every way in which one ends early."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cli.calibration.by_arm import drive
+from cli.calibration.evidence import evidence_of, findings_of
+from cli.calibration.plan import Plan
+from cli.calibration.rows import of_purpose
+from cli.calibration.verdict import Bounds
+from cli.calibration.wizard import Pace, Wizard
+from cli.verbs_motion import INTERRUPTED
+from common import topics
+from common.frames import R_from_quaternion
+from common.messages import ArbiterStatus
+from common.payload import Payload, predict
+from common.requests import ArmRequest, Empty, HoldRequest
+from sim.robot.ft_sensor import FtSample
+from tests.fakes.calibration import FAST, HOME_RAD, QUICK, CalibrationLab, demo_cell
+
+TRUTH = Payload(1.0, (0.012, -0.008, 0.055), (1.5, -2.0, 3.0), (0.05, -0.04, 0.03))  # of the sim
+FEW = {"poses": 6, "verify_poses": 1}
+
+
+def status_of(lab: CalibrationLab) -> ArbiterStatus:
+    """Return what the arbiter says now."""
+    reader = lab.bus.reader(topics.ARBITER_STATUS)
+    lab.world.advance(0.2)
+    status: Any = reader.read(lab.world.clock.now_ns()).message
+    assert isinstance(status, ArbiterStatus)
+    return status
+
+
+def driven(lab: CalibrationLab, plan: Plan | None = None) -> tuple[Wizard, int | None]:
+    """Let the wizard run to whatever end."""
+    return drive(lab.cell, lab.bus, plan or lab.plan(**FEW), FAST, teller=lab.notes)
+
+
+def left_at_random(payload: Payload, count: int = 200) -> tuple[float, float]:
+    """Return the mean error of a payload over random attitudes, by the truth of the simulation."""
+    rng = np.random.default_rng(7)
+    R = np.array([R_from_quaternion(q) for q in rng.normal(size=(count, 4))])
+    apart = [
+        found - true for found, true in zip(predict(payload, R), predict(TRUTH, R), strict=True)
+    ]
+    force, torque = (float(np.linalg.norm(error, axis=1).mean()) for error in apart)
+    return force, torque
+
+
+def test_a_clean_run_finds_the_payload_and_comes_home(tmp_path):
+    """Ten poses with sensor noise leave 0.02 N and 1 mN m; the arm is left as it was found."""
+    lab = CalibrationLab()
+    plan = lab.plan(poses=10, verify_poses=2)
+    wizard = Wizard(
+        lab.bus, lab.cell, plan, pace=Pace(speed_m_s=0.8, dwell_s=0.5), teller=lab.notes
+    )
+    wizard.run()
+
+    evidence = evidence_of("arm", wizard.dwells, source=tmp_path / "a.csv")
+    found = findings_of(lab.cell, evidence, Bounds())
+    force_N, torque_Nm = left_at_random(found.section.payload.payload)
+    assert force_N <= 0.02
+    assert torque_Nm <= 0.001
+    assert found.verdict.passed
+    assert found.section.fit.poses == 10
+    assert found.section.verified is not None
+    assert found.section.verified.poses == 2
+    assert found.report["rejected"] == []
+    assert lab.world.arm.q == pytest.approx(HOME_RAD, abs=1e-3)
+    assert status_of(lab).state == "IDLE"
+    assert lab.notes.shares == sorted(lab.notes.shares)
+    assert lab.notes.shares[-1] > 0.95
+    assert lab.notes.lines == ["armed, lease 1", "the arm is back where it began"]
+
+
+def test_a_cell_that_was_armed_stays_armed():
+    """The wizard takes away no more than it has brought."""
+    lab = CalibrationLab()
+    lab.bus.ask(topics.TARE, Empty())
+    assert lab.bus.ask(topics.ARM, ArmRequest()).accepted
+    _, ended = driven(lab, lab.plan(**FEW))
+    assert ended is None
+    assert status_of(lab).state == "ARMED"
+
+
+def test_a_hold_in_the_middle_ends_it_with_the_arbiter_s_words():
+    """Somebody holds: nothing moves on, the poses so far are kept, nobody asks for more."""
+    lab = CalibrationLab()
+    asked = HoldRequest(reason="the visitor is inside")
+    lab.notes.at("pose 3 of 6: moving", lambda: lab.bus.ask(topics.HOLD, asked))
+    wizard, ended = driven(lab)
+    assert ended == 1
+    assert len(wizard.dwells) == 2
+    assert "the arbiter is HOLDING: the visitor is inside" in lab.notes.lines[-1]
+    assert_rests(lab)
+    assert status_of(lab).trips[-1].text == "the visitor is inside"
+
+
+def assert_rests(lab: CalibrationLab) -> None:
+    """The arm has been braked, and nothing moves it on."""
+    lab.world.advance(0.5)
+    q = lab.world.arm.q_command
+    lab.world.advance(0.5)
+    assert lab.world.arm.q_command == pytest.approx(q, abs=1e-9)
+
+
+def disturbed(
+    lab: CalibrationLab, disturb: Callable[[FtSample], FtSample | None]
+) -> Callable[[], None]:
+    """Return what spoils the sensor's samples from a moment on."""
+
+    def begin() -> None:
+        lab.world.arm.ft_sensor.disturb = disturb
+
+    return begin
+
+
+def test_a_sensor_fault_in_the_middle_ends_it_and_keeps_the_rows():
+    """The arbiter stops the arm for it, and says why."""
+    lab = CalibrationLab()
+    lab.notes.at("pose 2 of 6: reading", disturbed(lab, lambda _sample: None))
+    wizard, ended = driven(lab)
+    assert ended == 1
+    assert len(wizard.dwells) == 1
+    assert "the arbiter is FAULT: " in lab.notes.lines[-1]
+    assert status_of(lab).state == "FAULT"
+
+
+def test_contact_at_one_pose_is_left_out_of_the_fit(tmp_path):
+    """2 N that touch the tool at one pose of eight: that pose is rejected, the rest is good."""
+    lab = CalibrationLab()
+    arm = lab.world.arm
+
+    def push(force_N: float) -> None:
+        arm.data.xfrc_applied[arm.model.body("tool").id][:3] = [force_N, 0.0, force_N]
+
+    lab.notes.at("pose 4 of 8: waiting", lambda: push(2.0))
+    lab.notes.at("pose 5 of 8: moving", lambda: push(0.0))
+    wizard, ended = driven(lab, lab.plan(poses=8, verify_poses=1))
+    assert ended is None
+    evidence = evidence_of("arm", wizard.dwells, source=tmp_path / "a.csv")
+    found = findings_of(lab.cell, evidence, Bounds())
+    assert [rows["reason"] for rows in found.report["rejected"]] == ["in contact, or touched"]
+    assert found.section.fit.poses == 7
+    assert found.verdict.passed
+
+
+def test_verification_fails_when_something_has_changed(tmp_path):
+    """A cable that pulls with 1 N from the first fresh pose on: FAIL, with the numbers."""
+    lab = CalibrationLab()
+    arm = lab.world.arm
+
+    def pull() -> None:
+        arm.data.xfrc_applied[arm.model.body("tool").id][2] = 1.0
+
+    lab.notes.at("verifying, pose 1 of 1: waiting", pull)
+    wizard, ended = driven(lab)
+    assert ended is None
+    found = findings_of(
+        lab.cell, evidence_of("arm", wizard.dwells, source=tmp_path / "a.csv"), Bounds()
+    )
+    assert found.verdict.passed is False
+    assert found.verdict.text.startswith("FAIL: at 1 fresh poses 1.0")
+
+
+def test_ctrl_c_holds_the_arm_and_keeps_the_rows():
+    """An interruption while the arm moves: it is braked, and what was read is there."""
+    lab = CalibrationLab()
+
+    def interrupt() -> None:
+        raise KeyboardInterrupt
+
+    lab.notes.at("pose 2 of 6: moving", interrupt)
+    wizard, ended = driven(lab)
+    assert ended == INTERRUPTED
+    assert len(wizard.dwells) == 1
+    assert "interrupted: HOLDING: the calibration was interrupted" in lab.notes.lines[-1]
+    assert status_of(lab).state == "HOLDING"
+    assert_rests(lab)
+
+
+def test_a_pose_that_the_robot_refuses_is_replaced(monkeypatch):
+    """The robot's own check refuses one goal: it is told, and another pose is taken."""
+    lab = CalibrationLab()
+    plan = lab.plan(**FEW)
+    bad = plan.q[plan.fit[1]]
+    driver = lab.world.runners["robot"].service._driver  # type: ignore[attr-defined]
+    motion = driver._motion
+    start = motion.start_joints
+
+    def refusing(q: np.ndarray, speed: Any) -> str:
+        if np.allclose(q, bad):
+            return "joint 4 would hit its cable"
+        answer: str = start(q, speed)
+        return answer
+
+    monkeypatch.setattr(motion, "start_joints", refusing)
+    wizard, ended = driven(lab, plan)
+    assert ended is None
+    assert len(of_purpose(wizard.dwells, "fit")) == 6
+    assert plan.fit[1] not in wizard.plan.fit
+    assert any(
+        "pose 2 of 6 is left out, another one is taken: joint 4 would hit its cable" in line
+        for line in lab.notes.lines
+    )
+
+
+def test_a_cell_that_is_not_up_to_it_is_refused_before_anything_moves():
+    """Without a sensor nothing is armed, and so nothing is held either."""
+    lab = CalibrationLab()
+    plan = lab.plan(**FEW)
+    lab.world.arm.ft_sensor.disturb = lambda sample: None
+    lab.world.advance(0.5)
+    _, ended = driven(lab, plan)
+    assert ended == 1
+    assert lab.notes.lines == ["no reading within 2 s: sensor/wrench missing; nothing was moved"]
+    assert status_of(lab).state == "IDLE"
+    assert lab.world.arm.q == pytest.approx(HOME_RAD, abs=1e-3)
+
+
+def test_a_payload_of_zeros_is_no_trouble():
+    """The plan needs no payload: a cell file with zeros, as the template has it, is calibrated."""
+    lab = CalibrationLab(demo_cell(**QUICK, payload={"mass_kg": 0.0, "com_m": [0, 0, 0]}))
+    wizard, ended = driven(lab)
+    assert ended is None, lab.notes.lines
+    assert len(wizard.dwells) == 7

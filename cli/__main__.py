@@ -6,6 +6,7 @@ import typer
 
 from cli import payload, verbs_force, verbs_motion, verbs_read, verbs_run, verbs_watch
 from cli.calibrate import calibrate
+from cli.check_axes import check
 from cli.context import EXIT_CODES
 from cli.demo import demo
 from cli.doctor import doctor
@@ -35,6 +36,7 @@ app.command(rich_help_panel=MOVE)(verbs_motion.speed)
 app.add_typer(verbs_force.force, name="force", rich_help_panel=FORCE)
 app.command(rich_help_panel=FORCE)(verbs_force.tare)
 app.command(rich_help_panel=FORCE)(calibrate)
+app.add_typer(check, name="check", rich_help_panel=FORCE)
 app.add_typer(payload.app, name="payload", rich_help_panel=FORCE)
 
 

@@ -12,7 +12,7 @@ from common.frames import Array
 from services.wrench.installation_axes import (
     EYE,
     axis_findings,
-    mounting_remark,
+    mounting_remarks,
     plausible,
     same,
     unseen,
@@ -25,7 +25,7 @@ from services.wrench.installation_fit import (
     gravity_turns,
 )
 from services.wrench.installation_payload import length_findings, lever_finding, mass_finding
-from services.wrench.installation_stories import too_few, unexplained
+from services.wrench.installation_stories import too_few, unexplained, without_spoiled
 from services.wrench.installation_terms import Belief, Finding, Installation
 from services.wrench.poses import Poses, sort_into_poses
 from services.wrench.recording import Samples
@@ -42,7 +42,10 @@ def judge_installation(samples: Samples, belief: Belief) -> Installation:
     poses = sort_into_poses(samples)
     lengths = length_findings(belief)
     belief = belief.in_metres()
-    force = fit_force(poses, belief.down_in_base)
+    force, left_out = fit_force(poses, belief.down_in_base), list[int]()
+    if not force.explained:
+        poses, left_out = without_spoiled(poses, belief.down_in_base)
+        force = fit_force(poses, belief.down_in_base)
     evidence = _force_evidence(poses, force)
     problem = _not_told(poses, force, belief)
     if problem is not None:
@@ -61,11 +64,9 @@ def judge_installation(samples: Samples, belief: Belief) -> Installation:
     if com_m is not None:
         evidence |= {f"com_{axis}_m": float(x) for axis, x in zip("xyz", com_m, strict=True)}
     evidence |= _torque_evidence(torque)
-    remarks = [] if axes else unseen(torque, belief)
-    off = None if axes else mounting_remark(force)
-    return Installation(
-        tuple(found), (*remarks, *([off] if off else [])), evidence, force.wiring, com_m
-    )
+    remarks = [] if axes else [*unseen(torque, belief), *mounting_remarks(force)]
+    remarks += [f"pose {row + 1}, which is left out: contact, or motion" for row in left_out]
+    return Installation(tuple(found), tuple(remarks), evidence, force.wiring, com_m)
 
 
 def installation_complaint(samples: Samples, belief: Belief) -> str | None:

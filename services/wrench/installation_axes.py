@@ -5,7 +5,13 @@ import math
 import numpy as np
 
 from common.frames import Array, Oat, R_from_oat
-from services.wrench.installation_fit import ForceFit, TorqueFit, TorqueFits, turn_angle
+from services.wrench.installation_fit import (
+    ForceFit,
+    TorqueFit,
+    TorqueFits,
+    nearest_wiring,
+    turn_angle,
+)
 from services.wrench.installation_terms import Belief, Finding
 from services.wrench.installation_words import (
     driver_mend,
@@ -56,7 +62,9 @@ def axis_findings(force: ForceFit, torque: TorqueFits, belief: Belief) -> list[F
     if np.linalg.det(force.wiring) < 0.0:
         return [_mirrored(force), *strange]
     own = any(same(fit.wiring, EYE) for fit in fits) and not same(force.wiring, EYE)
-    return [_turned(force, belief, shown=torque.shown and not own), *strange]
+    # A turn of a few degrees beside a wiring is play, and the calibration finds it.
+    Q = force.wiring @ force.turn if force.turn_rad >= TURNED_RAD else force.wiring
+    return [turned_finding(Q, belief, shown=torque.shown and not own), *strange]
 
 
 def _no_moment(torque: TorqueFits) -> Finding:
@@ -127,10 +135,15 @@ def _mirrored(force: ForceFit) -> Finding:
     return Finding("force_axes", f"{text}: no mounting does that", mend)
 
 
-def _turned(force: ForceFit, belief: Belief, *, shown: bool) -> Finding:
-    # A turn of a few degrees beside a wiring is play, and the calibration finds it.
-    Q = force.wiring @ force.turn if force.turn_rad >= TURNED_RAD else force.wiring
-    channels = wrong_channels(force.wiring, "F")
+def turned_finding(Q: Array, belief: Belief, *, shown: bool) -> Finding:
+    """Return what to say of a sensor that is mounted another way than the cell file says.
+
+    Args:
+        Q: Rotation that all channels show: reading = Q times what it should be. Shape (3, 3).
+        belief: What the cell file says.
+        shown: Whether the torques are known to be turned alike.
+    """
+    channels = wrong_channels(nearest_wiring(Q), "F")
     text = f"the sensor is turned by {turn_words(Q.T)} from what the cell file says"
     if channels:
         text += f" ({channels}{', and the torques alike' if shown else ''})"
@@ -159,11 +172,9 @@ def unseen(torque: TorqueFits, belief: Belief) -> list[str]:
     return [f"the sign of {' and '.join(rows)}, which this tool's moment hardly turns: {PUSH}"]
 
 
-def mounting_remark(force: ForceFit) -> str | None:
+def mounting_remarks(force: ForceFit) -> list[str]:
     """Return a word on a sensor that is a few degrees off."""
-    angle = math.degrees(turn_angle(force.turn))
-    if angle < 3.0:
-        return None
-    return (
-        f"the sensor is {angle:.1f} degrees off: `forcemesh calibrate` finds that and corrects it"
-    )
+    degrees = math.degrees(turn_angle(force.turn))
+    if degrees < 3.0:
+        return []
+    return [f"why the sensor is {degrees:.1f} degrees off: `forcemesh calibrate` corrects that"]

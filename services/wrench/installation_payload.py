@@ -37,7 +37,10 @@ def mass_finding(mass_kg: float, belief: Belief) -> Finding | None:
     weight_N, known_N = mass_kg * GRAVITY_M_S2, known * GRAVITY_M_S2
     if unit is not None:
         text = f"the tool of {known_N:.4g} N reads {weight_N:.3g}: {unit.text}"
-        mend = f"divide the forces by {unit.factor:.4g} (if the tool is another one, weigh it)"
+        mend = (
+            f"divide the forces by {unit.factor:.4g}, or, if this is another tool, write its "
+            "payload.mass_kg"
+        )
         return Finding("force_unit", text, mend)
     text = (
         f"the tool weighs {mass_kg:.3g} kg, and the cell file says {known:.3g} kg "

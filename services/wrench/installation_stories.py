@@ -87,7 +87,6 @@ def unexplained(poses: Poses, force: ForceFit, belief: Belief) -> Finding:
             return Finding("attitude", what, mend)
     return (
         _no_weight(force, belief)
-        or _one_pose(poses, down)
         or _gravity(poses)
         or _gain(poses, down)
         or Finding(
@@ -126,21 +125,25 @@ def _no_weight(force: ForceFit, belief: Belief) -> Finding | None:
     return Finding("no_weight", text, mend)
 
 
-def _one_pose(poses: Poses, down_in_base: Array) -> Finding | None:
-    """One pose that spoils the others: a touch, or a pose that was read in motion."""
-    if not FEW < len(poses) <= MANY:
-        return None
-    rows = np.arange(len(poses))
-    fits = []
-    for out in rows:
-        kept = rows[rows != out]
-        less = Poses(poses.means[kept], poses.weight[kept], poses.first_row[kept])
-        fits.append(fit_force(less, down_in_base))
-    best = min(rows, key=lambda out: fits[out].rms_N)
-    if not (fits[best].explained and fits[best].told):
-        return None
-    text = f"pose {best + 1} of {len(poses)} does not belong to the others: contact, or motion"
-    return Finding("contact", text, "record that pose again, or leave it out", "unsure")
+def without_spoiled(poses: Poses, down_in_base: Array) -> tuple[Poses, list[int]]:
+    """Leave out the few poses that spoil the others: touched, or read in motion.
+
+    Returns the rest and the places of those left out; all poses when that does not help.
+    """
+    rows, out = list(range(len(poses))), list[int]()
+    while FEW < len(rows) <= MANY and len(out) < len(poses) // 4:
+        fits = {row: fit_force(_some(poses, rows, row), down_in_base) for row in rows}
+        worst = min(rows, key=lambda row: fits[row].rms_N)
+        rows.remove(worst)
+        out.append(worst)
+        if fits[worst].explained and fits[worst].told:
+            return _some(poses, rows), sorted(out)
+    return poses, []
+
+
+def _some(poses: Poses, rows: list[int], but: int | None = None) -> Poses:
+    kept = np.array([row for row in rows if row != but])
+    return Poses(poses.means[kept], poses.weight[kept], poses.first_row[kept])
 
 
 def _gravity(poses: Poses) -> Finding | None:

@@ -1,5 +1,6 @@
 """What is believed of an installation, and what is found of it. Pure."""
 
+import math
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
@@ -106,3 +107,8 @@ class Installation:
         if kinds & {"installation", "payload"}:
             return "wrong"
         return "cannot tell" if kinds else "right"
+
+    @property
+    def misfit(self) -> float:
+        """What the best explanation leaves of the force [N]; infinite without one."""
+        return self.evidence.get("rms_force_N", math.inf)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cli.context import USAGE, CellOption, client_of, fail, find_cell_file, one_line_errors
+from cli.context import PATIENCE_S, USAGE, CellOption, fail, find_cell_file, one_line_errors
 from cli.payload import Axes, AxesOption
 
 if TYPE_CHECKING:
@@ -114,12 +114,12 @@ def calibrate(
         if from_file is not None:
             code = _by_file(job, from_file, way)
         elif manual:
-            code = _by_hand(job, path, way, (poses, verify_poses, dwell))
+            code = _by_hand(job, way, (poses, verify_poses, dwell))
         else:
             if verify_poses == 0:
                 fail("--verify-poses 0 goes with --manual: the wizard verifies what it fits", USAGE)
             wish = _wish(job.cell, (poses, verify_poses, turn), speed, dwell, yes=yes)
-            code = _by_arm(job, path, wish, verify_only=verify_only)
+            code = _by_arm(job, wish, verify_only=verify_only)
     raise typer.Exit(code)
 
 
@@ -129,7 +129,7 @@ def _job(path: Path, out: Path | None, bounds: tuple[float, float], *, force: bo
     from cli.calibration.verdict import Bounds
     from common.config import load_cell
 
-    cell = load_cell(path)
+    cell = load_cell(path, {"calibration": None})  # not needed here, and it may be what is broken
     return Job(cell, places_of(cell, path, out), Bounds(*bounds), force)
 
 
@@ -156,20 +156,24 @@ def _wish(
     return Wish(Options(count, fresh, radians(turn_deg)), pace, yes)
 
 
-def _by_arm(job: "Job", path: Path, wish: "by_arm.Wish", *, verify_only: bool) -> int:
+def _by_arm(job: "Job", wish: "by_arm.Wish", *, verify_only: bool) -> int:
     from cli.calibration import by_arm
+    from common.bus import open_bus
+    from common.topics import CLIENT
 
-    with client_of(path) as (_, bus):
+    with open_bus(job.cell, CLIENT, patience_s=PATIENCE_S) as bus:
         return by_arm.verify(job, wish, bus) if verify_only else by_arm.calibrate(job, wish, bus)
 
 
-def _by_hand(job: "Job", path: Path, way: _Way, poses: tuple[int, int, float]) -> int:
+def _by_hand(job: "Job", way: _Way, poses: tuple[int, int, float]) -> int:
     from cli.calibration import by_hand
     from cli.calibration.screen import Keyboard
+    from common.bus import open_bus
+    from common.topics import CLIENT
 
     count, fresh, dwell_s = poses
     wish = by_hand.Wish(count, fresh, dwell_s, way.auto_capture)
-    with client_of(path) as (_, bus):
+    with open_bus(job.cell, CLIENT, patience_s=PATIENCE_S) as bus:
         return by_hand.calibrate(job, wish, bus, Keyboard())
 
 

@@ -75,9 +75,7 @@ def verify(job: Job, wish: Wish, bus: Bus) -> int:
 
 def planned(cell: Cell, bus: Bus, wish: Wish) -> Plan:
     """Return the plan from where the arm is now. Raises CalibrationError with what to do."""
-    state = Drive(bus, wish.pace.speed_m_s).state()
-    if state.status.moving:
-        raise CalibrationError("the arm is moving: let it rest first")
+    state = Drive(bus, wish.pace.speed_m_s).at_rest()
     return make_plan(cell, _model(cell, state), np.array(state.joint_rad), wish.options)
 
 

@@ -16,6 +16,7 @@ from common.requests import ArmRequest, Empty, HoldRequest, MoveRequest, Reply
 
 POLL_S = 0.01
 HEARD_WITHIN_S = 2.0
+REST_WITHIN_S = 2.0
 READY_WITHIN_S = 5.0  # the preflight wants a second of good inputs and rest
 AFTERWARDS_S = 0.3  # so long the arbiter may take to say why a goal has ended
 TAKEN_S = 0.5  # so long it must have named another goal, or none, before it is believed
@@ -49,6 +50,15 @@ class Drive:
             if self._clock.now_ns() > give_up_ns:
                 raise CalibrationError(f"lost sight of the arm: {reading.fault}")
             self._clock.sleep_s(POLL_S)
+
+    def at_rest(self) -> RobotState:
+        """Return where the arm is, at rest. Raises CalibrationError when it goes on moving."""
+        give_up_ns = self._clock.now_ns() + round(REST_WITHIN_S * NS_PER_S)
+        while (state := self.state()).status.moving:
+            if self._clock.now_ns() > give_up_ns:
+                raise CalibrationError("the arm is moving: let it rest first")
+            self._clock.sleep_s(POLL_S)
+        return state
 
     def joints(self) -> Array:
         """Return the joint angles [rad]. Shape (6,)."""

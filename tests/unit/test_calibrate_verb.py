@@ -1,0 +1,201 @@
+"""The verb `calibrate` on a virtual cell: what it writes, sends and says; usage in one sentence."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from typer.testing import CliRunner
+
+from cli.__main__ import app
+from common.config import load_cell
+from common.frames import quaternion_from_R, rotation_from_vector
+from common.payload import Payload, predict
+from services.wrench.recording import COLUMNS, read_recording
+from tests.fakes.calibration import DEMO, CalibrationLab
+
+FAST = ("--poses", "6", "--verify-poses", "1", "--speed", "900", "--dwell", "0.3")
+TRUTH = Payload(1.5, (0.02, -0.012, 0.085), (1.0, -2.0, 3.0), (0.1, 0.2, -0.3))
+
+
+def cell_file(folder: Path, calibration: str | None = "made/demo.yaml") -> Path:
+    """Write the demo's cell file, which names a calibration, into a folder."""
+    tree = yaml.safe_load(DEMO.read_text())
+    tree["limits"]["speed_m_s"] = 1.0
+    tree["calibration"] = calibration
+    tree["tool"]["name"] = "disc"
+    path = folder / "cell.yaml"
+    path.write_text(yaml.safe_dump(tree))
+    return path
+
+
+@pytest.fixture
+def lab(tmp_path, monkeypatch) -> CalibrationLab:
+    """A cell on a virtual clock in the place of the one that is up."""
+    found = CalibrationLab(load_cell(cell_file(tmp_path)))
+
+    @contextmanager
+    def open_bus(_cell: Any, _role: str, *, patience_s: float) -> Iterator[Any]:
+        yield found.bus
+
+    monkeypatch.setattr("common.bus.open_bus", open_bus)
+    return found
+
+
+def run(*words: object, text: str = "") -> Any:
+    """Run the verb as a person would."""
+    return CliRunner().invoke(app, ["calibrate", *(str(word) for word in words)], input=text)
+
+
+def test_it_writes_what_the_cell_loads_and_the_running_cell_uses(lab, tmp_path):
+    """File, readings and report beside each other; the file before is kept; the cell has it."""
+    made = tmp_path / "made"
+    made.mkdir()
+    (made / "demo.yaml").write_text("what was there before")
+    result = run("--yes", "--cell", tmp_path / "cell.yaml", *FAST)
+
+    assert result.exit_code == 0, result.stderr
+    found = load_cell(tmp_path / "cell.yaml").calibration
+    assert found is not None
+    assert found.method == "arm"
+    assert found.tool == "disc"
+    assert found.payload.mass_kg == pytest.approx(1.0, abs=0.005)
+    assert found.verified is not None
+    assert found.verified.force_max_N < 0.1
+    assert (made / "demo.before.yaml").read_text() == "what was there before"
+    assert len(read_recording(made / "demo.csv").line) > 900
+    assert f"calibration {found.revision} written to {made / 'demo.yaml'}" in result.stdout
+    assert f"calibration {found.revision} is in use" in result.stdout
+    assert "PASS: at 1 fresh poses" in result.stdout
+    assert "x -400 .. 400, y 200 .. 800, z -200 .. 600 mm" in result.stderr
+    page = (made / "demo.html").read_text()
+    assert found.revision in page
+
+    again = run("--yes", "--verify-only", "--cell", tmp_path / "cell.yaml", *FAST)
+    assert again.exit_code == 0, again.stderr
+    assert f"calibration in use: {found.revision}" in again.stdout
+
+
+def test_a_failed_verification_writes_nothing_and_force_does(lab, tmp_path):
+    """Exit code 1, the readings and a page to look at; --force uses it in spite of that."""
+    strict = ("--yes", "--max-torque", "0.0001", "--cell", tmp_path / "cell.yaml", *FAST)
+    result = run(*strict)
+    assert result.exit_code == 1
+    assert "FAIL: at 1 fresh poses" in result.stdout
+    assert "nothing was written or sent" in result.stdout
+    names = {path.name for path in (tmp_path / "made").iterdir()}
+    assert names == {"demo.csv", "demo.failed.html"}
+    assert load_cell(tmp_path / "cell.yaml").calibration is None
+
+    forced = run("--force", *strict)
+    assert forced.exit_code == 1, forced.stderr
+    assert load_cell(tmp_path / "cell.yaml").calibration is not None, forced.output
+    assert "is in use" in forced.stdout
+
+
+def test_without_a_yes_nothing_moves(lab, tmp_path):
+    """No, and no answer at all, end in one sentence."""
+    q = lab.world.arm.q
+    for text in ("n\n", ""):
+        result = run("--cell", tmp_path / "cell.yaml", *FAST, text=text)
+        assert result.exit_code == 1
+        assert "may the arm move?" in result.stderr
+        assert lab.world.arm.q == pytest.approx(q, abs=1e-4)
+    assert not (tmp_path / "made").exists()
+
+
+def test_a_cell_that_names_no_file_is_told_what_to_write(lab, tmp_path, monkeypatch):
+    """The calibration goes into the present folder, and a line says how the cell finds it."""
+    monkeypatch.chdir(tmp_path)
+    cell_file(tmp_path, calibration=None)
+    result = run("--yes", "--cell", tmp_path / "cell.yaml", *FAST)
+    assert result.exit_code == 0, result.stderr
+    assert (tmp_path / "calibration" / "demo.yaml").exists()
+    assert "say `calibration: calibration/demo.yaml`" in result.stdout
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (("--manual", "--verify-only"), "--manual and --verify-only do not go together"),
+        (("--manual", "--from", "a.csv"), "--manual and --from do not go together"),
+        (("--verify-with", "a.csv"), "--verify-with goes with --from"),
+        (("--wrench-axes", "base"), "--wrench-axes goes with --from"),
+        (("--auto-capture",), "--auto-capture goes with --manual"),
+        (("--verify-poses", "0"), "--verify-poses 0 goes with --manual"),
+        (("--speed", "900"), "--speed 900: limits.speed_m_s allows 250 mm/s"),
+        (("--poses", "5"), "greater than or equal to 6"),
+    ],
+)
+def test_wrong_usage_is_one_sentence_and_exit_code_2(words, says):
+    """Before anything is connected to, let alone moved."""
+    result = run(*words, "--cell", DEMO)
+    assert result.exit_code == 2
+    assert says in result.stderr
+
+
+# --- from a recording ---------------------------------------------------------------------------
+
+
+def write_recording(path: Path, seed: int, payload: Payload = TRUTH) -> Path:
+    """Write a recording of twelve random attitudes."""
+    rng = np.random.default_rng(seed)
+    lines = [",".join(COLUMNS)]
+    for k in range(12):
+        R = rotation_from_vector(rng.uniform(-3.0, 3.0, 3))
+        force, torque = predict(payload, R)
+        force, torque = force + 0.01 * rng.normal(size=3), torque + 5e-4 * rng.normal(size=3)
+        row = [10.0 * k, 0.5, 0.0, 0.6, *quaternion_from_R(R), *force, *torque]
+        lines.append(",".join(repr(float(v)) for v in row))
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+@pytest.fixture
+def quiet_cell(tmp_path) -> Path:
+    """A cell file whose hub nobody has started."""
+    path = cell_file(tmp_path)
+    tree = yaml.safe_load(path.read_text())
+    tree["bus"] = {"endpoint": "tcp/127.0.0.1:9"}
+    path.write_text(yaml.safe_dump(tree))
+    return path
+
+
+def test_a_recording_is_enough_and_says_that_it_was_not_verified(tmp_path, quiet_cell):
+    """The robot need not be up; without a second recording there is no verdict."""
+    recording = write_recording(tmp_path / "a.csv", seed=1)
+    result = run("--from", recording, "--cell", quiet_cell)
+    assert result.exit_code == 0, result.stderr
+    found = load_cell(quiet_cell).calibration
+    assert found is not None
+    assert (found.method, found.verified) == ("recording", None)
+    assert found.payload.mass_kg == pytest.approx(1.5, abs=0.02)
+    assert "NOT VERIFIED" in result.stdout
+    assert "the cell is not up" in result.stdout
+    assert "NOT VERIFIED" in (tmp_path / "made" / "demo.html").read_text()
+
+
+@pytest.mark.parametrize(("mass_kg", "code", "word"), [(1.5, 0, "PASS"), (1.7, 1, "FAIL")])
+def test_another_recording_verifies_it(tmp_path, quiet_cell, mass_kg, code, word):
+    """One with the same tool passes; one with 200 g more fails and nothing is written."""
+    other = Payload(mass_kg, TRUTH.com_m, TRUTH.bias_force_N, TRUTH.bias_torque_Nm)
+    recording = write_recording(tmp_path / "a.csv", seed=1)
+    fresh = write_recording(tmp_path / "b.csv", seed=2, payload=other)
+    result = run("--from", recording, "--verify-with", fresh, "--cell", quiet_cell)
+    assert result.exit_code == code, result.stderr
+    assert f"{word}: at 12 fresh poses" in result.stdout
+    assert (load_cell(quiet_cell).calibration is not None) is (code == 0)
+
+
+def test_a_useless_recording_is_one_line(tmp_path, quiet_cell):
+    """Three poses, no file, no numbers: the sentence of `payload fit`, and nothing written."""
+    lines = write_recording(tmp_path / "a.csv", seed=1).read_text().splitlines()[:4]
+    (tmp_path / "few.csv").write_text("\n".join(lines))
+    for name in ("few.csv", "none.csv"):
+        result = run("--from", tmp_path / name, "--cell", quiet_cell)
+        assert result.exit_code == 1
+        assert len(result.stderr.strip().splitlines()) == 1
+    assert not (tmp_path / "made").exists()

@@ -95,11 +95,15 @@ def _by_file(
 ) -> "tuple[Installation, str]":
     from cli.payload import named_axes
     from common.config import load_cell
+    from common.errors import DataError
     from services.wrench.installation import judge_installation
     from services.wrench.recording import read_recording
 
     believed = _belief(load_cell(path), mass_kg)
-    data = read_recording(recording)
+    try:
+        data = read_recording(recording)
+    except DataError as error:  # code 1 would say that the installation is wrong
+        fail(str(error), USAGE)
     named = named_axes(option)
     both: tuple[WrenchAxes, ...] = ("sensor", "base") if named is None else (named,)
     found = {axes: judge_installation(data.samples(axes), believed) for axes in both}

@@ -8,6 +8,7 @@ import numpy as np
 
 from cli.calibration.errors import CalibrationError
 from cli.calibration.gather import Gatherer, ReadingLostError
+from cli.calibration.rows import Dwell
 from cli.calibration.tell import Teller
 from common import topics
 from common.cell import Cell
@@ -45,9 +46,9 @@ PROMPTS = {
 class PushTest:
     """One guided test."""
 
-    def __init__(self, bus: Bus, cell: Cell, teller: Teller) -> None:
-        """Subscribe; nothing is asked for on the bus."""
-        self._clock, self._teller = bus.clock, teller
+    def __init__(self, bus: Bus, cell: Cell, teller: Teller, *, within_s: float = WITHIN_S) -> None:
+        """Subscribe; nothing is asked for on the bus. A push must come within `within_s`."""
+        self._clock, self._teller, self._within_s = bus.clock, teller, within_s
         self._gatherer = Gatherer(bus, cell)
         self._arbiter = bus.reader(topics.ARBITER_STATUS)
 
@@ -88,13 +89,22 @@ class PushTest:
             self._refuse_armed()
             self._teller.progress(0.0, 1.0, f"hands off the tool: {what}")
 
-        dwell = self._gatherer.dwell("fit", REST_S, watch)
-        return np.concatenate((dwell.force_N.mean(axis=0), dwell.torque_Nm.mean(axis=0)))
+        for attempt in range(1, TRIES + 1):
+            try:
+                dwell = self._gatherer.dwell("fit", REST_S, watch)
+            except CalibrationError as error:
+                self._refuse_armed()
+                if attempt == TRIES:
+                    raise
+                self._teller.note(f"take your hands off the tool: {error}")
+            else:
+                return _reading(dwell)
+        raise AssertionError  # the last attempt returns or raises
 
     def _follow(self, asked: Asked, rest: Array) -> Done | None:
         """Wait for a push; None when none came in time."""
         follower, began_ns = Follower(asked.by), self._clock.now_ns()
-        while self._clock.now_ns() - began_ns < WITHIN_S * NS_PER_S:
+        while self._clock.now_ns() - began_ns < self._within_s * NS_PER_S:
             self._clock.sleep_s(POLL_S)
             self._refuse_armed()
             try:
@@ -110,7 +120,7 @@ class PushTest:
             found = follower.see(sample.at_ns / NS_PER_S, grown)
             if found is not None:
                 return Done(asked, found[:3], found[3:], sample.R_base_sensor)
-        self._teller.note(f"no {asked.by} {asked.name} within {WITHIN_S:g} s")
+        self._teller.note(f"no {asked.by} {asked.name} within {self._within_s:g} s")
         return None
 
     def _show(self, asked: Asked, R_base_sensor: Array, grown: Array) -> None:
@@ -127,6 +137,10 @@ class PushTest:
                 f"the arm is {status.state}, and a person's hands are to be on it: "
                 "`forcemesh hold` and `forcemesh clear` first"
             )
+
+
+def _reading(dwell: Dwell) -> Array:
+    return np.concatenate((dwell.force_N.mean(axis=0), dwell.torque_Nm.mean(axis=0)))
 
 
 def _alike(a: Done, b: Done) -> bool:

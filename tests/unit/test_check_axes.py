@@ -1,0 +1,100 @@
+"""`forcemesh check axes --from`: verdict, sentences, JSON, exit codes; usage in one sentence."""
+
+import csv
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from cli.__main__ import app
+from common.frames import quaternion_from_R
+from services.wrench.installation_fit import SIGNED
+from services.wrench.recording import COLUMNS
+from tests.fakes.installations import PAYLOAD, readings
+
+TRUTH = replace(PAYLOAD, com_m=(0.012, -0.008, 0.06))  # as cells/demo.yaml has it
+
+
+def recorded(path, wiring=SIGNED[0], *, times=1.0, base_axes=False):
+    """Write readings of a wired sensor as a recording and return its path."""
+    seen = readings(TRUTH, force=wiring, torque=wiring, poses=8)
+    with path.open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(COLUMNS)
+        for k in range(len(seen)):
+            R = seen.R_base_sensor[k]
+            turn = R if base_axes else np.eye(3)
+            wrench = (*(times * turn @ seen.force_N[k]), *(turn @ seen.torque_Nm[k]))
+            writer.writerow([k, 0.5, 0.0, 0.6, *quaternion_from_R(R), *wrench])
+    return path
+
+
+def run(*arguments):
+    """Run the verb against the demo's cell file."""
+    words = ["check", "axes", "--cell", "cells/demo.yaml", *map(str, arguments)]
+    return CliRunner().invoke(app, words)
+
+
+@pytest.mark.parametrize("base_axes", [False, True])
+def test_a_right_recording_ends_with_zero(tmp_path, base_axes) -> None:
+    """In whichever axes it was recorded: they are found and said."""
+    result = run("--from", recorded(tmp_path / "a.csv", base_axes=base_axes))
+    assert result.exit_code == 0, result.output
+    assert "right: axes, signs and units are those of the cell file" in result.stdout
+    assert f"in {'base' if base_axes else 'sensor'} axes" in result.stdout
+
+
+def test_a_wrong_recording_says_what_and_what_to_write(tmp_path) -> None:
+    """Exit code 1, the sentence, and below it what to do."""
+    result = run("--from", recorded(tmp_path / "a.csv", SIGNED[2]))
+    assert result.exit_code == 1
+    assert "Fy shows -y" in result.stdout
+    assert "-> in the driver or the adapter: Fy = -Fy of today" in result.stdout
+
+
+def test_every_wiring_of_a_recording_is_told(tmp_path) -> None:
+    """The chain from file to verdict: 1 right, 47 wrong."""
+    codes = [run("--from", recorded(tmp_path / "a.csv", W)).exit_code for W in SIGNED]
+    assert codes == [0] + [1] * 47
+
+
+def test_json_is_one_object_with_the_numbers(tmp_path) -> None:
+    """Verdict, findings with code and mend, wiring, evidence."""
+    result = run("--from", recorded(tmp_path / "a.csv", SIGNED[18]), "--json")
+    tree = json.loads(result.stdout)
+    assert tree["verdict"] == "wrong"
+    assert tree["findings"][0]["code"] == "mounting"
+    assert tree["findings"][0]["mend"].startswith("write sensor.T_flange_sensor.oat_deg: [")
+    assert tree["force_channels_show"] == SIGNED[18].tolist()
+    assert tree["evidence"]["poses"] == 8
+
+
+def test_the_mass_of_the_person_wins_over_the_cell_file(tmp_path) -> None:
+    """Readings ten times too small are newtons to a cell file of a light tool, kgf to a person."""
+    path = recorded(tmp_path / "a.csv", times=1 / 9.80665)
+    assert "kilograms-force" in run("--from", path, "--mass", "1.0").stdout
+    assert "kilograms-force" not in run("--from", path, "--mass", "0.102").stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--push", "--from", "a.csv"), "--push and --from do not go together"),
+        (("--wrench-axes", "base"), "--wrench-axes goes with --from"),
+    ],
+)
+def test_options_that_do_not_go_together_are_refused(arguments, words) -> None:
+    """One sentence, exit code 2."""
+    result = run(*arguments)
+    assert result.exit_code == 2
+    assert words in result.stderr
+
+
+def test_a_recording_that_is_not_there_ends_with_one_line() -> None:
+    """No traceback; not a verdict either."""
+    result = run("--from", "nowhere.csv")
+    assert result.exit_code == 2
+    assert "nowhere.csv" in result.stderr
+    assert len(result.stderr.splitlines()) == 1

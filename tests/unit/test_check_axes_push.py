@@ -1,0 +1,146 @@
+"""The guided push test in a virtual cell: somebody follows the prompts of a sensor wired wrong."""
+
+import re
+
+import numpy as np
+import pytest
+
+from cli.calibration.errors import CalibrationError
+from cli.check_axes_push import PushTest
+from cli.virtual import VirtualCell
+from common import topics
+from common.requests import ArmRequest
+from services.wrench.installation_fit import SIGNED
+from services.wrench.installation_terms import Belief
+from sim.robot.ft_sensor import FtSample
+from tests.fakes.bench import CELL
+
+NS_PER_S = 1e9
+BEGIN_S, END_S = 0.4, 1.2  # after the prompt
+AXES = {"+x": (1.0, 0.0, 0.0), "+y": (0.0, 1.0, 0.0), "straight up": (0.0, 0.0, 1.0)}
+
+
+class Person:
+    """Reads the prompts and pushes the tip of the tool, with their hand off by some degrees."""
+
+    def __init__(self, cell: VirtualCell, wiring=SIGNED[0], *, size_N=10.0, lazy=False) -> None:
+        """Stand beside the arm; the sensor's channels are wired so."""
+        self.cell, self.size_N, self.lazy = cell, size_N, lazy
+        self.notes: list[str] = []
+        self.push = np.zeros(6)  # force and torque on the sensor, base axes
+        self.began_ns = 0
+        self.deaf_to = 0  # prompts that are not followed
+        sensor = cell.arm.ft_sensor
+        sensor.wiring[:3, :3] = sensor.wiring[3:, 3:] = wiring
+        self.wiring = wiring
+        sensor.disturb = self._disturb
+
+    def note(self, text: str) -> None:
+        """Read a line; push when it asks for one."""
+        self.notes.append(text)
+        if not re.match(r"(push|twist) the t", text) or self.lazy:
+            return
+        if self.deaf_to:
+            self.deaf_to -= 1
+            return
+        self.began_ns = self.cell.clock.now_ns()
+        self.push = np.zeros(6)
+        if text.startswith("twist"):
+            self.push[5] = 0.6
+            return
+        direction = next(np.array(v) for name, v in AXES.items() if name in text)
+        force = self.size_N * (direction + np.array([0.1, -0.15, 0.1]))
+        T_tcp, T_sensor = self.cell.arm.T_base_tcp, self._T_sensor()
+        self.push[:3] = force
+        self.push[3:] = np.cross(T_tcp.translation - T_sensor.translation, force)
+
+    def progress(self, done_s: float, total_s: float, text: str) -> None:
+        """Look at the bar."""
+        assert 0.0 <= done_s <= total_s
+        assert text
+
+    def _T_sensor(self):
+        return self.cell.arm.T_base_flange * CELL.sensor.T_flange_sensor.pose
+
+    def _disturb(self, sample: FtSample) -> FtSample:
+        since_s = (self.cell.clock.now_ns() - self.began_ns) / NS_PER_S
+        if not self.began_ns or not BEGIN_S < since_s < END_S:
+            return sample
+        R_T = self._T_sensor().rotation.T
+        force, torque = (self.wiring @ R_T @ v for v in (self.push[:3], self.push[3:]))
+        return FtSample(
+            sample.force_N + force, sample.torque_Nm + torque, sample.status, sample.counter
+        )
+
+
+def pushed(cell, person):
+    """Return what the whole test finds."""
+    return PushTest(cell.client, CELL, person, within_s=3.0).run(Belief.of(CELL))
+
+
+@pytest.fixture
+def cell() -> VirtualCell:
+    """A cell that is up, not armed."""
+    world = VirtualCell(CELL)
+    world.advance(1.2)
+    return world
+
+
+def test_who_follows_the_prompts_is_told_that_all_is_right(cell) -> None:
+    """Four prompts, four answers, nothing to write; nothing was asked of the arm."""
+    person = Person(cell)
+    found = pushed(cell, person)
+    assert found.verdict == "right", [str(f) for f in found.findings]
+    assert not found.unseen
+    assert sum(note.endswith("right") for note in person.notes) == 4
+    assert not cell.arm.moving
+
+
+@pytest.mark.parametrize("number", [7, 18])
+def test_a_wrong_wiring_is_told_after_it_was_pushed_twice(cell, number) -> None:
+    """What is not along the push is asked for once more, then believed."""
+    person = Person(cell, SIGNED[number])
+    found = pushed(cell, person)
+    assert found.verdict == "wrong"
+    assert found.findings[0].mend
+    wrong = [note for note in person.notes if note.endswith("not along it")]
+    assert len(wrong) >= 2
+
+
+def test_who_misses_a_prompt_is_asked_again(cell) -> None:
+    """Three seconds without a push is said; the next try counts."""
+    person = Person(cell)
+    person.deaf_to = 1
+    found = pushed(cell, person)
+    assert found.verdict == "right"
+    assert any("no push +x within 3 s" in note for note in person.notes)
+
+
+def test_a_sensor_that_shows_no_push_is_told(cell) -> None:
+    """In kgf a push of 10 N reads 1: below what counts as one."""
+    person = Person(cell, SIGNED[0] / 9.80665)
+    with pytest.raises(CalibrationError, match="unit is too large"):
+        pushed(cell, person)
+
+
+def test_pushes_that_read_like_no_hand_raise_a_doubt_about_the_unit(cell) -> None:
+    """Asked for about 10 N, read 98."""
+    found = pushed(cell, Person(cell, 9.80665 * SIGNED[0]))
+    assert found.verdict == "cannot tell"
+    assert "about 10 N were asked for" in found.findings[0].text
+
+
+def test_hands_that_stay_on_the_tool_are_asked_to_go(cell) -> None:
+    """The reading at rest waits for them, says so, and the test goes on."""
+    person = Person(cell)
+    person.push, person.began_ns = np.full(6, 2.0), cell.clock.now_ns()
+    assert pushed(cell, person).verdict == "right"
+
+
+def test_nobody_pushes_an_arm_that_is_armed(cell) -> None:
+    """Refused at once, and also when it is armed in the middle."""
+    test = PushTest(cell.client, CELL, Person(cell))
+    assert cell.client.ask(topics.ARM, ArmRequest(purpose="jog")).accepted
+    cell.advance(0.1)
+    with pytest.raises(CalibrationError, match="forcemesh hold"):
+        test.run(Belief.of(CELL))

@@ -1,6 +1,7 @@
 """Wrong installations in a whole virtual cell: what arming says, what the check says."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -82,7 +83,7 @@ def test_a_tenth_of_the_table_is_as_the_page_says() -> None:
 
 def outcome(**changes) -> Outcome:
     """Return what came of one mistake."""
-    fields = {
+    fields: dict[str, Any] = {
         "mistake": "x",
         "group": "g",
         "verdict": "wrong",

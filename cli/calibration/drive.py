@@ -23,7 +23,7 @@ TAKEN_S = 0.5  # so long it must have named another goal, or none, before it is 
 SLOWEST = 4.0  # times the expected duration, and the seconds more, that a way may take
 SLOWEST_S = 15.0
 MAY_MOVE = ("ARMED", "SETTLING", "ACTIVE")
-PASSING = ("not_ready", "moving", "wait")  # refusals that time mends
+PASSING = ("not_ready", "moving", "wait", "busy")  # refusals that time mends
 OF_THE_POSE = ("joint", "workspace", "tether", "goal_refused")  # refusals that another pose mends
 
 Watch = Callable[[str], None]

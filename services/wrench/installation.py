@@ -8,7 +8,7 @@ the sensor the centre of mass is, and a moment that the tool does not have.
 
 import math
 
-from common.frames import Array
+from common.frames import GRAVITY_M_S2, Array
 from services.wrench.installation_axes import (
     EYE,
     axis_findings,
@@ -20,7 +20,7 @@ from services.wrench.installation_axes import (
 from services.wrench.installation_fit import (
     ForceFit,
     TorqueFits,
-    fit_force,
+    fit_force_drifting,
     fit_torque,
     gravity_turns,
 )
@@ -42,22 +42,23 @@ def judge_installation(samples: Samples, belief: Belief) -> Installation:
     poses = sort_into_poses(samples)
     lengths = length_findings(belief)
     belief = belief.in_metres()
-    force, left_out = fit_force(poses, belief.down_in_base), list[int]()
+    force, left_out = fit_force_drifting(poses, belief.down_in_base), list[int]()
     if not force.explained:
         poses, left_out = without_spoiled(poses, belief.down_in_base)
-        force = fit_force(poses, belief.down_in_base)
+        force = fit_force_drifting(poses, belief.down_in_base)
     evidence = _force_evidence(poses, force)
     problem = _not_told(poses, force, belief)
     if problem is not None:
         return Installation((*lengths, problem), (), evidence)
-    mass = mass_finding(force.mass, belief)
+    mass = mass_finding(force.mass, force.rms_N, belief)
     # The lever comes out in metres only if it is found with the true weight.
     is_unit = mass is not None and mass.code == "force_unit" and belief.mass_kg is not None
     weighed = belief.mass_kg if is_unit and belief.mass_kg is not None else force.mass
     torque = fit_torque(poses, belief.down_in_base, force.turn, weighed)
     axes = axis_findings(force, torque, belief)
     com_m = _com(force, torque, belief)
-    lever = None if com_m is None else lever_finding(com_m, belief)
+    unsure_m = torque.fits[0].rms_Nm / (weighed * GRAVITY_M_S2)
+    lever = None if com_m is None else lever_finding(com_m, unsure_m, belief)
     if lever is not None and lever.kind == "payload" and axes:
         lever = None  # said in the axes of the cell file, which are not the sensor's
     found = [*lengths, *axes, *(each for each in (mass, lever) if each is not None)]

@@ -21,7 +21,6 @@ from services.wrench.installation_words import (
     wrong_channels,
 )
 
-TURNED_RAD = math.radians(8.0)  # more is no play of a mounting: the cell file says another one
 LEVER_LEAST_M, TOOL_LEAST_M = 0.005, 0.03
 SIDE_COSINE = 0.3
 EYE = np.eye(3)
@@ -54,7 +53,7 @@ def axis_findings(force: ForceFit, torque: TorqueFits, belief: Belief) -> list[F
     """Return what is wrong with axes and signs, given that the force is explained and told."""
     fits = plausible(torque, belief) or list(torque.fits)
     strange = [] if torque.explained else [_no_moment(torque)]
-    if same(force.wiring, EYE) and force.turn_rad < TURNED_RAD:
+    if same(force.wiring, EYE) and not force.turned:
         return strange or _of_torque(torque, belief)
     # A moment that shows nothing goes along with whatever the force says.
     if torque.shown and not any(same(fit.wiring, force.wiring) for fit in fits):
@@ -63,7 +62,7 @@ def axis_findings(force: ForceFit, torque: TorqueFits, belief: Belief) -> list[F
         return [_mirrored(force), *strange]
     own = any(same(fit.wiring, EYE) for fit in fits) and not same(force.wiring, EYE)
     # A turn of a few degrees beside a wiring is play, and the calibration finds it.
-    Q = force.wiring @ force.turn if force.turn_rad >= TURNED_RAD else force.wiring
+    Q = force.wiring @ force.turn if force.turned else force.wiring
     return [turned_finding(Q, belief, shown=torque.shown and not own), *strange]
 
 

@@ -13,6 +13,7 @@ from itertools import permutations, product
 import numpy as np
 
 from common.frames import GRAVITY_M_S2, Array, skew
+from services.wrench.payload_model import shapes
 from services.wrench.poses import Poses
 
 # Model errors that must not pass for another wiring: gain, tilt, mounting, drift (docs/payload.md).
@@ -21,6 +22,10 @@ MISFIT_N, MISFIT_MOST_SHARE = 0.5, 0.3  # a light tool drowns in drift sooner
 CLEAR_TIMES, CLEAR_SHARE = 3.0, 0.05  # by so much a rival must be worse: of the rms, of the weight
 MOMENT_SHARE, MOMENT_NM = 0.06, 0.003  # the same for moments
 MOMENT_MISFIT_SHARE, MOMENT_MISFIT_NM = 0.25, 0.02
+
+
+LEAST_POSES = (1, 6, 10)  # for a drift of order 0, 1, 2
+TURNED_RAD, TURNED_TIMES = np.radians(8.0), 2.0  # less is no other mounting; times the rms
 
 
 def _signed_permutations() -> Array:
@@ -49,6 +54,13 @@ class ForceFit:
     spread_N: float
     explained: bool
     told: bool
+    drift: int
+
+    @property
+    def turned(self) -> bool:
+        """Whether the axes are surely off any wiring by more than the play of a mounting."""
+        force_N = self.weight_N * self.turn_rad
+        return self.turn_rad >= TURNED_RAD and force_N > TURNED_TIMES * self.rms_N
 
     @property
     def turn_rad(self) -> float:
@@ -98,10 +110,19 @@ def nearest_wiring(Q: Array) -> Array:
     return np.array(SIGNED[int(np.argmax(np.einsum("nij,ij->n", SIGNED, Q)))])
 
 
-def _centred(values: Array, weight: Array) -> Array:
-    """Return values less their mean, times the roots of the weights, which add up to one."""
-    share = weight / weight.sum()
-    return np.asarray((values - share @ values) * np.sqrt(share)[:, None])
+def _centred(values: Array, poses: Poses, drift: int = 0) -> Array:
+    """Return values less bias and drift, times the roots of the weights, which add up to one.
+
+    Args:
+        values: One row for each pose. Shape (n, 3).
+        poses: Their weights and times.
+        drift: 0 for a constant bias, 1 for one that goes straight, 2 for one that bends.
+    """
+    root = np.sqrt(poses.weight / poses.weight.sum())
+    straight, bent = shapes(poses.means)
+    basis = np.stack([np.ones(len(poses)), straight, bent][: 1 + drift], axis=1) * root[:, None]
+    scaled = values * root[:, None]
+    return np.asarray(scaled - basis @ np.linalg.pinv(basis) @ scaled)
 
 
 def gravity_in(poses: Poses, down_in_base: Array) -> Array:
@@ -112,19 +133,20 @@ def gravity_in(poses: Poses, down_in_base: Array) -> Array:
 
 def gravity_turns(poses: Poses, down_in_base: Array) -> bool:
     """Tell whether gravity reaches two directions in the sensor; the rivals tell of the third."""
-    G = _centred(gravity_in(poses, down_in_base), poses.weight)
+    G = _centred(gravity_in(poses, down_in_base), poses)
     return bool(np.sqrt(np.linalg.eigvalsh(G.T @ G)[1]) > CLEAR_SHARE * GRAVITY_M_S2)
 
 
-def fit_force(poses: Poses, down_in_base: Array) -> ForceFit:
+def fit_force(poses: Poses, down_in_base: Array, drift: int = 0) -> ForceFit:
     """Find wiring, turn and mass that explain the forces best.
 
     Args:
         poses: Static readings, free of contact, any four attitudes or more.
         down_in_base: Where gravity points. Unit vector, shape (3,).
+        drift: How the bias may move, as a polynomial of time: 0, 1 or 2.
     """
-    F = _centred(poses.means.force_N, poses.weight)
-    G = _centred(gravity_in(poses, down_in_base), poses.weight)
+    F = _centred(poses.means.force_N, poses, drift)
+    G = _centred(gravity_in(poses, down_in_base), poses, drift)
     H, gg, ff = F.T @ G, float(np.sum(G * G)), float(np.sum(F * F))
 
     def mass_of(Q: Array) -> float:
@@ -147,13 +169,27 @@ def fit_force(poses: Poses, down_in_base: Array) -> ForceFit:
     explained = rms_N <= max(MISFIT_SHARE * weight, min(MISFIT_N, MISFIT_MOST_SHARE * weight))
     told = min(across, float(np.sqrt(max(0.0, rival_rms_N**2 - rms_N**2)))) > clear
     spread_N = float(np.sqrt(ff))
+    is_explained = explained and mass > 0.0
     return ForceFit(
-        wiring, wiring.T @ best, mass, rms_N, rival_rms_N, spread_N, explained and mass > 0.0, told
+        wiring, wiring.T @ best, mass, rms_N, rival_rms_N, spread_N, is_explained, told, drift
     )
+
+
+def fit_force_drifting(poses: Poses, down_in_base: Array) -> ForceFit:
+    """Return the fit with the least drift that explains the forces; else the one without any."""
+    fits = []
+    for drift, least in enumerate(LEAST_POSES):
+        if len(poses) >= least:
+            fits.append(fit_force(poses, down_in_base, drift))
+            if fits[-1].explained and fits[-1].told:
+                return fits[-1]
+    return fits[0]
 
 
 def fit_torque(poses: Poses, down_in_base: Array, turn: Array, mass: float) -> TorqueFits:
     """Find the wirings of the torque channels that explain the moments of a known weight.
+
+    The least drift that explains them is taken; without one, none.
 
     Args:
         poses: Static readings, free of contact.
@@ -161,8 +197,18 @@ def fit_torque(poses: Poses, down_in_base: Array, turn: Array, mass: float) -> T
         turn: D, as the force shows it. Shape (3, 3).
         mass: Of the tool, true or as read: the lever is found in the same measure.
     """
-    M = _centred(poses.means.torque_Nm, poses.weight)
-    W = mass * _centred(gravity_in(poses, down_in_base), poses.weight) @ turn.T
+    tried = []
+    for drift, least in enumerate(LEAST_POSES):
+        if len(poses) >= least:
+            tried.append(_fit_torque(poses, mass * gravity_in(poses, down_in_base), turn, drift))
+            if tried[-1].explained:
+                return tried[-1]
+    return tried[0]
+
+
+def _fit_torque(poses: Poses, weight: Array, turn: Array, drift: int) -> TorqueFits:
+    M = _centred(poses.means.torque_Nm, poses, drift)
+    W = _centred(weight, poses, drift) @ turn.T
     gram = W.T @ W
     K = np.trace(gram) * np.eye(3) - gram
     # Turns about which the weight hardly moves say nothing of the lever, so the inverse is damped.
@@ -186,8 +232,8 @@ def fit_torque(poses: Poses, down_in_base: Array, turn: Array, mass: float) -> T
 
 def free_gain(poses: Poses, down_in_base: Array) -> tuple[Array, float]:
     """Return A of F = A g_s + b without asking what A is, and what it leaves [N]. Shape (3, 3)."""
-    F = _centred(poses.means.force_N, poses.weight)
-    G = _centred(gravity_in(poses, down_in_base), poses.weight)
+    F = _centred(poses.means.force_N, poses)
+    G = _centred(gravity_in(poses, down_in_base), poses)
     A_transposed, *_ = np.linalg.lstsq(G, F, rcond=1e-6)
     return np.asarray(A_transposed.T, dtype=np.float64), float(np.linalg.norm(F - G @ A_transposed))
 
@@ -197,9 +243,9 @@ def free_gravity(poses: Poses) -> tuple[Array, float]:
 
     F = R_base_sensor^T v + b, v anything: an arm on a wall, or one that hangs.
     """
-    F = _centred(poses.means.force_N, poses.weight)
+    F = _centred(poses.means.force_N, poses)
     R_T = poses.means.R_base_sensor.swapaxes(1, 2)
-    columns = [_centred(R_T[:, :, k], poses.weight).ravel() for k in range(3)]
+    columns = [_centred(R_T[:, :, k], poses).ravel() for k in range(3)]
     X = np.stack(columns, axis=1)
     v, *_ = np.linalg.lstsq(X, F.ravel(), rcond=1e-6)
     length = float(np.linalg.norm(v))

@@ -15,6 +15,7 @@ from services.wrench.installation_units import (
 
 MASS_SHARE = 0.1  # a sensor's gain may be off by 3 %, a cable may hang on the tool
 COM_M = 0.01
+SURE_TIMES = 2.0  # of what is left unexplained
 LEVER_KNOWN_M = 0.01
 
 
@@ -28,10 +29,18 @@ def length_findings(belief: Belief) -> list[Finding]:
     return found
 
 
-def mass_finding(mass_kg: float, belief: Belief) -> Finding | None:
-    """Return why the mass that the readings show is not the one believed, if it is not."""
+def mass_finding(mass_kg: float, rms_N: float, belief: Belief) -> Finding | None:
+    """Return why the mass that the readings show is not the one believed, if it surely is not.
+
+    Args:
+        mass_kg: As the readings show it, if they are in newtons.
+        rms_N: What it leaves of the readings.
+        belief: Its mass may be unknown.
+    """
     known = belief.mass_kg
     if known is None or abs(mass_kg / known - 1.0) <= MASS_SHARE:
+        return None
+    if abs(mass_kg - known) * GRAVITY_M_S2 <= SURE_TIMES * rms_N:
         return None
     unit = unit_of(mass_kg / known, FORCE_UNITS)
     weight_N, known_N = mass_kg * GRAVITY_M_S2, known * GRAVITY_M_S2
@@ -50,11 +59,12 @@ def mass_finding(mass_kg: float, belief: Belief) -> Finding | None:
     return Finding("mass", text, mend, "payload")
 
 
-def lever_finding(com_m: Array, belief: Belief) -> Finding | None:
+def lever_finding(com_m: Array, unsure_m: float, belief: Belief) -> Finding | None:
     """Return why the centre of mass that the readings show cannot be, or is not the one believed.
 
     Args:
         com_m: As the readings show it, if force and torque are in the units they should be.
+        unsure_m: Lever of the weight that would explain what is left of the torques.
         belief: Its centre of mass may be unknown.
     """
     lever_m, known = float(np.linalg.norm(com_m)), belief.com_m
@@ -73,7 +83,7 @@ def lever_finding(com_m: Array, belief: Belief) -> Finding | None:
         text = f"the centre of mass would be {lever_m:.3g} m from the sensor: {which}"
         by = " or ".join(f"{unit.factor:.4g}" for unit in units) or "what its manual says"
         return Finding("torque_unit", text, f"divide the torques by {by}")
-    if known is None or np.linalg.norm(com_m - known) <= COM_M:
+    if known is None or np.linalg.norm(com_m - known) <= max(COM_M, SURE_TIMES * unsure_m):
         return None
     text = (
         f"the centre of mass is at {_millimetres(com_m)} mm, and the cell file says "

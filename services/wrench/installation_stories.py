@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from common.frames import GRAVITY_M_S2, Array, R_from_quaternion, quaternion_from_R
-from services.wrench.installation_axes import EYE, TURNED_RAD, same
+from services.wrench.installation_axes import EYE, same
 from services.wrench.installation_fit import (
     MISFIT_SHARE,
     ForceFit,
@@ -75,7 +75,7 @@ STORIES: tuple[tuple[str, str, Callable[[Samples], Samples]], ...] = (
 
 def explains(force: ForceFit) -> bool:
     """Tell whether a fit is that of a rightly installed sensor, surely."""
-    straight = same(force.wiring, EYE) and force.turn_rad < TURNED_RAD
+    straight = same(force.wiring, EYE) and not force.turned
     return force.explained and force.told and straight
 
 
@@ -92,8 +92,8 @@ def unexplained(poses: Poses, force: ForceFit, belief: Belief) -> Finding:
         or Finding(
             "attitude",
             "no mounting and no wiring makes the readings a weight: the attitudes do not belong "
-            "to them (degrees taken for radians, another order of the angles, another robot), or "
-            "something touched the tool",
+            "to them (degrees taken for radians, another order of the angles, another robot), "
+            "something touched the tool, or the tool is too light for the sensor's drift",
             f"compare the recorded attitudes with the pendant's, then record again: {POSES}",
         )
     )

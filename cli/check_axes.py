@@ -21,7 +21,6 @@ from cli.payload import Axes, AxesOption
 if TYPE_CHECKING:
     from common.cell import Cell
     from services.wrench.installation_terms import Belief, Installation
-    from services.wrench.recording import WrenchAxes
 
 check = typer.Typer(no_args_is_help=True, help="Check the installation of a cell.")
 
@@ -96,7 +95,7 @@ def _by_file(
     from cli.payload import named_axes
     from common.config import load_cell
     from common.errors import DataError
-    from services.wrench.installation import judge_installation
+    from services.wrench.installation import judge_recording
     from services.wrench.recording import read_recording
 
     believed = _belief(load_cell(path), mass_kg)
@@ -104,11 +103,8 @@ def _by_file(
         data = read_recording(recording)
     except DataError as error:  # code 1 would say that the installation is wrong
         fail(str(error), USAGE)
-    named = named_axes(option)
-    both: tuple[WrenchAxes, ...] = ("sensor", "base") if named is None else (named,)
-    found = {axes: judge_installation(data.samples(axes), believed) for axes in both}
-    taken = min(found, key=lambda axes: found[axes].misfit)
-    return found[taken], f"{recording} in {taken} axes, against {path}"
+    taken, found = judge_recording(data, named_axes(option), believed)
+    return found, f"{recording} in {taken} axes, against {path}"
 
 
 def _by_hand(path: Path) -> "tuple[Installation, str]":

@@ -28,7 +28,7 @@ from services.wrench.installation_payload import length_findings, lever_finding,
 from services.wrench.installation_stories import too_few, unexplained, without_spoiled
 from services.wrench.installation_terms import Belief, Finding, Installation
 from services.wrench.poses import Poses, sort_into_poses
-from services.wrench.recording import Samples
+from services.wrench.recording import Recording, Samples, WrenchAxes
 
 
 def judge_installation(samples: Samples, belief: Belief) -> Installation:
@@ -70,14 +70,19 @@ def judge_installation(samples: Samples, belief: Belief) -> Installation:
     return Installation(tuple(found), tuple(remarks), evidence, force.wiring, com_m)
 
 
-def installation_complaint(samples: Samples, belief: Belief) -> str | None:
-    """Return why a calibration from these readings must not be written, None when it may be.
+def judge_recording(
+    recording: Recording, axes: WrenchAxes | None, belief: Belief
+) -> tuple[WrenchAxes, Installation]:
+    """Judge a recording whose wrench is in the given axes; with None, in those that explain it."""
+    both: tuple[WrenchAxes, ...] = ("sensor", "base") if axes is None else (axes,)
+    found = {each: judge_installation(recording.samples(each), belief) for each in both}
+    taken = min(both, key=lambda each: found[each].misfit)
+    return taken, found[taken]
 
-    A payload that is not the one of the cell file is no reason: the calibration corrects it. An
-    installation that these readings cannot tell is one.
-    """
-    findings = judge_installation(samples, belief).findings
-    return next((str(finding) for finding in findings if finding.kind != "payload"), None)
+
+def installation_complaint(samples: Samples, belief: Belief) -> str | None:
+    """Return why a calibration from these readings must not be written, None when it may be."""
+    return judge_installation(samples, belief).complaint
 
 
 def _not_told(poses: Poses, force: ForceFit, belief: Belief) -> Finding | None:

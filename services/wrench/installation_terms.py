@@ -109,6 +109,15 @@ class Installation:
         return "cannot tell" if kinds else "right"
 
     @property
+    def complaint(self) -> str | None:
+        """Why a calibration from these readings must not be written, None when it may be.
+
+        A payload that is not the one of the cell file is no reason: the calibration corrects it.
+        An installation that the readings cannot tell is one.
+        """
+        return next((str(each) for each in self.findings if each.kind != "payload"), None)
+
+    @property
     def misfit(self) -> float:
         """What the best explanation leaves of the force [N]; infinite without one."""
         return self.evidence.get("rms_force_N", math.inf)

@@ -67,12 +67,12 @@ class Guard:
 
     def seed(self, T_base_flange: pin.SE3, now_ns: int) -> Trip | None:
         """Begin a stream of set points at the measured pose."""
-        return self._place(T_base_flange) or self._budget.begin(T_base_flange, now_ns)
+        return self.place(T_base_flange) or self._budget.begin(T_base_flange, now_ns)
 
     def setpoint(self, T_wanted: pin.SE3, T_measured: pin.SE3, now_ns: int) -> Trip | None:
         """Judge a set point; one that is let through uses up its way."""
         return (
-            self._place(T_wanted)
+            self.place(T_wanted)
             or check_step(self._limits, T_measured, T_wanted)
             or self._budget.spend(T_wanted, now_ns)
         )
@@ -123,6 +123,13 @@ class Guard:
             return None
         return check_wrench(self._limits, np.array(wrench.force_N), np.array(wrench.torque_Nm))
 
+    def place(self, T_wanted: pin.SE3) -> Trip | None:
+        """Judge where a flange pose lies: its tool in the workspace, itself on the tether."""
+        if self._armed_at_m is None:
+            return tripped("no_lease", "no lease has begun")
+        trip = check_workspace(self._limits, T_wanted * self._T_flange_tcp)
+        return trip or self._tether_trip(self._limits, T_wanted)
+
     # --- the arm ----------------------------------------------------------------------------------
 
     def arm(self, T_measured: pin.SE3, joint_rad: Vec6 | Array, now_ns: int) -> Trip | None:
@@ -155,13 +162,6 @@ class Guard:
 
     # --- inside -----------------------------------------------------------------------------------
 
-    def _place(self, T_wanted: pin.SE3) -> Trip | None:
-        """Judge where a flange pose lies: its tool in the workspace, itself on the tether."""
-        if self._armed_at_m is None:
-            return tripped("no_lease", "no lease has begun")
-        trip = check_workspace(self._limits, T_wanted * self._T_flange_tcp)
-        return trip or self._tether_trip(self._limits, T_wanted)
-
     def _tether_trip(self, limits: Limits, T: pin.SE3) -> Trip | None:
         if self._armed_at_m is None:
             return None
@@ -169,7 +169,7 @@ class Guard:
 
     def _pose_trip(self, T_from: pin.SE3, T_to: pin.SE3) -> Trip | None:
         """Judge a straight move: its end first, then what the tool passes when it turns."""
-        trip = self._place(T_to)
+        trip = self.place(T_to)
         return trip or self._way_trip(_between(T_from, T_to))
 
     def _joint_trip(self, q_from: Array, q_to: Array) -> Trip | None:
@@ -190,7 +190,7 @@ class Guard:
             trip = trip or self._tether_trip(self._wide, T)
             if trip is not None:
                 return trip.model_copy(update={"text": f"on the way: {trip.text}"})
-        return self._place(poses[-1])
+        return self.place(poses[-1])
 
 
 def _between(T_from: pin.SE3, T_to: pin.SE3) -> Iterable[pin.SE3]:

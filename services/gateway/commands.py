@@ -3,6 +3,7 @@
 A command is everything of a packet but its ID, which the dialogue gives out when it sends.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from math import degrees
 
@@ -57,6 +58,11 @@ class PoseCarry:
     oat: Oat | None = None
 
 
+def whole(T_wanted: pin.SE3, now_ns: int) -> pin.SE3:  # noqa: ARG001 - as `Pacing.leave`
+    """Let a set point leave as it is."""
+    return T_wanted
+
+
 @dataclass(frozen=True, slots=True)
 class Pacing:
     """How much may be under way to the controller, and when a silence is filled."""
@@ -64,6 +70,8 @@ class Pacing:
     max_untaken: int = 1  # set points that the robot program has not taken yet
     max_unframed: int = 2  # packets that its receiver has not seen, before another wrench goes
     heartbeat_after_s: float = 0.040
+    # What leaves of the newest set point [at ns]: itself, a pose on the way there, or nothing yet.
+    leave: Callable[[pin.SE3, int], pin.SE3 | None] = whole
 
 
 @dataclass(frozen=True, slots=True)

@@ -247,10 +247,12 @@ class Dialogue:
         return data
 
     def _due_setpoint(self, now_ns: int) -> bytes:
-        if self._setpoint is None or self.untaken >= self._pacing.max_untaken:
+        if (wanted := self._setpoint) is None or self.untaken >= self._pacing.max_untaken:
             return b""
-        command, carry = commands.move_to_pose(self._setpoint, self.scales, self._carry)
-        self._carry, self._setpoint = carry, None
+        if (leaves := self._pacing.leave(wanted, now_ns)) is None:
+            return b""
+        command, self._carry = commands.move_to_pose(leaves, self.scales, self._carry)
+        self._setpoint = None if leaves is wanted else wanted
         return self._send_to_ring(now_ns, command)
 
     def _due_centre(self, now_ns: int) -> bytes:

@@ -29,6 +29,7 @@ from common.packet_table import FEEDBACK_BITS, Status
 from common.tracking import Tracking
 from services.gateway import goals
 from services.gateway.commands import ControllerLimits
+from services.gateway.departures import Departures
 from services.gateway.dialogue import Dialogue
 from services.gateway.goals import Measured, Track
 
@@ -54,6 +55,7 @@ class Driver:
         send: Callable[[bytes, int], None],
         *,
         guard: Guard,
+        departures: Departures,
         tracking: Tracking,
         speed_m_s: float,
         kept: ControllerLimits,
@@ -67,6 +69,7 @@ class Driver:
         self._dialogue = dialogue
         self._send = send
         self._guard = guard
+        self._departures = departures
         self._tracking = tracking
         self._kept = kept
         self._T_flange_tcp = T_flange_tcp
@@ -127,6 +130,9 @@ class Driver:
             self._lease, self._track = lease, Track()
             self._guard.start(measured.T_base_flange)
         _refuse(self._guard.wrench(wrench.fresh))
+        if command.kind != "setpoint":
+            self._streaming = False
+            self._departures.end()
         if command.kind == "feedback":
             self._obey_feedback(command, wrench, now_ns)
             return
@@ -135,7 +141,6 @@ class Driver:
             self._pursue(command.goal, command.speed, measured, now_ns)
         elif command.kind != "setpoint":
             self._idle(now_ns)
-            self._streaming = False
             moving = bool(measured.status & Status.MOVING)
             self._tracking.rest(measured.T_base_flange, moving=moving)
         elif is_new:
@@ -144,7 +149,6 @@ class Driver:
     # --- goals and set points ---------------------------------------------------------------------
 
     def _pursue(self, goal: Goal, speed: Speed, measured: Measured, now_ns: int) -> None:
-        self._streaming = False
         track = self._track
         if goal.id == track.report.id and track.report.state != "queued":
             return
@@ -160,6 +164,7 @@ class Driver:
             self._track = goals.refused(goal, trip.text)
         else:
             self._send(self._goal_bytes(goal, speed, now_ns), now_ns)
+            self._departures.moved_otherwise()
             self._track = goals.sent(goal, self._dialogue.last_id, measured.joint_rad, now_ns)
             self._expect(self._track, measured)
 
@@ -185,6 +190,7 @@ class Driver:
             return
         if not self._streaming:
             self._idle(now_ns)
+            _refuse(self._departures.seed(measured.T_base_flange, now_ns))
             _refuse(self._guard.seed(measured.T_base_flange, now_ns))
             self._tracking.stream(measured.T_base_flange, now_ns)
             self._send(self._dialogue.set_speed(self._stream_speed, now_ns), now_ns)
@@ -222,7 +228,6 @@ class Driver:
             raise RefusedError(wrench.code or "invalid", wrench.fault)
         _refuse(self._guard.feedback(feedback))
         self._tracking.free()
-        self._streaming = False
         self._idle(now_ns)
         if running is None:
             self._start_feedback(feedback, now_ns)
@@ -247,6 +252,7 @@ class Driver:
             feedback.mode, feedback.gains, self._kept, permitted=True, now_ns=now_ns
         )
         self._send(data, now_ns)
+        self._departures.moved_otherwise()
         self._running = Running(feedback, now_ns, feedback.lever_m)
 
     def _turn_about(self, running: Running, feedback: Feedback) -> Vec3:

@@ -16,6 +16,7 @@ from common.permission import NO_COMMAND_YET, CommandGate, Verdict
 from common.tracking import Tracking
 from services.gateway.commands import ControllerLimits, Pacing
 from services.gateway.connection import Connection, Wire
+from services.gateway.departures import Departures
 from services.gateway.dialogue import Dialogue
 from services.gateway.driver import Driver
 from services.gateway.goals import Measured
@@ -38,8 +39,12 @@ class Gateway:
         self.fault = ""
         self._clock = bus.clock
         kept = controller_limits(cell, section)
+        guard = Guard(cell)
+        departures = Departures(cell.limits, guard.place)
         pacing = Pacing(
-            max_untaken=section.max_untaken_setpoints, heartbeat_after_s=section.heartbeat_s
+            max_untaken=section.max_untaken_setpoints,
+            heartbeat_after_s=section.heartbeat_s,
+            leave=departures.leave,
         )
         # A process that starts anew does not take reports about its predecessor's IDs for its own.
         last_id = ID_FIRST + bus.epoch % ID_COUNT
@@ -53,7 +58,8 @@ class Gateway:
         self._driver = Driver(
             self._dialogue,
             self._connection.send,
-            guard=Guard(cell),
+            guard=guard,
+            departures=departures,
             tracking=Tracking(cell),
             speed_m_s=cell.limits.speed_m_s,
             kept=kept,

@@ -1,0 +1,128 @@
+"""When and how far set points leave for a controller that takes them late. Pure.
+
+A set point is judged when it comes (`common.guard`), but it leaves when the controller has taken
+the one before, and the newest goes in place of all that came meanwhile: what came evenly would
+leave in leaps. So the stream that leaves keeps the limits as well: way in any 250 ms, and how much
+more way in 60 ms than in the 60 before. A set point that is too far for now leaves as the part of
+its way that is not; the rest follows, or the newest one takes its place. Nothing here ends a
+stream: an honest one is at most smoothed.
+"""
+
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import radians
+
+import numpy as np
+import pinocchio as pin
+
+from common.cell import LimitsSection
+from common.faults import tripped
+from common.frames import rotation_between, rotation_from_vector
+from common.messages import Trip
+from common.stream_budget import ACCEL_MARGIN, EARLY_S, HALF_S, S_PER_NS, SPEED_MARGIN, WINDOW_S
+
+LATE_S = 0.04  # by so much later than planned a set point may leave
+GRAIN_S = 1e-3  # what is as old as a window, to a millisecond, counts against the limit
+NOTHING = 1e-12  # a way that is none
+LEAST_SHARE = 0.25  # a smaller part of a way waits, while something has left lately
+
+Place = Callable[[pin.SE3], Trip | None]
+
+
+@dataclass(frozen=True, slots=True)
+class Left:
+    """How far a set point was from the one before, and when it left."""
+
+    at_ns: int
+    way_m: float
+    turn_rad: float
+
+
+class Departures:
+    """The stream of set points as it leaves."""
+
+    def __init__(self, limits: LimitsSection, place: Place) -> None:
+        """Begin with nothing left. `place` judges where a pose lies that nobody has commanded."""
+        self._speed = (limits.speed_m_s, radians(limits.speed_deg_s))
+        self._accel = (limits.accel_m_s2, radians(limits.accel_deg_s2))
+        self._place = place
+        self._left: deque[Left] = deque()  # in the last window
+        self._last: pin.SE3 | None = None  # None: something else moved the arm
+        self._flows = False  # a stream was begun and is not over
+
+    def moved_otherwise(self) -> None:
+        """The arm goes where no set point said: the next one is a beginning."""
+        self._last = None
+
+    def seed(self, T_measured: pin.SE3, now_ns: int) -> Trip | None:
+        """Judge the beginning of a stream, which may only leave as it is."""
+        if self.share(T_measured, now_ns) < 1.0:
+            return tripped("acceleration", "the arm is too far from the set point that left last")
+        self._flows = True
+        return None
+
+    def end(self) -> None:
+        """End the stream: what has not left stays."""
+        self._flows = False
+
+    def leave(self, T_wanted: pin.SE3, now_ns: int) -> pin.SE3 | None:
+        """Return what leaves now, `T_wanted` itself or a pose on the way; None: not yet."""
+        share = self.share(T_wanted, now_ns)
+        if not self._flows or (share < LEAST_SHARE and self._left):
+            return None
+        T = T_wanted
+        if share < 1.0 and self._last is not None:
+            T = _between(self._last, T_wanted, share)
+            if self._place(T) is not None:
+                return None
+        self._left.append(Left(now_ns, *_steps(self._last, T)))
+        self._last = T
+        return T
+
+    def share(self, T: pin.SE3, now_ns: int) -> float:
+        """Return how much of the way to a pose may leave now, 0 to 1."""
+        while self._left and _age_s(self._left[0], now_ns) > WINDOW_S + GRAIN_S:
+            self._left.popleft()
+        used = (self._used("way_m", now_ns), self._used("turn_rad", now_ns))
+        share = 1.0
+        for step, (window, more), speed, accel in zip(
+            _steps(self._last, T), used, self._speed, self._accel, strict=True
+        ):
+            room = min(
+                SPEED_MARGIN * speed * (WINDOW_S + LATE_S) - window,
+                ACCEL_MARGIN * accel * HALF_S**2 + speed * (EARLY_S + LATE_S) - more,
+            )
+            if step > room:
+                share = min(share, max(0.0, room) / max(step, NOTHING))
+        return share
+
+    def _used(self, name: str, now_ns: int) -> tuple[float, float]:
+        """Return what left in the window, and by how much the last 60 ms exceed those before."""
+        sizes = [(_age_s(one, now_ns), float(getattr(one, name))) for one in self._left]
+        newer = sum(size for age_s, size in sizes if age_s <= HALF_S + GRAIN_S)
+        older = sum(
+            size for age_s, size in sizes if HALF_S + GRAIN_S < age_s < 2.0 * HALF_S - GRAIN_S
+        )
+        return sum(size for _, size in sizes), newer - older
+
+
+def _age_s(left: Left, now_ns: int) -> float:
+    return (now_ns - left.at_ns) * S_PER_NS
+
+
+def _steps(T_from: pin.SE3 | None, T_to: pin.SE3) -> tuple[float, float]:
+    """Return way [m] and turn [rad] from one pose to another; nothing from none."""
+    if T_from is None:
+        return 0.0, 0.0
+    way = T_to.translation - T_from.translation
+    turn = rotation_between(T_from.rotation, T_to.rotation)
+    return float(np.linalg.norm(way)), float(np.linalg.norm(turn))
+
+
+def _between(T_from: pin.SE3, T_to: pin.SE3, share: float) -> pin.SE3:
+    """Return the pose after a share of a straight way with an even turn about one axis."""
+    turn = rotation_between(T_from.rotation, T_to.rotation)
+    R = rotation_from_vector(share * turn) @ T_from.rotation
+    way = T_to.translation - T_from.translation
+    return pin.SE3(R, T_from.translation + share * way)

@@ -1,0 +1,231 @@
+"""The report page is whole and self-contained; places, verdict and sending do what they say."""
+
+import base64
+import re
+import xml.etree.ElementTree as ET
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cli.calibration import send
+from cli.calibration.evidence import Findings, evidence_of, findings_of
+from cli.calibration.page import page, save_page
+from cli.calibration.places import keep_before, places_of
+from cli.calibration.rows import Dwell, Purpose
+from cli.calibration.verdict import Bounds, Left, judge, left_in_use
+from common.clock import ManualClock
+from common.errors import DataError
+from common.frames import R_from_quaternion
+from common.payload import Payload, predict
+from common.requests import Reply
+from tests.fakes.calibration import demo_cell
+
+CELL = demo_cell(**{"tool.name": "gripper <2> & cable"})
+TRUTH = Payload(1.2, (0.01, -0.02, 0.06), (1.0, -2.0, 3.0), (0.1, 0.0, -0.1))
+
+
+def dwell(purpose: Purpose, seed: int, push_N: float = 0.0) -> Dwell:
+    """Return readings in a random attitude, with a steady push along the sensor's x axis."""
+    rng = np.random.default_rng(seed)
+    R = R_from_quaternion(rng.normal(size=4))
+    force, torque = predict(TRUTH, R)
+    count = 40
+    return Dwell(
+        purpose,
+        np.linspace(10.0 * seed, 10.0 * seed + 0.08, count),
+        np.zeros((count, 3)),
+        np.repeat(R[None], count, axis=0),
+        force + 0.05 * rng.normal(size=(count, 3)) + [push_N, 0.0, 0.0],
+        torque + 0.002 * rng.normal(size=(count, 3)),
+        np.array([push_N, 0.0, 0.0]),
+        np.zeros(3),
+    )
+
+
+def findings(fresh: int = 3, push_N: float = 0.0, touched_N: float = 0.0) -> Findings:
+    """Return what a calibration of ten poses has found."""
+    dwells = [dwell("fit", seed, touched_N if seed == 4 else 0.0) for seed in range(10)]
+    dwells += [dwell("verify", 100 + seed, push_N) for seed in range(fresh)]
+    evidence = evidence_of(
+        "arm", dwells, source=Path("demo.csv"), serial="FT<7>", notes=("pose 2 was refused",)
+    )
+    return findings_of(CELL, evidence, Bounds())
+
+
+class Page(HTMLParser):
+    """Collects tags and text, and what a page asks for from outside."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.closed: list[str] = []
+        self.sources: list[str] = []
+        self.text = ""
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        """Note a tag that opens, and its sources."""
+        names = dict(attrs)
+        self.sources += [names[name] or "" for name in ("src", "href", "srcset") if name in names]
+        if tag not in {"meta", "img"}:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        """Match a tag that closes."""
+        assert self.open.pop() == tag, "tags are not nested well"
+        self.closed.append(tag)
+
+    def handle_data(self, data: str) -> None:
+        """Keep the text."""
+        self.text += data
+
+
+@pytest.fixture(scope="module")
+def found() -> Findings:
+    """A good calibration with one touched pose."""
+    return findings(touched_N=4.0)
+
+
+def test_the_page_is_whole_and_needs_nothing_from_outside(found):
+    """Well nested, no script, no style sheet or font elsewhere; each picture is within it."""
+    html = page(found)
+    seen = Page(html)
+    assert seen.open == []
+    assert {"html", "head", "body", "title", "style", "table"} <= set(seen.closed)
+    assert "script" not in seen.closed
+    assert "@import" not in html
+    assert "url(" not in html
+    assert len(seen.sources) == 3
+    for source in seen.sources:
+        head, _, data = source.partition(",")
+        assert head == "data:image/svg+xml;base64"
+        picture = ET.fromstring(base64.b64decode(data))  # noqa: S314 - made by ourselves
+        assert picture.tag.endswith("svg")
+        links = [v for node in picture.iter() for k, v in node.attrib.items() if k.endswith("href")]
+        assert all(link.startswith("#") for link in links)
+        assert not [node for node in picture.iter() if node.tag.endswith(("script", "image"))]
+
+
+def test_the_page_says_all_that_is_to_be_said(found):
+    """Cell, tool, sensor, revision, verdict, every parameter, what was left out, and remarks."""
+    seen, section = Page(page(found)), found.section
+    for text in (
+        "Calibration of demo",
+        "gripper <2> & cable",
+        "FT<7>",
+        section.revision,
+        section.made_at.isoformat(sep=" "),
+        "PASS: at 3 fresh poses",
+        "the wizard moved the arm",
+        "centre of mass",
+        "bias of torque",
+        "left out 40 readings: in contact, or touched",
+        "pose 2 was refused",
+        "used",
+    ):
+        assert text in seen.text
+    assert f"{section.payload.mass_kg:.4f}" in seen.text
+
+
+@pytest.mark.parametrize(
+    ("fresh", "push_N", "word"), [(3, 0.0, "PASS"), (3, 2.0, "FAIL"), (0, 0.0, "NOT VERIFIED")]
+)
+def test_the_page_s_title_is_the_verdict(fresh, push_N, word):
+    """Also in a browser's tab one sees how it ended."""
+    html = page(findings(fresh, push_N))
+    assert f"<title>Calibration of demo: {word}</title>" in html
+    assert len(re.findall('class="verdict"', html)) == 1
+
+
+def test_a_page_that_cannot_be_written_is_an_error_of_data(found, tmp_path):
+    """A file in the place of the folder: one sentence that names it."""
+    (tmp_path / "made").write_text("")
+    with pytest.raises(DataError, match="cannot be written"):
+        save_page(found, tmp_path / "made" / "page.html")
+
+
+# --- verdict ------------------------------------------------------------------------------------
+
+norms = st.lists(st.floats(0.0, 1.0), min_size=1, max_size=6)
+
+
+@settings(max_examples=60)
+@given(norms, st.floats(0.001, 1.0), st.floats(0.001, 1.0))
+def test_it_passes_when_no_pose_leaves_more_than_allowed(left, most_N, most_Nm):
+    """The worst pose decides, for force and torque alike."""
+    verdict = judge(Left(np.array(left), np.array(left) / 2.0), Bounds(most_N, most_Nm))
+    assert verdict.passed is (max(left) <= most_N and max(left) / 2.0 <= most_Nm)
+    assert verdict.text.startswith(verdict.word)
+
+
+def test_what_the_cell_leaves_needs_a_valid_wrench_at_every_pose():
+    """A pose without one is no evidence that all is well."""
+    good = dwell("verify", 1, push_N=0.25)
+    assert left_in_use([good]).force_N == pytest.approx([0.25])
+    silent = Dwell("verify", *(getattr(good, name) for name in good.__slots__[1:6]))
+    with pytest.raises(DataError, match="not valid at every pose"):
+        left_in_use([good, silent])
+
+
+# --- places ---------------------------------------------------------------------------------------
+
+
+def test_what_was_there_is_kept_and_what_was_not_is_no_error(tmp_path):
+    """One generation, with the file's own ending."""
+    path = tmp_path / "demo.yaml"
+    keep_before(path)
+    assert list(tmp_path.iterdir()) == []
+    for text in ("first", "second"):
+        path.write_text(text)
+        keep_before(path)
+        assert (tmp_path / "demo.before.yaml").read_text() == text
+
+
+def test_out_goes_before_the_cell_file_and_says_so(tmp_path):
+    """Another place than the cell's own needs a line in the cell file; the same one does not."""
+    cell_file = tmp_path / "cells" / "a.yaml"
+    cell_file.parent.mkdir()
+    cell_file.write_text("calibration: ../made/a.yaml\n")
+    own = places_of(CELL, cell_file, None)
+    assert (own.calibration, own.advice) == (tmp_path / "made" / "a.yaml", "")
+    assert places_of(CELL, cell_file, tmp_path / "made" / "a.yaml").advice == ""
+    other = places_of(CELL, cell_file, tmp_path / "b.yaml")
+    assert other.calibration == tmp_path / "b.yaml"
+    assert f"let {cell_file} say `calibration: ../b.yaml`" in other.advice
+
+
+# --- sending --------------------------------------------------------------------------------------
+
+
+class Service:
+    """A bus whose wrench service answers as it is told, one answer after the other."""
+
+    def __init__(self, *answers: Reply) -> None:
+        self.clock = ManualClock()
+        self.answers = list(answers)
+        self.asked: list[str] = []
+
+    def ask(self, _request: Any, message: Any) -> Reply:
+        """Answer; the last answer stays."""
+        self.asked.append(message.calibration_json)
+        return self.answers.pop(0) if len(self.answers) > 1 else self.answers[0]
+
+
+def test_sending_waits_for_an_arm_that_has_just_come_back(found):
+    """What time mends is asked again; what it does not is passed on at once."""
+    yes, wait = Reply(accepted=True), Reply(accepted=False, code="moving")
+    patient: Any = Service(wait, wait, yes)
+    assert send.send(patient, found.section).accepted
+    assert len(patient.asked) == 3
+    assert found.section.revision in patient.asked[0]
+    refusing: Any = Service(Reply(accepted=False, code="payload"))
+    assert not send.send(refusing, found.section).accepted
+    assert len(refusing.asked) == 1
+    never: Any = Service(wait)
+    assert send.send(never, found.section).code == "moving"
+    assert len(never.asked) < 100

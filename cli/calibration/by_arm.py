@@ -149,7 +149,8 @@ def drive(
     """Run the wizard; Ctrl-C and every error end in a hold, and what was recorded is kept."""
     wizard = Wizard(bus, cell, plan, pace=pace, teller=teller)
     try:
-        wizard.run(BOTH if fitting else ("verify",))
+        with _ended_like_ctrl_c():
+            wizard.run(BOTH if fitting else ("verify",))
     except KeyboardInterrupt:
         with _deaf():
             teller.note(f"interrupted: {wizard.abandon('the calibration was interrupted')}")
@@ -161,6 +162,23 @@ def drive(
         teller.note(f"{error}; {wizard.abandon('the calibration failed')}")
         return wizard, NOT_WELL
     return wizard, None
+
+
+@contextmanager
+def _ended_like_ctrl_c() -> Iterator[None]:
+    """Let a closed terminal, and a process that is told to end, stop the arm as Ctrl-C does."""
+
+    def interrupt(_signal: int, _frame: FrameType | None) -> None:
+        """Do as Ctrl-C does."""
+        raise KeyboardInterrupt
+
+    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    before = {number: signal.signal(number, interrupt) for number in numbers}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 @contextmanager

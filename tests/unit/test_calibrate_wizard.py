@@ -14,12 +14,13 @@ from cli.calibration.verdict import Bounds
 from cli.calibration.wizard import Pace, Wizard
 from cli.verbs_motion import INTERRUPTED
 from common import topics
+from common.config import load_cell
 from common.frames import R_from_quaternion
 from common.messages import ArbiterStatus
 from common.payload import Payload, predict
 from common.requests import ArmRequest, Empty, HoldRequest
 from sim.robot.ft_sensor import FtSample
-from tests.fakes.calibration import FAST, HOME_RAD, QUICK, CalibrationLab, demo_cell
+from tests.fakes.calibration import DEMO, FAST, HOME_RAD, QUICK, CalibrationLab, demo_cell
 
 TRUTH = Payload(1.0, (0.012, -0.008, 0.055), (1.5, -2.0, 3.0), (0.05, -0.04, 0.03))  # of the sim
 FEW = {"poses": 6, "verify_poses": 1}
@@ -34,9 +35,11 @@ def status_of(lab: CalibrationLab) -> ArbiterStatus:
     return status
 
 
-def driven(lab: CalibrationLab, plan: Plan | None = None) -> tuple[Wizard, int | None]:
+def driven(
+    lab: CalibrationLab, plan: Plan | None = None, pace: Pace = FAST
+) -> tuple[Wizard, int | None]:
     """Let the wizard run to whatever end."""
-    return drive(lab.cell, lab.bus, plan or lab.plan(**FEW), FAST, teller=lab.notes)
+    return drive(lab.cell, lab.bus, plan or lab.plan(**FEW), pace, teller=lab.notes)
 
 
 def left_at_random(payload: Payload, count: int = 200) -> tuple[float, float]:
@@ -227,3 +230,20 @@ def test_a_payload_of_zeros_is_no_trouble():
     wizard, ended = driven(lab)
     assert ended is None, lab.notes.lines
     assert len(wizard.dwells) == 7
+
+
+@pytest.mark.long
+def test_a_controller_that_refuses_a_pose_gets_another_one():
+    """Over the gateway: the controller's own joint limit is narrower than the cell file says."""
+    cell = load_cell(DEMO.with_name("demo-tcp.yaml"), {"calibration": None})
+    lab = CalibrationLab(cell)
+    lab.world.advance(0.8)  # a controller is greeted first
+    plan = lab.plan(**FEW)
+    farthest = max(plan.fit, key=lambda place: abs(plan.q[place][5]))
+    arm = lab.world.arm.kinematics
+    arm.lower_rad[5], arm.upper_rad[5] = np.array([-1.0, 1.0]) * (abs(plan.q[farthest][5]) - 1e-3)
+    wizard, ended = driven(lab, plan, Pace(speed_m_s=0.25, dwell_s=0.3))
+    assert ended is None, lab.notes.lines
+    assert len(of_purpose(wizard.dwells, "fit")) == 6
+    assert farthest in wizard.plan.refused
+    assert any("the controller refused the target" in line for line in lab.notes.lines)

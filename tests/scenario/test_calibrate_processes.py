@@ -1,0 +1,51 @@
+"""The wizard on a cell in real processes: interrupted once, then to the end."""
+
+import signal
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from common.config import dump_cell, load_cell
+
+PATIENCE_S = 90.0  # of the test, not of the cell: a loaded machine is slow to start processes
+SHORT = ("--poses", 6, "--verify-poses", 1, "--speed", 800, "--dwell", 0.2)
+
+pytestmark = [pytest.mark.realtime, pytest.mark.timeout(150)]
+
+
+def wait_for(process: subprocess.Popen[str], text: str) -> None:
+    """Read what a process says on standard error until a text is in it."""
+    stream, said = process.stderr, ""
+    assert stream is not None
+    while text not in said:
+        line = stream.readline()
+        assert line, f"it ended without saying {text!r}: {said}"
+        said += line
+
+
+def test_the_wizard_holds_when_interrupted_and_calibrates_when_not(cell_file, start):
+    """Ctrl-C in motion: exit code 130 and a hold. Again: the running cell uses what was found."""
+    cell_file.write_text(dump_cell(load_cell(cell_file, {"limits.speed_m_s": 1.0})))
+    wait_for(start("-m", "cli", "up", "--cell", cell_file), "is up")
+    out: Path = cell_file.parent / "made.yaml"
+    words = ("-m", "cli", "calibrate", "--yes", "--cell", cell_file, "--out", out, *SHORT)
+
+    interrupted = start(*words)
+    wait_for(interrupted, "armed")
+    interrupted.send_signal(signal.SIGINT)
+    _, said = interrupted.communicate(timeout=PATIENCE_S)
+    assert interrupted.returncode == 130, said
+    assert "HOLDING: the calibration was interrupted" in said
+    assert not out.exists()
+
+    whole = start(*words)
+    printed, said = whole.communicate(timeout=PATIENCE_S)
+    assert whole.returncode == 0, said
+    assert "PASS: at 1 fresh poses" in printed
+    found = load_cell(cell_file, {"calibration": str(out)}).calibration
+    assert found is not None
+    assert found.payload.mass_kg == pytest.approx(1.0, abs=0.01)
+    assert f"calibration {found.revision} is in use" in printed
+    assert out.with_suffix(".html").exists()
+    assert out.with_suffix(".csv").exists()

@@ -8,6 +8,20 @@ MOST_N = 10.0
 HEAD = """\
 # Wrong installations of the sensor, and who notices
 
+```
+forcemesh check axes                     # the arm turns the tool through six poses
+forcemesh check axes --from poses.csv    # the same from a recording (its columns: docs/payload.md)
+forcemesh check axes --push              # a person pushes the tool by hand, as prompted
+```
+
+says whether axes, signs and units of the sensor are those of the cell file, what looks wrong, and
+what to write instead. Exit code 0: right; 1: wrong, or it cannot tell. `--mass` gives the true mass
+below the sensor where the cell file does not know it, `--json` is for programs. The push test moves
+nothing and refuses an armed arm. It alone tells a sensor that reports the reaction from an arm that
+hangs, and torques that the tool's own moment does not show; those are named as *not shown*.
+
+## How this was tried
+
 Made by `python -m bench.installations --write` in virtual cells: the demo's arm, a tool of 1 kg, a
 plate of 20 000 N/m, the sensor's usual noise. Three lines of defence, each played as if those
 before it had been passed by:

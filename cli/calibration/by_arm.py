@@ -75,7 +75,9 @@ def verify(job: Job, wish: Wish, bus: Bus) -> int:
 
 def planned(cell: Cell, bus: Bus, wish: Wish) -> Plan:
     """Return the plan from where the arm is now. Raises CalibrationError with what to do."""
-    state = Drive(bus, wish.pace.speed_m_s).at_rest()
+    arm = Drive(bus, wish.pace.speed_m_s)
+    arm.refuse_unless_free()
+    state = arm.at_rest()
     return make_plan(cell, _model(cell, state), np.array(state.joint_rad), wish.options)
 
 

@@ -64,8 +64,25 @@ class Drive:
         """Return the joint angles [rad]. Shape (6,)."""
         return np.array(self.state().joint_rad)
 
+    def refuse_unless_free(self) -> None:
+        """Raise StoppedError when somebody else has the arm, or has stopped it: they know why."""
+        give_up_ns = self._clock.now_ns() + round(HEARD_WITHIN_S * NS_PER_S)
+        while (reading := self._arbiter.read(self._clock.now_ns())).fresh is None:
+            if self._clock.now_ns() > give_up_ns:
+                raise CalibrationError(f"the arbiter is not heard: {reading.fault}")
+            self._clock.sleep_s(POLL_S)
+        if reading.fresh.state in {"ACTIVE", "SETTLING"}:
+            text = f"the {reading.fresh.commander} commands the arm: stop that first"
+            raise StoppedError(text)
+        if reading.fresh.state not in {"IDLE", "ARMED"}:
+            raise StoppedError(f"{_why(reading.fresh)}; the wizard begins from IDLE or ARMED")
+
     def arm(self) -> str:
-        """Arm for moves alone, and say how that was answered. Raises RefusedError."""
+        """Arm for moves alone, and say how that was answered.
+
+        Raises RefusedError when it was refused, StoppedError when the arm is not free.
+        """
+        self.refuse_unless_free()
         reply = self._ask_until(lambda: self._bus.ask(topics.ARM, ArmRequest(purpose="jog")))
         self._armed_by_us = reply.code != "already"
         return reply.text

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from common.clock import NS_PER_S
 from common.frames import Array
 from services.wrench.poses import angle
 
@@ -32,7 +31,7 @@ class Stillness:
 
     def __init__(self, window_s: float = WINDOW_S) -> None:
         """Begin with nothing seen."""
-        self._window_ns = round(window_s * NS_PER_S)
+        self._window_ns = round(1e9 * window_s)
         self._samples: deque[Sample] = deque()
 
     def see(self, sample: Sample) -> None:

@@ -10,7 +10,7 @@ from itertools import pairwise
 import numpy as np
 
 from cli.calibration.drive import Drive
-from cli.calibration.errors import PoseRefusedError
+from cli.calibration.errors import PoseRefusedError, StoppedError
 from cli.calibration.gather import Gatherer
 from cli.calibration.plan import Plan
 from cli.calibration.rows import Dwell, Purpose
@@ -84,7 +84,7 @@ class Wizard:
         self._begun = True  # also when it is interrupted before the answer has come
         try:
             self._teller.note(self._drive.arm())
-        except RefusedError:
+        except (RefusedError, StoppedError):
             self._begun = False
             raise
 

@@ -39,6 +39,12 @@ def test_the_wizard_holds_when_interrupted_and_calibrates_when_not(cell_file, st
     assert "HOLDING: the calibration was interrupted" in said
     assert not out.exists()
 
+    again = start(*words)
+    _, said = again.communicate(timeout=PATIENCE_S)
+    assert again.returncode == 1
+    assert "the arbiter is HOLDING: the calibration was interrupted" in said
+
+    assert start("-m", "cli", "clear", "--cell", cell_file).wait(PATIENCE_S) == 0
     whole = start(*words)
     printed, said = whole.communicate(timeout=PATIENCE_S)
     assert whole.returncode == 0, said

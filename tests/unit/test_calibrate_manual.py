@@ -1,5 +1,7 @@
 """`calibrate --manual` in a virtual cell: a scripted person jogs, types, takes back, gives up."""
 
+import os
+
 import numpy as np
 import pytest
 
@@ -7,6 +9,7 @@ from cli.calibration.by_hand import Watcher, Wish, calibrate, watch
 from cli.calibration.finish import Job
 from cli.calibration.places import Places
 from cli.calibration.rows import of_purpose
+from cli.calibration.screen import Keyboard
 from cli.calibration.verdict import Bounds
 from cli.verbs_motion import INTERRUPTED
 from common import topics
@@ -167,3 +170,17 @@ def test_a_sensor_fault_is_shown_and_outlived(lab):
     assert watch(watcher, lab.notes) == INTERRUPTED
     assert any("sensor/wrench stale" in stage for stage in lab.notes.stages)
     assert len(watcher.dwells) == 1
+
+
+def test_lines_are_read_without_waiting_and_the_end_of_input_is_q(monkeypatch):
+    """A person who types nothing keeps nobody waiting; a closed terminal ends it."""
+    read, write = os.pipe()
+    with os.fdopen(read) as stdin, os.fdopen(write, "w") as typed:
+        monkeypatch.setattr("sys.stdin", stdin)
+        keyboard = Keyboard()
+        assert keyboard.poll() is None
+        typed.write("U\n")
+        typed.flush()
+        assert keyboard.poll() == "u"
+        typed.close()
+        assert keyboard.poll() == "q"

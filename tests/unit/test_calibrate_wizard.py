@@ -18,7 +18,7 @@ from common.config import load_cell
 from common.frames import R_from_quaternion
 from common.messages import ArbiterStatus
 from common.payload import Payload, predict
-from common.requests import ArmRequest, Empty, HoldRequest
+from common.requests import ArmRequest, Empty, ForceStartRequest, HoldRequest
 from sim.robot.ft_sensor import FtSample
 from tests.fakes.calibration import DEMO, FAST, HOME_RAD, QUICK, CalibrationLab, demo_cell
 
@@ -230,6 +230,29 @@ def test_a_payload_of_zeros_is_no_trouble():
     wizard, ended = driven(lab)
     assert ended is None, lab.notes.lines
     assert len(wizard.dwells) == 7
+
+
+def test_an_arm_that_somebody_else_has_is_left_alone():
+    """Held by a person, or under force feedback: neither is swept aside by a calibration."""
+    lab = CalibrationLab()
+    plan = lab.plan(**FEW)
+    lab.bus.ask(topics.HOLD, HoldRequest(reason="the visitor is inside"))
+    lab.world.advance(0.2)
+    _, ended = driven(lab, plan)
+    assert ended == 1
+    assert "the arbiter is HOLDING: the visitor is inside" in lab.notes.lines[-1]
+    for request, message in (
+        (topics.CLEAR, Empty()),
+        (topics.TARE, Empty()),
+        (topics.ARM, ArmRequest()),
+        (topics.FORCE_START, ForceStartRequest(mode="position", setpoint_N=10.0)),
+    ):
+        assert lab.bus.ask(request, message).accepted
+        lab.world.advance(0.2)
+    _, ended = driven(lab, plan)
+    assert ended == 1
+    assert lab.notes.lines[-1] == "the regulator commands the arm: stop that first"
+    assert status_of(lab).commander == "regulator"
 
 
 @pytest.mark.long

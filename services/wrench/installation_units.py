@@ -6,7 +6,6 @@ import numpy as np
 
 from common.frames import Array
 
-FACTOR_OF_A_UNIT = 2.0  # a payload that is typed in wrong is rarely off by more
 SAME_FACTOR = 1.12  # what is known of the payload is not exact
 LONGEST_M = 2.0  # no sensor and no tool is that far from the flange
 LEVER_MOST_M = 0.5  # no centre of mass is that far from the sensor
@@ -39,7 +38,7 @@ class Unit(NamedTuple):
 
 def unit_of(times: float, units: dict[float, str]) -> Unit | None:
     """Return the wrong unit that makes something read so many times too large, if one does."""
-    if times <= 0.0 or abs(np.log(times)) < np.log(FACTOR_OF_A_UNIT):
+    if times <= 0.0:
         return None
     factor = min(units, key=lambda u: abs(np.log(times / u)))
     if abs(np.log(times / factor)) > np.log(SAME_FACTOR):

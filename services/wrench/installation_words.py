@@ -32,13 +32,8 @@ def wrong_channels(wiring: Array, of: str) -> str:
 
 def turn_words(R: Array) -> str:
     """Return a rotation as "90 degrees about z"."""
-    angle = math.degrees(turn_angle(R))
-    if angle > 179.0:  # the rotation vector is about to flip; R = 2 a a^T - 1 tells its axis
-        column = (R + np.eye(3))[:, int(np.argmax(np.diag(R)))]
-        axis = column / np.linalg.norm(column)
-    else:
-        axis = vector_from_rotation(R)
-        axis = axis / np.linalg.norm(axis)
+    angle, axis = math.degrees(turn_angle(R)), vector_from_rotation(R)
+    axis = axis / np.linalg.norm(axis)
     largest = int(np.argmax(np.abs(axis)))
     if abs(axis[largest]) > 0.99:
         sign = "" if axis[largest] > 0.0 else "-"
@@ -60,11 +55,9 @@ def oat_words(R_flange_sensor: Array) -> str:
 
 def was_radians(oat_deg: tuple[float, float, float], R_flange_sensor: Array) -> bool:
     """Tell whether the angles of the cell file, read as radians, are what the readings show."""
-    given = R_from_oat(Oat(*(math.radians(angle) for angle in oat_deg)))
-    as_radians = R_from_oat(Oat(*oat_deg))
     small = max(abs(angle) for angle in oat_deg) <= math.tau + 0.01
-    far = turn_angle(given.T @ as_radians) > 2.0 * LOOKS_LIKE_RAD
-    return small and far and turn_angle(as_radians.T @ R_flange_sensor) < LOOKS_LIKE_RAD
+    as_radians = R_from_oat(Oat(*oat_deg))
+    return small and turn_angle(as_radians.T @ R_flange_sensor) < LOOKS_LIKE_RAD
 
 
 def driver_mend(wiring: Array, of: str) -> str:

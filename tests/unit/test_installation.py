@@ -12,6 +12,7 @@ from common.payload import Payload
 from services.wrench.installation import installation_complaint, judge_installation
 from services.wrench.installation_axes import EYE
 from services.wrench.installation_fit import SIGNED, TURNS
+from services.wrench.installation_words import oat_words
 from tests.fakes.installations import ERRORS, PAYLOAD, belief, mended, oat_matrix, readings
 
 CHANNELS = ("all six", "forces", "torques")
@@ -171,6 +172,23 @@ def test_a_tool_on_its_axis_leaves_the_sign_of_its_torsion_open() -> None:
     assert any("the sign of Mz" in line for line in found.unseen)
 
 
+def test_a_lever_of_a_millimetre_is_not_relied_upon() -> None:
+    """Errors of gain and mounting are of that size: what it seems to show of Mz counts as open."""
+    payload = replace(PAYLOAD, com_m=(0.001, 0.0, 0.055))
+    found = judge_installation(readings(payload), belief(payload))
+    assert found.verdict == "right"
+    assert any("the sign of Mz" in line for line in found.unseen)
+
+
+def test_a_lever_in_the_axes_of_a_turned_sensor_is_no_second_mistake() -> None:
+    """A centre of mass from an earlier calibration of the same turned sensor: one finding."""
+    wiring = TURNS[5]
+    seen = readings(force=wiring, torque=wiring, poses=8)
+    of = replace(belief(), com_m=wiring @ np.array(PAYLOAD.com_m), p_flange_tcp_m=None)
+    found = judge_installation(seen, of)
+    assert [finding.code for finding in found.findings] == ["mounting"]
+
+
 def test_a_tool_without_a_lever_shows_nothing_of_the_torques() -> None:
     """The forces are judged all the same."""
     payload = replace(PAYLOAD, com_m=(0.0, 0.0, 0.0))
@@ -199,12 +217,20 @@ def test_poses_that_are_alike_tell_nothing(spread_deg) -> None:
     assert "turn the wrist" in (installation_complaint(found, belief()) or "")
 
 
-def test_turns_about_one_axis_leave_a_mirror_open() -> None:
-    """Gravity in one plane of the sensor: the axis across it may point either way."""
-    R = np.array([oat_matrix((90.0, angle, -90.0)) for angle in range(0, 360, 40)])
+@pytest.mark.parametrize("oat_deg", [(0.0, 0.0, 0.0), (20.0, 35.0, 50.0)])
+@pytest.mark.parametrize("tilts_deg", [range(0, 360, 40), (0, 60, 0, 60, 60, 0, 60, 0, 60)])
+def test_turns_about_one_axis_leave_a_mirror_open(oat_deg, tilts_deg) -> None:
+    """Gravity in one plane of the sensor, or on one line of it, however it is mounted."""
+    turns = np.array([oat_matrix((90.0, float(angle), -90.0)) for angle in tilts_deg])
+    R = turns @ oat_matrix(oat_deg)
     weight = R.swapaxes(1, 2) @ np.array([0.0, 0.0, -9.8])
-    seen = replace(readings(poses=9), R_base_sensor=R, force_N=weight, torque_Nm=0.0 * weight)
-    assert judge_installation(seen, belief()).verdict == "cannot tell"
+    noise = 0.01 * np.random.default_rng(5).normal(size=(9, 3))
+    seen = replace(
+        readings(poses=9), R_base_sensor=R, force_N=weight + noise, torque_Nm=0.0 * weight
+    )
+    found = judge_installation(seen, belief())
+    assert found.verdict == "cannot tell"
+    assert found.findings[0].code == "poses"
 
 
 def test_model_errors_are_not_taken_for_an_installation() -> None:
@@ -225,3 +251,10 @@ def test_a_light_tool_under_a_drifting_sensor_is_told_all_the_same(mass_kg) -> N
         W = SIGNED[1 + seed]
         wrong = readings(payload, force=W, torque=W, world=World(drift=2.0), seed=seed, poses=10)
         assert judge_installation(wrong, belief(payload)).verdict != "right"
+
+
+def test_angles_to_write_are_tidy_where_noise_would_turn_them_apart() -> None:
+    """Nearly upright only O + T is known: O = 0, and T takes it all; upside down O - T."""
+    for upright, words in (((0.0, 0.0, 50.0), "[0, 0, 50]"), ((0.0, 180.0, 50.0), "[0, 180, 50]")):
+        leaning = oat_matrix((70.0, 0.2, -70.0)) @ oat_matrix(upright)
+        assert oat_words(leaning) == f"sensor.T_flange_sensor.oat_deg: {words}"

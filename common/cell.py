@@ -10,7 +10,7 @@ from pydantic import Field, model_validator
 from common.calibration import CalibrationSection, PayloadSection
 from common.cell_sim import SimSection
 from common.cell_terms import Fraction, FrameSection, NotNegative, Positive, Section
-from common.messages import Host, Vec3, Vec6
+from common.messages import Host, Law, Vec3, Vec6
 from common.topics import Topic
 
 SHORTEST_DEADLINE_PERIODS = 3.0
@@ -121,6 +121,9 @@ class ForceSection(Section):
     given_J: Positive = 0.002  # work that what is pressed on may do on the tool, beyond what it got
     setpoint_ramp_N_s: Positive = 200.0
     setpoint_max_N: Positive = 40.0
+    law: Law = "plain"  # adaptive: gains from the stiffness met, not from the stiffest
+    delay_compensation: bool = True  # adaptive: foresee the force of commands on their way
+    surface_tracking: bool = True  # adaptive: follow a surface that moves
     # Opt-in: above 80 % of a ceiling the tool goes back along its axis by so much, then holds.
     retreat_m: float = Field(0.0, ge=0.0, le=0.002)
     retreat_m_s: float = Field(0.005, gt=0.0, le=0.01)

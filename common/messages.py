@@ -20,6 +20,7 @@ Text = Annotated[str, Field(max_length=500)]
 
 Mode = Literal["position", "orientation", "both"]
 Host = Literal["pc", "controller"]
+Law = Literal["plain", "adaptive"]  # of the regulator
 Commander = Literal["none", "regulator", "program", "operator"]
 Asker = Literal["operator", "program"]  # who may ask for motion
 Purpose = Literal["all", "jog"]  # what the arm was armed for

@@ -4,7 +4,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from common.messages import Asker, Gain3, Host, Mode, PoseRecord, Purpose, Record, Text, Vec6
+from common.messages import Asker, Gain3, Host, Law, Mode, PoseRecord, Purpose, Record, Text, Vec6
 
 
 class Empty(Record):
@@ -39,6 +39,10 @@ class ForceStartRequest(Record):
     mode: Mode
     host: Host = "pc"
     setpoint_N: float = Field(0.0, ge=0.0)
+    law: Law | None = None  # without it the cell file's
+    # What may move: x, y, z and about x, y, z of the task frame, which turns with the tool or not.
+    axes: tuple[bool, bool, bool, bool, bool, bool] = (True, True, True, True, True, True)
+    frame: Literal["base", "tool"] = "base"
     commander: Asker = "operator"  # who asks; what then commands is the regulator, of lowest rank
 
 

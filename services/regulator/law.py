@@ -22,6 +22,7 @@ from common.messages import Mode
 Contact = Literal["free", "approach", "contact"]
 RELEASE_FRACTION = 0.5  # contact ends below this part of the touch force
 LONGEST_LEVER_M = 0.1  # a contact farther from the TCP than this is taken for noise
+ALL_AXES = (True,) * 6
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,6 +57,12 @@ class LawInput:
     setpoint_N: float  # press along the tool's z axis
     mode: Mode
     dt_s: float  # since the last sample
+    # What a richer law adds; without it the error is what is measured, in base axes, all free.
+    foreseen_N: Array | None = None  # force once all commands have arrived, base axes
+    drift_m_s: Array | None = None  # of what is pressed on, base axes
+    R_base_gains: Array | None = None  # axes of the force's gains
+    R_base_task: Array | None = None  # axes of the mask
+    axes: tuple[bool, ...] = ALL_AXES  # of the task frame that may move: x y z, about x y z
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,17 +94,24 @@ def step(state: LawState, sample: LawInput, gains: PiGains, settings: LawSetting
     if sample.mode != "position":
         proportional_rad = gains.torque_p_rad_per_Nm * change(error_Nm, state.error_torque_Nm)
         turn_rad = proportional_rad + gains.torque_i_rad_per_Nms * error_Nm * sample.dt_s
-        turn_rad = limit_norm(turn_rad, settings.speed_max_rad_s * sample.dt_s)
+        turn_rad = limit_norm(_masked(turn_rad, sample, 3), settings.speed_max_rad_s * sample.dt_s)
     if sample.mode != "orientation" and contact == "approach":
         faster_m_s = state.approach_m_s + settings.approach_accel_m_s2 * sample.dt_s
         approach_m_s = min(faster_m_s, settings.approach_m_s)
         shift_m = approach_m_s * sample.dt_s * press_axis
     elif sample.mode != "orientation":
+        foreseen_N = error_N
+        if sample.foreseen_N is not None:
+            foreseen_N = soft_deadband(sample.foreseen_N - wanted_force_N, settings.deadband_N)
+        gain = gains.force_i_m_per_Ns
+        integral_m = _along(gain, foreseen_N, sample.R_base_gains) * sample.dt_s
         proportional_m = gains.force_p_m_per_N * change(error_N, state.error_force_N)
-        shift_m = proportional_m + gains.force_i_m_per_Ns * error_N * sample.dt_s
+        shift_m = proportional_m + integral_m
         if lever_m is not None:
             shift_m = shift_m - np.cross(turn_rad, lever_m)
-        shift_m = limit_norm(shift_m, settings.speed_max_m_s * sample.dt_s)
+        if sample.drift_m_s is not None:
+            shift_m = shift_m + sample.drift_m_s * sample.dt_s
+        shift_m = limit_norm(_masked(shift_m, sample, 0), settings.speed_max_m_s * sample.dt_s)
     R_base_tcp = rotate_about_base_axes(state.T_base_tcp.rotation, turn_rad)
     T_base_tcp = pin.SE3(R_base_tcp, state.T_base_tcp.translation + shift_m)
     return LawState(T_base_tcp, error_N, error_Nm, contact, approach_m_s, lever_m)
@@ -124,6 +138,20 @@ def contact_point(sample: LawInput, touch_N: float) -> Array:
         return np.zeros(3)
     lever_m = np.cross(sample.force_N, sample.torque_Nm) / square
     return limit_norm(lever_m, LONGEST_LEVER_M)
+
+
+def _along(gain: Array, error: Array, R: Array | None) -> Array:
+    """Return gain times error, about the axes of R_base_gains."""
+    return gain * error if R is None else np.asarray(R @ (gain * (R.T @ error)))
+
+
+def _masked(motion: Array, sample: LawInput, first: int) -> Array:
+    """Return a motion without the axes of the task frame that may not move."""
+    free = sample.axes[first : first + 3]
+    if all(free):
+        return motion
+    R = np.eye(3) if sample.R_base_task is None else sample.R_base_task
+    return np.asarray(R @ (np.array(free) * (R.T @ motion)))
 
 
 def change(now: Array, before: Array | None) -> Array:

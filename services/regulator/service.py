@@ -1,7 +1,7 @@
 """The regulator on the bus: wrench and robot state in, proposed flange pose out."""
 
-from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -21,34 +21,25 @@ from common.messages import (
     WrenchAtTcp,
 )
 from common.requests import ForceStartRequest, Reply
-from services.regulator.guards import GuardSettings, Seen, Watch, watch
-from services.regulator.law import LawInput, LawState, start_at, step
-from services.regulator.settings import describe_gains, law_settings, merged_gains, pi_gains
+from services.regulator import adaptive
+from services.regulator.adaptive import Adaptive
+from services.regulator.control import (
+    LawTools,
+    Met,
+    control,
+    controller_gains,
+    masked,
+    met,
+    ramped,
+)
+from services.regulator.guards import GuardSettings, Watch, watch
+from services.regulator.law import LawInput, LawState, start_at
+from services.regulator.session import Failure, Session, failure_of, mover, seen_by
+from services.regulator.settings import describe_gains, merged_gains, pi_gains
 from services.regulator.tuning import tune
 
 STOPPED = "stopped"
 LONGEST_GAP_PERIODS = 3.0  # a longer gap between samples is not integrated over
-MOVERS = ("operator", "program")  # while one of them moves the arm, nothing is proposed
-
-
-class Failure(NamedTuple):
-    """Why the regulator gave up, as a code of common/faults.py and in words."""
-
-    code: str
-    text: str
-
-
-@dataclass(frozen=True, slots=True)
-class Session:
-    """Force feedback from its start to its stop."""
-
-    wanted: ForceStartRequest
-    setpoint_N: float  # ramped
-    law: LawState
-    last_sample_ns: int
-    lease: int  # under which it was started
-    watch: Watch
-    failure: Failure | None = None  # latched: an input failed, or a guard gave up
 
 
 class Regulator:
@@ -59,7 +50,8 @@ class Regulator:
         self.period_s = 1.0 / cell.rates.control_hz
         self.fault = ""
         self._cell = cell
-        self._settings, self._guards = law_settings(cell), GuardSettings.of(cell)
+        self._tools, self._guards = LawTools.of(cell), GuardSettings.of(cell)
+        self._met: Met | None = None
         self._gains = tune(cell).gains
         self._T_flange_tcp = cell.tool.T_flange_tcp.pose
         self._session: Session | None = None
@@ -92,7 +84,7 @@ class Regulator:
         if session is None:
             return RegulatorTarget(valid=False, reason=self._stop_reason)
         wanted = session.wanted
-        failure = session.failure or _failure_of(wrench) or _failure_of(robot)
+        failure = session.failure or failure_of(wrench) or failure_of(robot)
         if failure is not None or wrench.fresh is None or robot.fresh is None:
             return self._give_up(session, failure or Failure("invalid", "no wrench, no pose"))
         on_controller = wanted.host == "controller"
@@ -146,10 +138,25 @@ class Regulator:
             mode=session.wanted.mode,
             dt_s=dt_s,
         )
-        law = step(self._follow_limits(session.law), sample, pi_gains(self._gains), self._settings)
+        before = self._follow_limits(session.law)
+        sample = masked(sample, session.wanted, before.T_base_tcp.rotation)
+        gains = ramped(session.gains, self._gains, dt_s)
+        law, memory = control(
+            before, session.memory, sample, T_base_tcp, gains=pi_gains(gains), tools=self._tools
+        )
+        sent = None
+        if memory is not None and session.wanted.host == "controller":
+            sent = controller_gains(
+                session.sent,
+                self._gains,
+                law.T_base_tcp.rotation,
+                memory=memory,
+                tools=self._tools,
+            )
         watched, trip = watch(session.watch, seen_by(law, sample, T_base_tcp), self._guards)
-        session = replace(session, law=law, setpoint_N=setpoint_N, last_sample_ns=stamp_ns)
-        return replace(session, watch=watched), trip
+        session = replace(session, law=law, memory=memory, setpoint_N=setpoint_N)
+        session = replace(session, gains=gains, sent=sent, watch=watched)
+        return replace(session, last_sample_ns=stamp_ns), trip
 
     def _follow_limits(self, law: LawState) -> LawState:
         """Back-calculate: where a limit was in the way, go on from what was let through."""
@@ -170,7 +177,7 @@ class Regulator:
             mode=session.wanted.mode,
             setpoint_force_N=vec3(-session.setpoint_N * law.T_base_tcp.rotation[:, 2]),
             lever_m=vec3(lever_m),
-            gains=self._gains,
+            gains=session.sent or self._gains,
         )
 
     def _stop_unless_allowed(self, now_ns: int) -> None:
@@ -185,10 +192,11 @@ class Regulator:
             self._end(f"the arbiter is {arbiter.state}")
         elif arbiter.lease != self._session.lease:  # held and armed again between two readings
             self._end("the arm was armed anew")
-        elif mover := _mover(arbiter):
-            self._end(f"the {mover} commands the arm")
+        elif who := mover(arbiter):
+            self._end(f"the {who} commands the arm")
 
     def _end(self, reason: str) -> None:
+        self._met = met(self._session.memory) if self._session else self._met
         self._session, self._stop_reason, self.fault = None, reason, ""
 
     def _serve(self, now_ns: int, wrench: Reading[WrenchAtTcp], robot: Reading[RobotState]) -> None:
@@ -214,12 +222,30 @@ class Regulator:
             return refused or refusal(robot.code, robot.fault)
         running = self._session
         if running is not None and running.wanted.host == wanted.host and not running.failure:
-            self._session = replace(running, wanted=wanted, watch=Watch())
+            memory = self._memory(wanted, running.law.T_base_tcp, robot.fresh, running.memory)
+            self._session = replace(running, wanted=wanted, watch=Watch(), memory=memory)
             return Reply(accepted=True, text=f"{wanted.mode}, set point {wanted.setpoint_N:g} N")
         law = start_at(pose_of(robot.fresh) * self._T_flange_tcp)
         stamp_ns = wrench.header.stamp_ns if wrench.header else now_ns
-        self._session = Session(wanted, 0.0, law, stamp_ns, arbiter.lease, Watch())
+        memory = self._memory(wanted, law.T_base_tcp, robot.fresh, None)
+        self._session = Session(
+            wanted, 0.0, law, stamp_ns, arbiter.lease, Watch(), self._gains, memory
+        )
         return Reply(accepted=True, text=f"{wanted.mode}, set point {wanted.setpoint_N:g} N")
+
+    def _memory(
+        self,
+        wanted: ForceStartRequest,
+        T_command: pin.SE3,
+        robot: RobotState,
+        running: Adaptive | None,
+    ) -> Adaptive | None:
+        """Return what the adaptive law begins with, None for the plain law."""
+        if (wanted.law or self._cell.force.law) == "plain" or running is not None:
+            return running if (wanted.law or self._cell.force.law) == "adaptive" else None
+        T_measured = pose_of(robot) * self._T_flange_tcp
+        k = None if self._met is None else self._met.still(T_measured)
+        return adaptive.begin(T_command, T_measured, self._tools.adaptive, k)
 
     def _refusal(
         self, wanted: ForceStartRequest, arbiter: ArbiterStatus | None, worse: Reading[Any]
@@ -231,6 +257,8 @@ class Regulator:
                 f"this cell offers {', '.join(self._cell.robot.hosts)}"
             )
             return refusal("host", text)
+        if wanted.host == "controller" and not all(wanted.axes):
+            return refusal("host", "axes: the controller cannot hold axes of its own, the PC can")
         if wanted.setpoint_N > largest_N:
             text = "set point above force.setpoint_max_N"
             return refusal("setpoint", text, value=wanted.setpoint_N, limit=largest_N)
@@ -239,33 +267,7 @@ class Regulator:
             return refusal("not_armed", f"the arbiter is {state}: arm first")
         if arbiter.armed_for == "jog":
             return refusal("not_armed", "armed for jog alone: hold, then arm for all")
-        if mover := _mover(arbiter):
-            text = f"the {mover} commands the arm: wait for the move to end, or hold"
+        if who := mover(arbiter):
+            text = f"the {who} commands the arm: wait for the move to end, or hold"
             return refusal("busy", text)
         return refusal(worse.code, worse.fault) if worse.fault else None
-
-
-def _mover(arbiter: ArbiterStatus) -> str:
-    """Return who moves the arm, or is about to; empty when nobody but the regulator may."""
-    both = (arbiter.commander, arbiter.next_commander)
-    return next((who for who in both if who in MOVERS), "")
-
-
-def seen_by(law: LawState, sample: LawInput, T_base_tcp: pin.SE3) -> Seen:
-    """Return what the guards watch of one sample; no contact is sought in mode orientation."""
-    error_N = np.zeros(3) if law.error_force_N is None else law.error_force_N
-    error_Nm = np.zeros(3) if law.error_torque_Nm is None else law.error_torque_Nm
-    moves, turns = sample.mode != "orientation", sample.mode != "position"
-    return Seen(
-        force_N=sample.force_N,
-        torque_Nm=sample.torque_Nm,
-        T_base_tcp=T_base_tcp,
-        contact=law.contact if moves else "free",
-        error=np.concatenate((error_N * moves, error_Nm * turns)),
-        turns=turns,
-        dt_s=sample.dt_s,
-    )
-
-
-def _failure_of(reading: Reading[Any]) -> Failure | None:
-    return Failure(reading.code, reading.fault) if reading.fault else None

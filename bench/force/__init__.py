@@ -1,0 +1,1 @@
+"""The force benchmark: how well laws hold, release, find and follow a force."""

@@ -1,0 +1,28 @@
+"""What a trace of force is measured by. Pure.
+
+A light plate loses contact for single milliseconds: averages over 8 ms, and not the first 15 ms,
+in which the tool's own inertia shows up as force.
+"""
+
+import numpy as np
+
+from common.frames import Array
+
+MEAN_S = 0.008
+IGNORED_S = 0.015
+
+
+def means(t_s: Array, values: Array) -> Array:
+    """Return each value averaged over the last few milliseconds. Shape (n,)."""
+    first = np.searchsorted(t_s, t_s - MEAN_S)
+    total = np.concatenate([[0.0], np.cumsum(values)])
+    last = np.arange(1, len(t_s) + 1)
+    return np.asarray((total[last] - total[first]) / (last - first))
+
+
+def settling_s(t_s: Array, error: Array, band: float) -> float | None:
+    """Return from when on the error stays within a band; None when it does not at the end."""
+    outside = np.flatnonzero(np.abs(means(t_s, error)) > band)
+    if len(outside) == 0:
+        return 0.0
+    return None if outside[-1] + 1 >= len(t_s) else float(t_s[outside[-1] + 1])

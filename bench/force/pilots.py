@@ -1,0 +1,72 @@
+"""The regulator's laws on the rig."""
+
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+
+from bench.force.rig import Heard
+from common.cell import Cell
+from common.messages import Mode
+from services.regulator import adaptive
+from services.regulator.adaptive import AdaptiveSettings
+from services.regulator.law import LawInput, PiGains, start_at, step
+from services.regulator.settings import law_settings, pi_gains
+from services.regulator.tuning import tune
+
+
+class Ours:
+    """The adaptive law as the regulator runs it."""
+
+    def __init__(
+        self, cell: Cell, T_base_tcp: pin.SE3, *, mode: Mode = "position", setpoint_N: float = 0.0
+    ) -> None:
+        """Start at rest."""
+        self.settings, self.plain = AdaptiveSettings.of(cell), law_settings(cell)
+        self.gains = pi_gains(tune(cell).gains)
+        self.mode, self.setpoint_N = mode, setpoint_N
+        self.law = start_at(T_base_tcp)
+        self.memory = adaptive.begin(T_base_tcp, T_base_tcp, self.settings)
+
+    def step(self, heard: Heard) -> pin.SE3:
+        """Return the TCP's next pose."""
+        law = replace(self.law, T_base_tcp=heard.T_let_through) if heard.limited else self.law
+        sample = LawInput(heard.force_N, heard.torque_Nm, self.setpoint_N, self.mode, heard.dt_s)
+        self.law, self.memory = adaptive.advance(
+            law,
+            self.memory,
+            sample,
+            heard.T_base_tcp,
+            gains=self.gains,
+            plain=self.plain,
+            settings=self.settings,
+        )
+        return self.law.T_base_tcp
+
+
+class Plain:
+    """The specification's PI law."""
+
+    def __init__(
+        self,
+        cell: Cell,
+        T_base_tcp: pin.SE3,
+        gain_m_per_Ns: float | None = None,
+        *,
+        mode: Mode = "position",
+        setpoint_N: float = 0.0,
+    ) -> None:
+        """Start at rest, with a gain tuned by hand or by the rule."""
+        self.plain, gains = law_settings(cell), pi_gains(tune(cell).gains)
+        if gain_m_per_Ns is not None:
+            gains = replace(gains, force_i_m_per_Ns=np.full(3, gain_m_per_Ns))
+        self.gains: PiGains = gains
+        self.mode, self.setpoint_N = mode, setpoint_N
+        self.law = start_at(T_base_tcp)
+
+    def step(self, heard: Heard) -> pin.SE3:
+        """Return the TCP's next pose."""
+        law = replace(self.law, T_base_tcp=heard.T_let_through) if heard.limited else self.law
+        sample = LawInput(heard.force_N, heard.torque_Nm, self.setpoint_N, self.mode, heard.dt_s)
+        self.law = step(law, sample, self.gains, self.plain)
+        return self.law.T_base_tcp

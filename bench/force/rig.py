@@ -1,0 +1,225 @@
+"""The simulated arm with the real wrench filter, the real limits and one law, in one loop.
+
+No bus and no processes: a second of the cell takes a tenth of one. Everything that shapes the
+force is what the cell runs: physics, set-point line, sensor, filter, compensation, motion limits.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+import pinocchio as pin
+
+from common.cell import Cell
+from common.config import load_cell
+from common.frames import Array
+from common.limits import Limits
+from common.motion_limits import Pace, limit_motion, still
+from common.payload import Payload
+from common.stream_budget import SPEED_MARGIN
+from services.wrench.compensation import Wrench, compensate
+from services.wrench.plausibility import Bounds, History, judge
+from services.wrench.smoothing import Filter, feed
+from sim.robot.arm import SimArm
+from sim.robot.motion import MotionGenerator
+from sim.robot.service import sim_settings
+from sim.robot.settings import TICK_S
+
+CELL = Path(__file__).resolve().parents[2] / "cells" / "demo.yaml"
+CHAIN_TICKS = 1  # from the sensor's sample to the arm that obeys
+STIFFEST_N_M = 2e5
+
+
+@dataclass(frozen=True, slots=True)
+class World:
+    """What differs from scene to scene."""
+
+    stiffness_N_m: float = 2e4
+    delay_ms: int = 10
+    loop_hz: float = 250.0
+    delay_error_ms: float = 0.0  # by which the delay is assumed too long
+    tilt_deg: float = 0.0
+    gap_m: float = 0.005
+    tool_mass_kg: float = 1.0
+    seed: int = 0
+    speed_m_s: float = 0.15
+    overrides: tuple[tuple[str, object], ...] = ()
+
+    def cell(self) -> Cell:
+        """Return the cell file of the benchmark: the demo's, at its own speed and delay."""
+        delay_s = self.delay_ms / 1e3
+        chosen: dict[str, object] = {
+            "rates.control_hz": self.loop_hz,
+            "rates.robot_hz": max(self.loop_hz, 100.0),
+            "rates.sensor_hz": 1000.0,
+            "robot.delay_s": max(0.0, delay_s + self.delay_error_ms / 1e3),
+            "force.chain_s": CHAIN_TICKS * TICK_S,
+            "force.speed_max_m_s": self.speed_m_s,
+            "force.law": "adaptive",
+            "limits.accel_m_s2": 10.0,
+            "limits.force_N": 500.0,
+            "contact.stiffness_N_m": STIFFEST_N_M,
+            "sim.stiffness_N_m": self.stiffness_N_m,
+            "sim.delay_s": delay_s,
+            "sim.tilt_deg": self.tilt_deg,
+            "sim.gap_m": self.gap_m,
+            "sim.tool_mass_kg": self.tool_mass_kg,
+            "sim.seed": self.seed,
+        }
+        return load_cell(CELL, chosen | dict(self.overrides))
+
+
+@dataclass(frozen=True, slots=True)
+class Heard:
+    """What a law is told at each of its steps."""
+
+    force_N: Array  # base axes, about the TCP
+    torque_Nm: Array
+    T_base_tcp: pin.SE3  # measured
+    T_let_through: pin.SE3  # TCP, commanded
+    limited: bool
+    dt_s: float
+
+
+class Pilot(Protocol):
+    """A law at work."""
+
+    def step(self, heard: Heard) -> pin.SE3:
+        """Return the TCP's next pose."""
+
+
+@dataclass(slots=True)
+class Trace:
+    """What happened, one row for each step of the law."""
+
+    t_s: list[float] = field(default_factory=list)
+    force_N: list[Array] = field(default_factory=list)
+    torque_Nm: list[Array] = field(default_factory=list)
+    T_base_tcp: list[pin.SE3] = field(default_factory=list)
+    lift_off_m: list[float] = field(default_factory=list)
+    push_N: list[float] = field(default_factory=list)  # back along the tool's axis
+
+
+class Rig:
+    """One arm, one plate, and whoever moves it."""
+
+    def __init__(self, cell: Cell) -> None:
+        """Stand at home above the plate."""
+        if cell.sim is None:
+            raise ValueError("the benchmark needs a simulated cell")
+        self.cell = cell
+        self.arm = SimArm(sim_settings(cell, cell.sim), seed=cell.sim.seed)
+        self._limits = Limits.of(cell)
+        self._motion = MotionGenerator(
+            self.arm.kinematics, self.arm.q, stream_m_s=SPEED_MARGIN * cell.limits.speed_m_s
+        )
+        self._T_flange_tcp = cell.tool.T_flange_tcp.pose
+        self._T_flange_sensor = cell.sensor.T_flange_sensor.pose
+        p = self._T_flange_sensor.inverse() * self._T_flange_tcp
+        self._p_sensor_tcp = np.asarray(p.translation)
+        sim = cell.sim
+        self.payload = Payload(
+            sim.tool_mass_kg, sim.tool_com_m, sim.bias_force_N, sim.bias_torque_Nm
+        )
+        self._filter = Filter(cell.filter.median, cell.filter.lowpass_s)
+        self._bounds, self._history = Bounds.of(cell), History()
+        self._sensor_ticks = round(1.0 / cell.rates.sensor_hz / TICK_S)
+        self._law_ticks = max(1, round(1.0 / cell.rates.control_hz / TICK_S))
+        self._pace: Pace = still(self.arm.T_base_flange)
+        self._on_its_way: list[tuple[int, pin.SE3]] = []
+        self._limited = False
+        self.every_tick: Callable[[Rig], None] = _nothing
+        for _ in range(30):
+            self._tick()
+
+    def wrench(self) -> Wrench:
+        """Return the wrench about the TCP, base axes, as the wrench service would say it."""
+        output = self._filter.output
+        assert output is not None  # noqa: S101 - the first ticks have filled it
+        return compensate(
+            Wrench(output[:3], output[3:]),
+            R_base_sensor=np.asarray((self.arm.T_base_flange * self._T_flange_sensor).rotation),
+            p_sensor_tcp_in_sensor=self._p_sensor_tcp,
+            payload=self.payload,
+        )
+
+    def push_N(self) -> float:
+        """Return the force that pushes the tool back along its axis."""
+        return -float(self.wrench().force_N @ self.arm.T_base_tcp.rotation[:, 2])
+
+    def press(self, force_N: float) -> None:
+        """Press by position alone until the plate pushes back with a force, and stand still."""
+        k = self.arm.settings.stiffness_N_m
+        way_m = max(0.0, self.arm.lift_off_m) + force_N / k
+        for _ in range(8):
+            T = self._pace.T_base_flange.copy()
+            steps = max(1, int(way_m / 0.0002)) if way_m > 0 else 1
+            for number in range(steps):
+                share = (number + 1) / steps
+                aim = T.translation + T.rotation[:, 2] * way_m * share
+                self._motion.setpoint(pin.SE3(T.rotation, aim))
+                self._tick()
+            for _ in range(100 + self.arm.settings.delay_ticks):
+                self._tick()
+            T_now = pin.SE3(T.rotation, T.translation + T.rotation[:, 2] * way_m)
+            self._pace = still(T_now)
+            way_m = (force_N - self.push_N()) / k
+            if abs(force_N - self.push_N()) < 0.3:
+                break
+
+    def run(self, pilot: Pilot, duration_s: float, trace: Trace | None = None) -> Trace:
+        """Let a law work for a while; its trace begins at zero or goes on."""
+        trace = trace or Trace()
+        first_s = trace.t_s[-1] + self._law_ticks * TICK_S if trace.t_s else 0.0
+        for number in range(round(duration_s / TICK_S / self._law_ticks)):
+            self._steer(pilot)
+            self._write(trace, first_s + number * self._law_ticks * TICK_S)
+            for _ in range(self._law_ticks):
+                self._tick()
+        return trace
+
+    def _steer(self, pilot: Pilot) -> None:
+        wrench, dt_s = self.wrench(), self._law_ticks * TICK_S
+        T_let_through = self._pace.T_base_flange * self._T_flange_tcp
+        heard = Heard(
+            wrench.force_N,
+            wrench.torque_Nm,
+            self.arm.T_base_tcp,
+            T_let_through,
+            self._limited,
+            dt_s,
+        )
+        T_wished = pilot.step(heard) * self._T_flange_tcp.inverse()
+        self._pace = limit_motion(self._limits, self._pace, T_wished, dt_s)
+        self._limited = not self._pace.is_there
+        self._on_its_way.append((self.arm.ticks + CHAIN_TICKS, self._pace.T_base_flange))
+
+    def _write(self, trace: Trace, t_s: float) -> None:
+        wrench, T = self.wrench(), self.arm.T_base_tcp
+        trace.t_s.append(t_s)
+        trace.force_N.append(wrench.force_N)
+        trace.torque_Nm.append(wrench.torque_Nm)
+        trace.T_base_tcp.append(T)
+        trace.lift_off_m.append(self.arm.lift_off_m)
+        trace.push_N.append(-float(wrench.force_N @ T.rotation[:, 2]))
+
+    def _tick(self) -> None:
+        while self._on_its_way and self._on_its_way[0][0] <= self.arm.ticks:
+            self._motion.setpoint(self._on_its_way.pop(0)[1])
+        self.every_tick(self)
+        self.arm.command_joints(self._motion.tick(TICK_S))
+        self.arm.step()
+        if self.arm.ticks % self._sensor_ticks == 0:
+            sample = self.arm.ft_sensor.disturb(self.arm.sample_ft())
+            if sample is not None:
+                reading = np.concatenate((sample.force_N, sample.torque_Nm))
+                dt_s = self._sensor_ticks * TICK_S
+                self._history, _ = judge(self._history, reading, dt_s, self._bounds)
+                if self._history.counts:
+                    self._filter = feed(self._filter, reading, dt_s)
+
+
+def _nothing(_: Rig) -> None:
+    """Every tick, unless a scene has something to do."""

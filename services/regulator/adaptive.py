@@ -1,0 +1,267 @@
+"""The adaptive law: the PI law, told its gain, the force to come and how the surface moves. Pure.
+
+Along each axis of the tool, with k the stiffness that is believed and tau the loop's delay:
+
+    Ki  = min(c / (k tau), 1 / (m w_b)),  c from 0.45 to 2.5 with the part w of the prediction
+    F'  = F + 0.5 m a - w k (x_command - x_felt)      force when all commands have arrived
+    v   = Ki (F' - F_set) + v_surface                 v_surface along the press axis alone
+
+x_felt is the command passed through the model of the way to the filtered force (`path.py`). The
+prediction fades in with the gain: where inertia caps the gain there is nothing left to predict,
+and a slow loop does not bear it. A surface is followed once the force has been near its set point.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pinocchio as pin
+
+from common.cell import Cell
+from common.frames import Array, rotation_between
+from services.regulator import drift as surface
+from services.regulator import path as way
+from services.regulator import stiffness as stiff
+from services.regulator.drift import Drift
+from services.regulator.law import LawInput, LawSettings, LawState, PiGains, step
+from services.regulator.path import Path, PathSettings
+from services.regulator.stiffness import Stiffness, StiffnessSettings
+from services.regulator.tuning import LOOP_GAIN, tune
+
+FULL_LOOP = 2.5  # k Ki tau when all that is on its way is foreseen; without it LOOP_GAIN
+INERTIA_MARGIN = 1.0  # of 1 / (m w_b): the model takes half of the inertia away
+INERTIA_SHARE = 0.5
+FAST_LOOP_S, SLOW_LOOP_S = 0.008, 0.016  # period of a loop that bears all, none of the prediction
+
+MEMORY_TAUS, MEMORY_PERIODS, MEMORY_LEAST_S = 2.0, 10.0, 0.1  # of the stiffness
+NOISE_N, LEAST_WAY_M, SOFTEST_N_M = 0.15, 1e-5, 200.0
+TOUCH_SHARE = 0.5  # of the touch force: below it nothing is touched
+FREE_TAUS = 3.0  # so long without touch: what was pressed on is gone, and is forgotten
+DEADBAND_IN_CONTACT = 0.25  # of the deadband: it is there against drift in free space
+
+NEAR_N = 2.0  # of the set point: from here on the surface is followed
+FADE_S = 0.05
+DRIFT_TAUS, DRIFT_LEAST_S = 0.7, 0.025
+CALM_N, CALM_UP_S, CALM_DOWN_S = 3.0, 0.3, 0.01  # the surface's acceleration is believed
+TRIM_TAUS, TRIM_SHARE, TRIM_LEAST_M_S = 8.0, 0.25, 1e-4
+
+
+@dataclass(frozen=True, slots=True)
+class AdaptiveSettings:
+    """What the adaptive law knows of the cell."""
+
+    tau_s: float
+    path: PathSettings
+    stiffness: StiffnessSettings
+    gain_cap_m_per_Ns: float
+    plain_gain_m_per_Ns: float  # what the gain rule says: requested gains below it slow it down
+    inertia_kg: float
+    touch_N: float
+    predicts: bool
+    tracks: bool
+
+    @classmethod
+    def of(cls, cell: Cell) -> "AdaptiveSettings":
+        """Take them out of a cell file."""
+        tau_s, contact = cell.loop_delay_s, cell.contact
+        memory_s = max(MEMORY_TAUS * tau_s, MEMORY_PERIODS / cell.rates.control_hz, MEMORY_LEAST_S)
+        return cls(
+            tau_s=tau_s,
+            path=PathSettings.of(cell),
+            stiffness=StiffnessSettings(
+                contact.stiffness_N_m, SOFTEST_N_M, memory_s, NOISE_N, LEAST_WAY_M
+            ),
+            gain_cap_m_per_Ns=INERTIA_MARGIN / (contact.inertia_kg * cell.robot.bandwidth_rad_s),
+            plain_gain_m_per_Ns=tune(cell).force_i_m_per_Ns,
+            inertia_kg=contact.inertia_kg,
+            touch_N=TOUCH_SHARE * cell.force.touch_N,
+            predicts=cell.force.delay_compensation,
+            tracks=cell.force.surface_tracking,
+        )
+
+
+NO_DRIFT = Drift()
+
+
+@dataclass(frozen=True, slots=True)
+class Follow:
+    """How the surface is followed along the press axis."""
+
+    near: bool = False  # has been near the set point since it changed or contact was lost
+    drift: Drift = NO_DRIFT
+    share: float = 0.0  # of the drift that is fed forward
+    calm: float = 0.0  # share of its acceleration
+    trim_m_s: float = 0.0  # what the model has left over
+    setpoint_N: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Adaptive:
+    """What the adaptive law remembers beside the plain one. Ways are of the point of contact."""
+
+    T_command: pin.SE3  # of the TCP, in the last period
+    T_measured: pin.SE3
+    command: Path  # base axes
+    measured: Path  # the same through the wrench's filter alone
+    stiffness: Stiffness  # tool axes
+    follow: Follow = Follow()
+    free_s: float = 0.0  # time without touch
+
+
+def begin(
+    T_command: pin.SE3, T_measured: pin.SE3, settings: AdaptiveSettings, k: Array | None = None
+) -> Adaptive:
+    """Return the memory of a tool at rest; `k`: stiffness that was met here before. Shape (3,)."""
+    state = stiff.stiffest(settings.stiffness) if k is None else stiff.believing(k)
+    start = way.at_rest(np.zeros(3))
+    return Adaptive(T_command.copy(), T_measured.copy(), start, start, state)
+
+
+def advance(
+    law: LawState,
+    memory: Adaptive,
+    sample: LawInput,
+    T_measured: pin.SE3,
+    *,
+    gains: PiGains,
+    plain: LawSettings,
+    settings: AdaptiveSettings,
+) -> tuple[LawState, Adaptive]:
+    """Return the next state and memory.
+
+    Args:
+        law: State of the plain law; its pose is what was let through of the last command.
+        memory: What is remembered.
+        sample: One wrench and what is wanted.
+        T_measured: Pose of the TCP, in base.
+        gains: Of the plain law; integral gains of force below the gain rule's slow this law down.
+        plain: Settings of the plain law.
+        settings: Settings of this one.
+    """
+    R = law.T_base_tcp.rotation
+    memory = listen(law, memory, sample, T_measured=T_measured, settings=settings)
+    Ki, w = _tuned(memory.stiffness.k, settings, sample.dt_s)
+    Ki = asked_share(gains, R, settings) * Ki
+    k, command = memory.stiffness.k, memory.command
+    foreseen_N = (
+        sample.force_N
+        + INERTIA_SHARE * settings.inertia_kg * command.acceleration
+        - R @ (w * k * (R.T @ (command.command - command.felt)))
+    )
+    drift_m_s = None
+    if settings.tracks and sample.mode != "orientation":
+        follow = _followed(memory, sample, R, Ki=float(Ki[2]), settings=settings)
+        memory = replace(memory, follow=follow)
+        ahead_s, share = settings.tau_s - sample.dt_s, follow.share
+        ahead_m = share * follow.drift.ahead_m(ahead_s, follow.calm)
+        foreseen_N = foreseen_N + w[2] * k[2] * ahead_m * R[:, 2]
+        speed_m_s = share * follow.drift.speed_in_m_s(ahead_s, follow.calm)
+        drift_m_s = (speed_m_s + follow.trim_m_s) * R[:, 2]
+    richer = replace(
+        sample,
+        foreseen_N=foreseen_N,
+        drift_m_s=drift_m_s,
+        R_base_gains=R,
+    )
+    band = DEADBAND_IN_CONTACT if memory.free_s == 0.0 else 1.0
+    tuned = replace(gains, force_i_m_per_Ns=Ki)
+    return step(law, richer, tuned, replace(plain, deadband_N=band * plain.deadband_N)), memory
+
+
+def asked_share(gains: PiGains, R: Array, settings: AdaptiveSettings) -> Array:
+    """Return by how much a person's gains slow the law down, along the tool's axes: at most 1."""
+    return np.minimum((R * R).T @ gains.force_i_m_per_Ns / settings.plain_gain_m_per_Ns, 1.0)
+
+
+def plain_gain(memory: Adaptive, settings: AdaptiveSettings) -> Array:
+    """Return the gain rule's integral gains for what is believed, tool axes [m/(N s)]."""
+    Ki = LOOP_GAIN / (memory.stiffness.k * settings.tau_s)
+    return np.minimum(Ki, settings.gain_cap_m_per_Ns)
+
+
+def listen(
+    law: LawState,
+    memory: Adaptive,
+    sample: LawInput,
+    *,
+    T_measured: pin.SE3,
+    settings: AdaptiveSettings,
+) -> Adaptive:
+    """Return the memory with what this sample says about the stiffness.
+
+    While a surface is followed, way without force says nothing: the estimate may only rise.
+    """
+    memory = _moved(memory, law, T_measured, dt_s=sample.dt_s, settings=settings)
+    R = law.T_base_tcp.rotation
+    touches = float(np.linalg.norm(sample.force_N)) > settings.touch_N
+    if not touches:
+        free_s = memory.free_s + sample.dt_s
+        if free_s <= FREE_TAUS * settings.tau_s:
+            return replace(memory, free_s=free_s)
+        forgotten = stiff.stiffest(settings.stiffness)
+        return replace(memory, stiffness=forgotten, free_s=free_s, follow=Follow())
+    own_N = INERTIA_SHARE * settings.inertia_kg * memory.command.acceleration
+    state = stiff.feel(
+        memory.stiffness,
+        R.T @ memory.measured.felt,
+        R.T @ (sample.force_N + own_N),
+        dt_s=sample.dt_s,
+        settings=settings.stiffness,
+        may_soften=not memory.follow.near,
+    )
+    return replace(memory, stiffness=state, free_s=0.0)
+
+
+def _moved(
+    memory: Adaptive, law: LawState, T_measured: pin.SE3, *, dt_s: float, settings: AdaptiveSettings
+) -> Adaptive:
+    """Take the last period's ways of the point of contact, which a turn about the TCP moves too."""
+    lever_m = np.zeros(3) if law.lever_m is None else law.lever_m
+    path = settings.path
+    wrench_only = PathSettings(path.median_s, 0.0, path.filter_s, path.median_s)
+    commanded_m = memory.command.command + _way(memory.T_command, law.T_base_tcp, lever_m)
+    measured_m = memory.measured.command + _way(memory.T_measured, T_measured, lever_m)
+    return replace(
+        memory,
+        T_command=law.T_base_tcp,
+        T_measured=T_measured,
+        command=way.follow(memory.command, commanded_m, dt_s, path),
+        measured=way.follow(memory.measured, measured_m, dt_s, wrench_only),
+    )
+
+
+def _way(T_from: pin.SE3, T_to: pin.SE3, lever_m: Array) -> Array:
+    turn_rad = rotation_between(T_from.rotation, T_to.rotation)
+    return np.asarray(T_to.translation - T_from.translation + np.cross(turn_rad, lever_m))
+
+
+def _tuned(k: Array, settings: AdaptiveSettings, dt_s: float) -> tuple[Array, Array]:
+    """Return gain and part of the prediction along each axis."""
+    bears = min(max((SLOW_LOOP_S - dt_s) / (SLOW_LOOP_S - FAST_LOOP_S), 0.0), 1.0)
+    loop = LOOP_GAIN + (FULL_LOOP - LOOP_GAIN) * (bears if settings.predicts else 0.0)
+    Ki = np.minimum(loop / (k * settings.tau_s), settings.gain_cap_m_per_Ns)
+    hot = (k * Ki * settings.tau_s - LOOP_GAIN) / (FULL_LOOP - LOOP_GAIN)
+    return Ki, np.clip(hot, 0.0, 1.0)
+
+
+def _followed(
+    memory: Adaptive, sample: LawInput, R: Array, *, Ki: float, settings: AdaptiveSettings
+) -> Follow:
+    """Return how the surface is followed after this sample."""
+    before, dt_s, axis = memory.follow, sample.dt_s, R[:, 2]
+    error_N = float(sample.force_N @ axis) + sample.setpoint_N
+    near = before.near or (abs(error_N) < NEAR_N and bool(memory.stiffness.known[2]))
+    if memory.free_s > 0.0 or abs(sample.setpoint_N - before.setpoint_N) > 0.0:
+        near = False
+    share = before.share + (near - before.share) * min(1.0, dt_s / FADE_S)
+    if not near:
+        return Follow(share=share, setpoint_N=sample.setpoint_N)
+    seen_m = float(axis @ memory.command.felt)
+    seen_m += float(sample.force_N @ axis) / float(memory.stiffness.k[2])
+    time_s = max(DRIFT_TAUS * settings.tau_s, DRIFT_LEAST_S, dt_s)
+    drift = surface.look(before.drift, seen_m, dt_s, time_s)
+    is_calm = abs(error_N) < CALM_N
+    calm_s = CALM_UP_S if is_calm else CALM_DOWN_S
+    calm = before.calm + (is_calm - before.calm) * min(1.0, dt_s / calm_s)
+    most = TRIM_SHARE * share * abs(drift.speed_m_s) + TRIM_LEAST_M_S
+    trim = before.trim_m_s + Ki * error_N / (TRIM_TAUS * settings.tau_s) * share * dt_s
+    return Follow(near, drift, share, calm, min(max(trim, -most), most), sample.setpoint_N)

@@ -1,0 +1,112 @@
+"""One step of whichever law is asked for, and what outlives it. Pure."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pinocchio as pin
+
+from common.cell import Cell
+from common.convert import vec3
+from common.frames import Array, rotation_between
+from common.messages import Gains
+from common.requests import ForceStartRequest
+from services.regulator import adaptive
+from services.regulator.adaptive import Adaptive, AdaptiveSettings
+from services.regulator.law import LawInput, LawSettings, LawState, PiGains, step
+from services.regulator.settings import law_settings, pi_gains
+
+MET_WITHIN_M, MET_WITHIN_RAD = 0.002, 0.05  # of where a stiffness was met, it still holds
+GAIN_RAMP_S = 0.1  # time constant
+SAME_GAIN = 0.15  # smaller changes of the controller's gains are not worth a command
+
+
+@dataclass(frozen=True, slots=True)
+class LawTools:
+    """Settings of both laws."""
+
+    plain: LawSettings
+    adaptive: AdaptiveSettings
+
+    @classmethod
+    def of(cls, cell: Cell) -> "LawTools":
+        """Take them out of a cell file."""
+        return cls(law_settings(cell), AdaptiveSettings.of(cell))
+
+
+@dataclass(frozen=True, slots=True)
+class Met:
+    """What was pressed on last, and where: after a stop and a start it is still the same."""
+
+    k: Array  # shape (3,), tool axes
+    T_base_tcp: pin.SE3
+
+    def still(self, T_base_tcp: pin.SE3) -> Array | None:
+        """Return the stiffness that holds here, None where something else may be."""
+        way_m = np.linalg.norm(T_base_tcp.translation - self.T_base_tcp.translation)
+        turn_rad = rotation_between(self.T_base_tcp.rotation, T_base_tcp.rotation)
+        if way_m > MET_WITHIN_M or np.linalg.norm(turn_rad) > MET_WITHIN_RAD:
+            return None
+        return self.k
+
+
+def met(memory: Adaptive | None) -> Met | None:
+    """Return what a session leaves behind: a stiffness that was known while it still touched."""
+    if memory is None or memory.free_s > 0.0 or not memory.stiffness.known[2]:
+        return None
+    return Met(memory.stiffness.k, memory.T_measured)
+
+
+def masked(sample: LawInput, wanted: ForceStartRequest, R_base_tcp: Array) -> LawInput:
+    """Return a sample with the axes that may move."""
+    R_base_task = R_base_tcp if wanted.frame == "tool" else np.eye(3)
+    return replace(sample, axes=wanted.axes, R_base_task=R_base_task)
+
+
+def control(
+    law: LawState,
+    memory: Adaptive | None,
+    sample: LawInput,
+    T_measured: pin.SE3,
+    *,
+    gains: PiGains,
+    tools: LawTools,
+) -> tuple[LawState, Adaptive | None]:
+    """Return the next state, and memory if the adaptive law has one; without, the plain law."""
+    if memory is None:
+        return step(law, sample, gains, tools.plain), None
+    return adaptive.advance(
+        law, memory, sample, T_measured, gains=gains, plain=tools.plain, settings=tools.adaptive
+    )
+
+
+def ramped(now: Gains, goal: Gains, dt_s: float) -> Gains:
+    """Return gains on their way to others: each closes its gap as an exponential would."""
+    if now == goal:
+        return goal
+    share = min(1.0, dt_s / GAIN_RAMP_S)
+    before, after = now.model_dump(), goal.model_dump()
+    return Gains(
+        **{
+            name: tuple(
+                b if abs(b - a) <= 1e-3 * abs(b) else a + share * (b - a)
+                for a, b in zip(before[name], after[name], strict=True)
+            )
+            for name in after
+        }
+    )
+
+
+def controller_gains(
+    sent: Gains | None, asked: Gains, R_base_tcp: Array, *, memory: Adaptive, tools: LawTools
+) -> Gains:
+    """Return the gains for force feedback in the controller, from the stiffness that is met.
+
+    It has no prediction, so the plain rule's. A small change is not sent. R_base_tcp: (3, 3).
+    """
+    share = adaptive.asked_share(pi_gains(asked), R_base_tcp, tools.adaptive)
+    wanted = (R_base_tcp * R_base_tcp) @ (share * adaptive.plain_gain(memory, tools.adaptive))
+    if sent is not None:
+        now = np.array(sent.force_i_m_per_Ns)
+        if bool((np.abs(wanted - now) <= SAME_GAIN * now).all()):
+            return sent
+    return asked.model_copy(update={"force_i_m_per_Ns": vec3(wanted)})

@@ -13,6 +13,7 @@ from cli.calibration.drive import Drive
 from cli.calibration.errors import CalibrationError, StoppedError
 from cli.calibration.evidence import evidence_of
 from cli.calibration.finish import Job, conclude, keep_readings
+from cli.calibration.installed import refuse_wrong_axes
 from cli.calibration.plan import Options, Plan, make_plan, spread_deg
 from cli.calibration.screen import screen
 from cli.calibration.tell import Teller
@@ -49,6 +50,7 @@ def calibrate(job: Job, wish: Wish, bus: Bus) -> int:
     keep_readings(job, wizard.dwells)
     if ended is not None:
         return ended
+    refuse_wrong_axes(job, wizard.dwells)
     count = len(wizard.plan.refused)
     skipped = (f"{count} poses were refused by the arm and others taken",) if count else ()
     evidence = evidence_of(

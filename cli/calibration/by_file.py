@@ -6,6 +6,7 @@ import typer
 
 from cli.calibration.evidence import Evidence
 from cli.calibration.finish import Job, conclude
+from cli.calibration.installed import refuse_wrong
 from common.bus import open_bus
 from common.errors import BusError
 from common.topics import CLIENT
@@ -22,6 +23,7 @@ def calibrate(job: Job, recording: Path, other: Path | None, axes: WrenchAxes | 
     Raises DataError when a recording cannot be used.
     """
     data = read_recording(recording)
+    refuse_wrong(job.cell, data, axes, force=job.force)
     taken, fit, reason = identify_recording(data, axes)
     if reason:
         typer.echo(reason, err=True)

@@ -10,6 +10,7 @@ from cli.calibration.errors import CalibrationError
 from cli.calibration.evidence import evidence_of
 from cli.calibration.finish import Job, conclude, keep_readings
 from cli.calibration.gather import POLL_S, Gatherer, ReadingLostError
+from cli.calibration.installed import refuse_wrong_axes
 from cli.calibration.rows import Dwell, Purpose, of_purpose, samples_of
 from cli.calibration.screen import screen
 from cli.calibration.tell import Teller
@@ -219,6 +220,7 @@ def calibrate(job: Job, wish: Wish, bus: Bus, keys: Keys) -> int:
     keep_readings(job, watcher.dwells)
     if ended is not None:
         return ended
+    refuse_wrong_axes(job, watcher.dwells)
     evidence = evidence_of(
         "manual", watcher.dwells, source=job.places.readings, serial=watcher.serial
     )

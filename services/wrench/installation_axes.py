@@ -33,15 +33,20 @@ def same(A: Array, B: Array) -> bool:
 
 
 def side(com_m: Array, belief: Belief) -> int:
-    """Return 1 when a centre of mass is where the tool is, -1 when opposite, 0 when unknown."""
+    """Return 1 when a centre of mass is where the tool is, -1 when opposite, 0 when unknown.
+
+    Where the payload was and where the tip is both count; either may be that of another tool, so
+    one that agrees is enough.
+    """
+    sides = {0}
     for known, least_m in ((belief.com_m, LEVER_LEAST_M), (belief.p_sensor_tcp_m, TOOL_LEAST_M)):
-        lengths = 0.0 if known is None else float(np.linalg.norm(known))
-        if known is None or lengths < least_m:
+        if known is None or np.linalg.norm(known) < least_m:
             continue
-        cosine = float(com_m @ known) / (lengths * max(float(np.linalg.norm(com_m)), 1e-12))
+        lengths = float(np.linalg.norm(known) * np.linalg.norm(com_m))
+        cosine = float(com_m @ known) / max(lengths, 1e-12)
         if abs(cosine) > SIDE_COSINE and np.linalg.norm(com_m) > LEVER_LEAST_M:
-            return 1 if cosine > 0.0 else -1
-    return 0
+            sides.add(1 if cosine > 0.0 else -1)
+    return 1 if 1 in sides else min(sides)
 
 
 def plausible(torque: TorqueFits, belief: Belief) -> list[TorqueFit]:

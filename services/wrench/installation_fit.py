@@ -164,10 +164,9 @@ def fit_force(poses: Poses, down_in_base: Array, drift: int = 0) -> ForceFit:
     mass, rms_N = mass_of(best), rms_of(best)
     rival_rms_N = min(rms_of(Q) for Q in (other, *relative))
     weight = mass * GRAVITY_M_S2
-    across = mass * float(np.sqrt(np.linalg.eigvalsh(G.T @ G)[1]))
     clear = max(CLEAR_TIMES * rms_N, CLEAR_SHARE * weight)
     explained = rms_N <= max(MISFIT_SHARE * weight, min(MISFIT_N, MISFIT_MOST_SHARE * weight))
-    told = min(across, float(np.sqrt(max(0.0, rival_rms_N**2 - rms_N**2)))) > clear
+    told = float(np.sqrt(max(0.0, rival_rms_N**2 - rms_N**2))) > clear
     spread_N = float(np.sqrt(ff))
     is_explained = explained and mass > 0.0
     return ForceFit(

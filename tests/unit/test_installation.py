@@ -164,6 +164,14 @@ def test_reversed_torques_are_told_by_the_side_of_the_tool_alone() -> None:
         assert "torques are all reversed" in finding.text
 
 
+def test_another_tool_than_the_cell_file_knows_is_no_reversed_torque() -> None:
+    """The payload of the tool before lay on another side: the tip agrees, that is enough."""
+    before = replace(belief(), com_m=np.array([-0.02, 0.03, -0.04]))
+    found = judge_installation(readings(), before)
+    assert [finding.kind for finding in found.findings] == ["payload"]
+    assert installation_complaint(readings(), before) is None
+
+
 def test_a_tool_on_its_axis_leaves_the_sign_of_its_torsion_open() -> None:
     """Its moment about z never changes: said, and no mistake invented."""
     payload = replace(PAYLOAD, com_m=(0.0, 0.0, 0.055))

@@ -23,7 +23,7 @@ class Screen:
 
     def note(self, text: str) -> None:
         """Say one line that stays."""
-        self._bar.console.print(text, markup=False, highlight=False)
+        self._bar.console.print(text, markup=False, highlight=False, soft_wrap=True)
 
     def progress(self, done_s: float, total_s: float, text: str) -> None:
         """Move the bar, some times a second."""

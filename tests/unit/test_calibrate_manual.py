@@ -86,8 +86,8 @@ def watched(lab: CalibrationLab, verbs: list[object], **wish: int | float | bool
     return Watcher(lab.bus, lab.cell, wanted, keys=Person(lab, verbs), teller=lab.notes)
 
 
-def test_a_person_jogs_takes_poses_and_gets_a_calibration(lab, tmp_path):
-    """Enter at each pose, fresh ones at the end: written and used by the running cell."""
+def test_a_person_jogs_takes_poses_and_gets_a_calibration(lab, tmp_path, capsys):
+    """Enter at each pose, with advice what to do next; then it is written and used."""
     verbs: list[object] = [verb for way in ways_of(lab, 7) for verb in (*way, "")]
     job = Job(lab.cell, Places(tmp_path / "demo.yaml"), Bounds())
     wish = Wish(poses=6, verify_poses=1, dwell_s=0.3)
@@ -102,6 +102,13 @@ def test_a_person_jogs_takes_poses_and_gets_a_calibration(lab, tmp_path):
     assert (found.fit.poses, found.verified.poses) == (6, 1)
     assert (tmp_path / "demo.csv").exists()
     assert (tmp_path / "demo.html").exists()
+    printed = capsys.readouterr()
+    assert f"calibration {found.revision} is in use" in printed.out
+    taken = [line for line in printed.err.splitlines() if line.startswith("pose ")]
+    assert len(taken) == 7
+    assert "tilt the tool by 60 degrees" in taken[0]
+    assert "condition number" in taken[5]
+    assert "gravity along (" in taken[5]
 
 
 def lab_file(folder):
@@ -109,20 +116,6 @@ def lab_file(folder):
     path = folder / "cell.yaml"
     path.write_text(DEMO.read_text())
     return path
-
-
-def test_it_says_what_to_do_next_and_how_good_it_is(lab):
-    """A hint at first; from four poses on the condition number and the direction of gravity."""
-    verbs: list[object] = [verb for way in ways_of(lab, 5) for verb in (*way, "")]
-    watcher = watched(lab, verbs, poses=5)
-    assert watch(watcher, lab.notes) is None
-    taken = [line for line in lab.notes.lines if line.startswith("pose ")]
-    assert len(taken) == 5
-    assert "tilt the tool by 60 degrees" in taken[0]
-    assert "condition number" in taken[-1]
-    assert "gravity along (" in taken[-1]
-    assert any("| still" in stage for stage in lab.notes.stages)
-    assert any("waiting for the arm to rest" in stage for stage in lab.notes.stages)
 
 
 def test_a_pose_can_be_taken_back_and_a_near_one_is_told(lab):
@@ -151,6 +144,8 @@ def test_poses_are_taken_by_themselves_when_still_and_new(lab):
     watcher = watched(lab, verbs, poses=4, auto=True)
     assert watch(watcher, lab.notes) is None
     assert len(of_purpose(watcher.dwells, "fit")) == 4
+    assert any("| still" in stage for stage in lab.notes.stages)
+    assert any("waiting for the arm to rest" in stage for stage in lab.notes.stages)
     for dwell in watcher.dwells:
         assert np.ptp(dwell.position_m, axis=0).max() < 1e-4
 

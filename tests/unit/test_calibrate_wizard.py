@@ -80,10 +80,9 @@ def test_a_clean_run_finds_the_payload_and_comes_home(tmp_path):
 
 
 def test_a_cell_that_was_armed_stays_armed():
-    """The wizard takes away no more than it has brought."""
-    lab = CalibrationLab()
-    lab.bus.ask(topics.TARE, Empty())
-    assert lab.bus.ask(topics.ARM, ArmRequest()).accepted
+    """The wizard takes away no more than it has brought; a payload of zeros is no trouble."""
+    lab = CalibrationLab(demo_cell(**QUICK, payload={"mass_kg": 0.0, "com_m": [0, 0, 0]}))
+    assert lab.bus.ask(topics.ARM, ArmRequest(purpose="jog")).accepted
     _, ended = driven(lab, lab.plan(**FEW))
     assert ended is None
     assert status_of(lab).state == "ARMED"
@@ -222,14 +221,6 @@ def test_a_cell_that_is_not_up_to_it_is_refused_before_anything_moves():
     assert lab.notes.lines == ["no reading within 2 s: sensor/wrench missing; nothing was moved"]
     assert status_of(lab).state == "IDLE"
     assert lab.world.arm.q == pytest.approx(HOME_RAD, abs=1e-3)
-
-
-def test_a_payload_of_zeros_is_no_trouble():
-    """The plan needs no payload: a cell file with zeros, as the template has it, is calibrated."""
-    lab = CalibrationLab(demo_cell(**QUICK, payload={"mass_kg": 0.0, "com_m": [0, 0, 0]}))
-    wizard, ended = driven(lab)
-    assert ended is None, lab.notes.lines
-    assert len(wizard.dwells) == 7
 
 
 def test_an_arm_that_somebody_else_has_is_left_alone():

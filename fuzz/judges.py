@@ -64,8 +64,9 @@ class Path:
 
     def _sudden(self, at_s: float) -> list[str]:
         """Compare the way of the last 60 ms with that of the 60 ms before."""
-        newer = sum(p[2] for p in self._points if at_s - p[0] < HALF_S)
-        older = sum(p[2] for p in self._points if HALF_S <= at_s - p[0] < 2 * HALF_S)
+        ages = [(round(at_s - then_s, 6), way_m) for then_s, _, way_m, _ in self._points]
+        newer = sum(way_m for age_s, way_m in ages if age_s < HALF_S)
+        older = sum(way_m for age_s, way_m in ages if HALF_S <= age_s < 2 * HALF_S)
         change = newer - older
         self.most_m_s = max(self.most_m_s, newer / HALF_S)
         self.most_m_s2 = max(self.most_m_s2, change / HALF_S**2)

@@ -17,13 +17,14 @@ import numpy as np
 import pinocchio as pin
 
 from common.cell import LimitsSection
+from common.clock import NS_PER_S
 from common.faults import tripped
 from common.frames import rotation_between, rotation_from_vector
 from common.messages import Trip
-from common.stream_budget import ACCEL_MARGIN, EARLY_S, HALF_S, S_PER_NS, SPEED_MARGIN, WINDOW_S
+from common.stream_budget import ACCEL_MARGIN, EARLY_S, HALF_S, SPEED_MARGIN, WINDOW_S
 
-LATE_S = 0.04  # by so much later than planned a set point may leave
-GRAIN_S = 1e-3  # what is as old as a window, to a millisecond, counts against the limit
+LATE_S = 0.045  # by so much later than planned a set point may leave
+HALF_NS, WINDOW_NS = round(HALF_S * NS_PER_S), round(WINDOW_S * NS_PER_S)
 NOTHING = 1e-12  # a way that is none
 LEAST_SHARE = 0.25  # a smaller part of a way waits, while something has left lately
 
@@ -82,7 +83,7 @@ class Departures:
 
     def share(self, T: pin.SE3, now_ns: int) -> float:
         """Return how much of the way to a pose may leave now, 0 to 1."""
-        while self._left and _age_s(self._left[0], now_ns) > WINDOW_S + GRAIN_S:
+        while self._left and now_ns - self._left[0].at_ns > WINDOW_NS:
             self._left.popleft()
         used = (self._used("way_m", now_ns), self._used("turn_rad", now_ns))
         share = 1.0
@@ -99,16 +100,10 @@ class Departures:
 
     def _used(self, name: str, now_ns: int) -> tuple[float, float]:
         """Return what left in the window, and by how much the last 60 ms exceed those before."""
-        sizes = [(_age_s(one, now_ns), float(getattr(one, name))) for one in self._left]
-        newer = sum(size for age_s, size in sizes if age_s <= HALF_S + GRAIN_S)
-        older = sum(
-            size for age_s, size in sizes if HALF_S + GRAIN_S < age_s < 2.0 * HALF_S - GRAIN_S
-        )
+        sizes = [(now_ns - one.at_ns, float(getattr(one, name))) for one in self._left]
+        newer = sum(size for age_ns, size in sizes if age_ns < HALF_NS)
+        older = sum(size for age_ns, size in sizes if HALF_NS <= age_ns < 2 * HALF_NS)
         return sum(size for _, size in sizes), newer - older
-
-
-def _age_s(left: Left, now_ns: int) -> float:
-    return (now_ns - left.at_ns) * S_PER_NS
 
 
 def _steps(T_from: pin.SE3 | None, T_to: pin.SE3) -> tuple[float, float]:

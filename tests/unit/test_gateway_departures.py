@@ -96,7 +96,7 @@ def test_an_honest_stream_leaves_as_it_is_over_a_controller_of_15_to_65_hz(
 ) -> None:
     """Any share of both limits, there and back, the controller up to 5 ms late.
 
-    Above 80 % of the speed limit 60 ms hold one set point more than the 60 before, now and then:
+    Near the speed limit 60 ms hold one set point more than the 60 before, now and then:
     then a part of its way waits for the next one.
     """
     departures, rng = flowing(), random.Random(seed)
@@ -110,9 +110,9 @@ def test_an_honest_stream_leaves_as_it_is_over_a_controller_of_15_to_65_hz(
         if now_ms >= free_ms:
             wanted = shifted(DOWN, x_m=x_m)
             leaves = departures.leave(wanted, now_ms * MS)
-            assert leaves is wanted or speed > 0.8
+            assert leaves is wanted or speed > 0.85
             last = leaves or last
-            assert away_m(last, wanted) <= 0.05 * speed_m_s
+            assert away_m(last, wanted) <= 0.06 * speed_m_s
             free_ms = now_ms if leaves is None else now_ms + period_ms + rng.choice((0, 0, 0, 5))
 
 

@@ -1,19 +1,22 @@
 """Static readings of a sensor that is installed in some way, and the mends that are asked for."""
 
+import csv
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
 from bench.payload_worlds import World, attitudes, read, truth
-from common.frames import Array, Oat, R_from_oat
+from common.frames import Array, Oat, R_from_oat, quaternion_from_R
 from common.payload import Payload
 from services.wrench.installation_terms import Belief, Finding
 from services.wrench.poses import carries_a_fit, sort_into_poses
-from services.wrench.recording import Samples
+from services.wrench.recording import COLUMNS, Samples
 
 EYE = np.eye(3)
 PAYLOAD = Payload(1.0, (0.012, -0.008, 0.055), (1.5, -2.0, 3.0), (0.05, -0.04, 0.03))
+TRUTH = replace(PAYLOAD, com_m=(0.012, -0.008, 0.06))  # as cells/demo.yaml has it
 OAT_DEG = (30.0, 0.0, 0.0)
 ERRORS = World(tilt_deg=1.5, mounting_deg=2.0, gain=1.0, drift=1.0)
 
@@ -93,3 +96,19 @@ def mended(finding: Finding, seen: Samples, of: Belief) -> tuple[Samples, Belief
         value = channels[name][:, "xyz".index(source)]
         after[name][:, "xyz".index(axis)] = -value if sign else value
     return replace(seen, force_N=after["F"], torque_Nm=after["M"]), of
+
+
+def recorded(
+    path: Path, wiring: Array = EYE, *, times: float = 1.0, base_axes: bool = False
+) -> Path:
+    """Write readings of the demo's tool and a wired sensor as a recording; return its path."""
+    seen = readings(TRUTH, force=wiring, torque=wiring, poses=8)
+    with path.open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(COLUMNS)
+        for k in range(len(seen)):
+            R = seen.R_base_sensor[k]
+            turn = R if base_axes else EYE
+            wrench = (*(times * turn @ seen.force_N[k]), *(turn @ seen.torque_Nm[k]))
+            writer.writerow([k, 0.5, 0.0, 0.6, *quaternion_from_R(R), *wrench])
+    return path

@@ -1,34 +1,13 @@
 """`forcemesh check axes --from`: verdict, sentences, JSON, exit codes; usage in one sentence."""
 
-import csv
 import json
-from dataclasses import replace
 
-import numpy as np
 import pytest
 from typer.testing import CliRunner
 
 from cli.__main__ import app
-from common.frames import quaternion_from_R
 from services.wrench.installation_fit import SIGNED
-from services.wrench.recording import COLUMNS
-from tests.fakes.installations import PAYLOAD, readings
-
-TRUTH = replace(PAYLOAD, com_m=(0.012, -0.008, 0.06))  # as cells/demo.yaml has it
-
-
-def recorded(path, wiring=SIGNED[0], *, times=1.0, base_axes=False):
-    """Write readings of a wired sensor as a recording and return its path."""
-    seen = readings(TRUTH, force=wiring, torque=wiring, poses=8)
-    with path.open("w", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(COLUMNS)
-        for k in range(len(seen)):
-            R = seen.R_base_sensor[k]
-            turn = R if base_axes else np.eye(3)
-            wrench = (*(times * turn @ seen.force_N[k]), *(turn @ seen.torque_Nm[k]))
-            writer.writerow([k, 0.5, 0.0, 0.6, *quaternion_from_R(R), *wrench])
-    return path
+from tests.fakes.installations import recorded
 
 
 def run(*arguments):

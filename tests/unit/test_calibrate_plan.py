@@ -7,11 +7,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from cli.calibration import by_arm
 from cli.calibration.choice import USUAL_PAYLOAD, best_attitudes, conditioning
 from cli.calibration.errors import CalibrationError
 from cli.calibration.plan import LEAST_POSES, Options, Plan, make_plan
+from cli.calibration.wizard import Pace
 from common.config import load_cell
+from common.convert import record_of, vec6
 from common.frames import GRAVITY_M_S2, skew
+from common.messages import RobotState
 from services.wrench.poses import angle
 from sim.robot.kinematics import ArmKinematics
 from tests.fakes.calibration import DEMO, HOME_RAD
@@ -215,3 +219,52 @@ def test_attitudes_that_differ_about_the_vertical_alone_teach_little():
     )
     assert conditioning(R, USUAL_PAYLOAD) > 30.0
     assert best_attitudes(R[:2], USUAL_PAYLOAD, 5) in ([0, 1], [1, 0])
+
+
+# --- the model -----------------------------------------------------------------------------------
+
+
+def state_with(T_reported) -> RobotState:
+    """Return what an arm at home says, its pose being another one perhaps."""
+    record = record_of(T_reported)
+    return RobotState(
+        position_m=record.position_m,
+        orientation_xyzw=record.orientation_xyzw,
+        joint_rad=vec6(HOME_RAD),
+    )
+
+
+def test_an_arm_that_agrees_with_its_model_may_be_planned_for():
+    """The pose is that of the joints: nothing is said against it."""
+    state = state_with(ARM.flange_pose(HOME_RAD))
+    assert np.array_equal(by_arm._model(cell_with(), state).upper_rad, ARM.upper_rad)
+
+
+def test_a_pose_that_does_not_agree_is_refused_with_its_mistake_and_the_way_out():
+    """TOOL is set on the pendant: a plan by the model would lead elsewhere."""
+    cell = cell_with()
+    state = state_with(ARM.flange_pose(HOME_RAD) * cell.tool.T_flange_tcp.pose)
+    with pytest.raises(
+        CalibrationError, match=r"does not agree .*TOOL is the cell file's TCP.*--manual"
+    ):
+        by_arm._model(cell, state)
+
+
+def test_another_arm_is_refused():
+    """The joint limits of the cell file tell that it is not the arm that is known."""
+    cell = load_cell(
+        DEMO, {"calibration": None, "robot.joint_max_deg": [160, 135, 157, 200, 125, 360]}
+    )
+    with pytest.raises(CalibrationError, match=r"not those of the RS007L.*--manual"):
+        by_arm._model(cell, state_with(ARM.flange_pose(HOME_RAD)))
+
+
+def test_the_person_is_told_the_box_and_what_is_not_known(plan):
+    """Numbers in millimetres, how long, and that only the box is known."""
+    told = by_arm.explained(cell_with(planes=[WALL]), plan, Pace(0.1))
+    assert "x -400 .. 400, y 200 .. 800, z -200 .. 600 mm" in told
+    assert "and 1 plane(s)" in told
+    assert "above z = 217 mm" in told
+    assert "10 poses and 4 to verify" in told
+    assert "nothing else is known" in told
+    assert "4 poses, about" in by_arm.explained(cell_with(), plan, Pace(0.1), fitting=False)

@@ -93,9 +93,14 @@ def _origin(found: Findings) -> list[list[str]]:
         ["method", METHODS[section.method]],
         [
             "readings",
-            f"{found.report['rows']} at {found.report['poses']} poses, {found.report['recording']}",
+            f"{found.report['rows']} at {found.report['poses']} poses, {_name_of(found)}",
         ],
     ]
+
+
+def _name_of(found: Findings) -> str:
+    """Return the name of the readings' file: it may be moved with the page that lies beside it."""
+    return Path(found.report["recording"]).name
 
 
 def _left(found: Findings) -> list[list[str]]:

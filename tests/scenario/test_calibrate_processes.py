@@ -48,7 +48,7 @@ def test_the_wizard_holds_when_interrupted_and_calibrates_when_not(cell_file, st
     whole = start(*words)
     printed, said = whole.communicate(timeout=PATIENCE_S)
     assert whole.returncode == 0, said
-    assert "PASS: at 1 fresh poses" in printed
+    assert "PASS: at 1 fresh pose" in printed
     found = load_cell(cell_file, {"calibration": str(out)}).calibration
     assert found is not None
     assert found.payload.mass_kg == pytest.approx(1.0, abs=0.01)

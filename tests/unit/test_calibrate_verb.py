@@ -69,7 +69,7 @@ def test_it_writes_what_the_cell_loads_and_the_running_cell_uses(lab, tmp_path):
     assert len(read_recording(made / "demo.csv").line) > 900
     assert f"calibration {found.revision} written to {made / 'demo.yaml'}" in result.stdout
     assert f"calibration {found.revision} is in use" in result.stdout
-    assert "PASS: at 1 fresh poses" in result.stdout
+    assert "PASS: at 1 fresh pose" in result.stdout
     assert "x -400 .. 400, y 200 .. 800, z -200 .. 600 mm" in result.stderr
     page = (made / "demo.html").read_text()
     assert found.revision in page
@@ -83,7 +83,7 @@ def test_a_failed_verification_writes_nothing(lab, tmp_path):
     """Exit code 1, the readings and a page to look at; the cell keeps what it has."""
     result = run("--yes", "--max-torque", "0.0001", "--cell", tmp_path / "cell.yaml", *FAST)
     assert result.exit_code == 1
-    assert "FAIL: at 1 fresh poses" in result.stdout
+    assert "FAIL: at 1 fresh pose" in result.stdout
     assert "nothing was written or sent" in result.stdout
     names = {path.name for path in (tmp_path / "made").iterdir()}
     assert names == {"demo.csv", "demo.failed.html"}

@@ -165,7 +165,7 @@ def test_verification_fails_when_something_has_changed(tmp_path):
         lab.cell, evidence_of("arm", wizard.dwells, source=tmp_path / "a.csv"), Bounds()
     )
     assert found.verdict.passed is False
-    assert found.verdict.text.startswith("FAIL: at 1 fresh poses 1.0")
+    assert found.verdict.text.startswith("FAIL: at 1 fresh pose 1.0")
 
 
 def test_ctrl_c_holds_the_arm_and_keeps_the_rows():

@@ -26,7 +26,7 @@ ModeOption = Annotated[Literal["position", "orientation", "both"], typer.Option(
 Setpoint = Annotated[float | None, typer.Option("--setpoint", rich_help_panel=JOB, help="Press force held at the end [N]; 0, in mode both 10.")]
 Force = Annotated[float, typer.Option("--force", rich_help_panel=JOB, help="Force to press with first [N].")]
 HostOption = Annotated[Literal["pc", "controller"], typer.Option("--host", rich_help_panel=JOB, help="Where the regulator runs.")]
-Law = Annotated[Literal["plain"], typer.Option("--law", rich_help_panel=JOB, help="The regulator's law.")]
+LawOption = Annotated[Literal["plain", "adaptive"] | None, typer.Option("--law", rich_help_panel=JOB, show_default=False, help="The regulator's law; without it the cell file's.")]
 Stiffness = Annotated[float | None, typer.Option("--stiffness", rich_help_panel=PLATE, help="Of the plate [N/m].")]
 DelayMs = Annotated[float | None, typer.Option("--delay-ms", rich_help_panel=PLATE, help="Of the controller [ms].")]
 TiltDeg = Annotated[float | None, typer.Option("--tilt-deg", rich_help_panel=PLATE, help="Of the plate; 0, in mode orientation and both 5.")]
@@ -47,7 +47,7 @@ def demo(
     setpoint: Setpoint = None,
     force: Force = 30.0,
     host: HostOption = "pc",
-    _law: Law = "plain",
+    law: LawOption = None,
     stiffness: Stiffness = None,
     delay_ms: DelayMs = None,
     tilt_deg: TiltDeg = None,
@@ -84,6 +84,7 @@ def demo(
                 seed=seed,
                 as_step_s=_seconds(as_step_ms),
                 pessimistic=pessimistic,
+                law=law,
             ),
         )
         check_plan(cell, plan)
@@ -115,7 +116,7 @@ def report(screen: "Console", cell: "Cell", plan: "Plan", *, trace: "Trace", out
 
     surface = surface_of(cell)
     result = measure(trace, plan, surface, tune(cell).tau_s)
-    screen.print(demo_report.table(result, plan))
+    screen.print(demo_report.table(result, plan, cell.force.law))
     out.mkdir(parents=True, exist_ok=True)
     demo_report.plot(trace, plan, surface, out / "demo.png")
     screen.print(f"plot: {out / 'demo.png'}", highlight=False, soft_wrap=True)

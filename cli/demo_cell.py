@@ -10,6 +10,7 @@ from cli.scenario import Plan
 from common.cell import Cell
 from common.config import load_cell
 from common.errors import ConfigError
+from common.messages import Law
 from sim.robot.scene import plate_at_rest
 from sim.robot.service import sim_settings
 from sim.robot.settings import SimSettings
@@ -29,6 +30,7 @@ class Trial:
     seed: int | None = None
     as_step_s: float | None = None
     pessimistic: bool = False
+    law: Law | None = None
 
 
 def demo_cell(path: Path, trial: Trial) -> Cell:
@@ -40,6 +42,8 @@ def demo_cell(path: Path, trial: Trial) -> Cell:
         ConfigError: The cell file or an option is wrong.
     """
     overrides: dict[str, object] = {"sim.tilt_deg": trial.tilt_deg}
+    if trial.law is not None:
+        overrides["force.law"] = trial.law
     if trial.seed is not None:
         overrides["sim.seed"] = trial.seed
     if trial.as_step_s is not None or trial.pessimistic:

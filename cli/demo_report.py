@@ -10,9 +10,10 @@ from cli.demo_cell import plate_of
 from cli.measures import Result, Surface
 from cli.scenario import SETTLED_FORCE_N, SETTLED_TORQUE_NM, Plan, Sample, Trace
 from common.cell import Cell
+from common.messages import Law
 
 
-def table(result: Result, plan: Plan) -> Table:
+def table(result: Result, plan: Plan, law: Law) -> Table:
     """Return the result as a table."""
     goal = {
         "position": f"|F - {plan.setpoint_N:g} N| <= {SETTLED_FORCE_N:g} N",
@@ -20,7 +21,7 @@ def table(result: Result, plan: Plan) -> Table:
         "both": f"|F - {plan.setpoint_N:g} N| <= {SETTLED_FORCE_N:g} N, "
         f"|M| <= {SETTLED_TORQUE_NM:g} N m",
     }[plan.mode]
-    rows = Table(title=f"force feedback, mode {plan.mode}, law plain", title_justify="left")
+    rows = Table(title=f"force feedback, mode {plan.mode}, law {law}", title_justify="left")
     rows.add_column("measure")
     rows.add_column("value", justify="right")
     rows.add_column("what it means")

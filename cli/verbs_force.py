@@ -4,10 +4,23 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from cli.context import CellOption, ask, client_of
+from cli.context import USAGE, CellOption, ask, client_of, fail
 from cli.numbers import NEGATIVE_NUMBERS, parse_gain
 
 force = typer.Typer(no_args_is_help=True, help="Force feedback: start, stop, gains.")
+
+
+AXES = ("x", "y", "z", "rx", "ry", "rz")
+
+
+def _axes(text: str) -> tuple[bool, bool, bool, bool, bool, bool]:
+    """Return which axes are named; an unknown one ends the verb."""
+    named = [name.strip() for name in text.split(",")]
+    unknown = [name for name in named if name not in AXES]
+    if unknown:
+        fail(f"--axes: no axis {', '.join(unknown)}: there are {', '.join(AXES)}", USAGE)
+    x, y, z, rx, ry, rz = (axis in named for axis in AXES)
+    return (x, y, z, rx, ry, rz)
 
 
 def _gain(unit: str) -> Any:
@@ -16,6 +29,7 @@ def _gain(unit: str) -> Any:
 
 @force.command("start")
 def force_start(
+    *,
     mode: Annotated[
         Literal["position", "orientation", "both"], typer.Option(help="What it may move.")
     ] = "position",
@@ -25,6 +39,14 @@ def force_start(
     host: Annotated[
         Literal["pc", "controller"], typer.Option(help="Where the regulator runs.")
     ] = "pc",
+    law: Annotated[
+        Literal["plain", "adaptive"] | None,
+        typer.Option(help="Of the regulator; without it the cell file's.", show_default=False),
+    ] = None,
+    axes: Annotated[
+        str, typer.Option(help="What may move: of x, y, z, and rx, ry, rz about them, by commas.")
+    ] = ",".join(AXES),
+    frame: Annotated[Literal["base", "tool"], typer.Option(help="Whose axes those are.")] = "base",
     cell: CellOption = None,
 ) -> None:
     """Start force feedback; in free space it approaches along the tool's axis until it touches."""
@@ -32,7 +54,9 @@ def force_start(
     from common.requests import ForceStartRequest
 
     with client_of(cell) as (_, bus):
-        request = ForceStartRequest(mode=mode, host=host, setpoint_N=setpoint)
+        request = ForceStartRequest(
+            mode=mode, host=host, setpoint_N=setpoint, law=law, axes=_axes(axes), frame=frame
+        )
         ask(bus, topics.FORCE_START, request)
 
 

@@ -53,13 +53,15 @@ class Plain:
         T_base_tcp: pin.SE3,
         gain_m_per_Ns: float | None = None,
         *,
+        gain_p_m_per_N: float = 0.0,
         mode: Mode = "position",
         setpoint_N: float = 0.0,
     ) -> None:
         """Start at rest, with a gain tuned by hand or by the rule."""
         self.plain, gains = law_settings(cell), pi_gains(tune(cell).gains)
         if gain_m_per_Ns is not None:
-            gains = replace(gains, force_i_m_per_Ns=np.full(3, gain_m_per_Ns))
+            by_hand = np.full(3, gain_m_per_Ns), np.full(3, gain_p_m_per_N)
+            gains = replace(gains, force_i_m_per_Ns=by_hand[0], force_p_m_per_N=by_hand[1])
         self.gains: PiGains = gains
         self.mode, self.setpoint_N = mode, setpoint_N
         self.law = start_at(T_base_tcp)

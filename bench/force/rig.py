@@ -58,6 +58,7 @@ class World:
             "force.chain_s": CHAIN_TICKS * TICK_S,
             "force.speed_max_m_s": self.speed_m_s,
             "force.law": "adaptive",
+            "filter.median": 5,
             "limits.accel_m_s2": 10.0,
             "limits.force_N": 500.0,
             "contact.stiffness_N_m": STIFFEST_N_M,
@@ -134,6 +135,11 @@ class Rig:
         for _ in range(30):
             self._tick()
 
+    @property
+    def T_base_tcp(self) -> pin.SE3:
+        """Pose of the TCP that is commanded now."""
+        return self._pace.T_base_flange * self._T_flange_tcp
+
     def wrench(self) -> Wrench:
         """Return the wrench about the TCP, base axes, as the wrench service would say it."""
         output = self._filter.output
@@ -182,7 +188,7 @@ class Rig:
 
     def _steer(self, pilot: Pilot) -> None:
         wrench, dt_s = self.wrench(), self._law_ticks * TICK_S
-        T_let_through = self._pace.T_base_flange * self._T_flange_tcp
+        T_let_through = self.T_base_tcp
         heard = Heard(
             wrench.force_N,
             wrench.torque_Nm,

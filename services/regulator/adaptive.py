@@ -2,7 +2,7 @@
 
 Along each axis of the tool, with k the stiffness that is believed and tau the loop's delay:
 
-    Ki  = min(c / (k tau), 1 / (m w_b)),  c from 0.45 to 2.5 with the part w of the prediction
+    Ki  = min(c / (k tau), 1 / (m w_b)),  c from 0.45 to 2 with the part w of the prediction
     F'  = F + 0.5 m a - w k (x_command - x_felt)      force when all commands have arrived
     v   = Ki (F' - F_set) + v_surface                 v_surface along the press axis alone
 
@@ -27,12 +27,13 @@ from services.regulator.path import Path, PathSettings
 from services.regulator.stiffness import Stiffness, StiffnessSettings
 from services.regulator.tuning import LOOP_GAIN, tune
 
-FULL_LOOP = 2.5  # k Ki tau when all that is on its way is foreseen; without it LOOP_GAIN
+FULL_LOOP = 2.0  # k Ki tau when all that is on its way is foreseen; without it LOOP_GAIN
 INERTIA_MARGIN = 1.0  # of 1 / (m w_b): the model takes half of the inertia away
 INERTIA_SHARE = 0.5
 FAST_LOOP_S, SLOW_LOOP_S = 0.008, 0.016  # period of a loop that bears all, none of the prediction
 
 MEMORY_TAUS, MEMORY_PERIODS, MEMORY_LEAST_S = 2.0, 10.0, 0.1  # of the stiffness
+STIFFER = 1.1  # the cell's stiffest contact is believed no better than a measured one
 NOISE_N, LEAST_WAY_M, SOFTEST_N_M = 0.15, 1e-5, 200.0
 TOUCH_SHARE = 0.5  # of the touch force: below it nothing is touched
 FREE_TAUS = 3.0  # so long without touch: what was pressed on is gone, and is forgotten
@@ -40,7 +41,7 @@ DEADBAND_IN_CONTACT = 0.25  # of the deadband: it is there against drift in free
 
 NEAR_N = 2.0  # of the set point: from here on the surface is followed
 FADE_S = 0.05
-DRIFT_TAUS, DRIFT_LEAST_S = 0.7, 0.025
+DRIFT_TAUS, DRIFT_LEAST_S, DRIFT_NOISE_N = 0.7, 0.025, 0.2
 CALM_N, CALM_UP_S, CALM_DOWN_S = 3.0, 0.3, 0.01  # the surface's acceleration is believed
 TRIM_TAUS, TRIM_SHARE, TRIM_LEAST_M_S = 8.0, 0.25, 1e-4
 
@@ -68,7 +69,7 @@ class AdaptiveSettings:
             tau_s=tau_s,
             path=PathSettings.of(cell),
             stiffness=StiffnessSettings(
-                contact.stiffness_N_m, SOFTEST_N_M, memory_s, NOISE_N, LEAST_WAY_M
+                STIFFER * contact.stiffness_N_m, SOFTEST_N_M, memory_s, NOISE_N, LEAST_WAY_M
             ),
             gain_cap_m_per_Ns=INERTIA_MARGIN / (contact.inertia_kg * cell.robot.bandwidth_rad_s),
             plain_gain_m_per_Ns=tune(cell).force_i_m_per_Ns,
@@ -151,7 +152,8 @@ def advance(
     if settings.tracks and sample.mode != "orientation":
         follow = _followed(memory, sample, R, Ki=float(Ki[2]), settings=settings)
         memory = replace(memory, follow=follow)
-        ahead_s, share = settings.tau_s - sample.dt_s, follow.share
+        ahead_s = settings.tau_s - sample.dt_s
+        share = follow.share * _worth(follow.drift.speed_m_s, float(k[2]) * settings.tau_s)
         ahead_m = share * follow.drift.ahead_m(ahead_s, follow.calm)
         foreseen_N = foreseen_N + w[2] * k[2] * ahead_m * R[:, 2]
         speed_m_s = share * follow.drift.speed_in_m_s(ahead_s, follow.calm)
@@ -241,6 +243,12 @@ def _tuned(k: Array, settings: AdaptiveSettings, dt_s: float) -> tuple[Array, Ar
     Ki = np.minimum(loop / (k * settings.tau_s), settings.gain_cap_m_per_Ns)
     hot = (k * Ki * settings.tau_s - LOOP_GAIN) / (FULL_LOOP - LOOP_GAIN)
     return Ki, np.clip(hot, 0.0, 1.0)
+
+
+def _worth(speed_m_s: float, k_tau: float) -> float:
+    """Return how much of a speed is more than noise: a still surface shall stay still."""
+    height_N = (k_tau * speed_m_s) ** 2
+    return height_N / (height_N + DRIFT_NOISE_N**2)
 
 
 def _followed(

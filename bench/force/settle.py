@@ -1,0 +1,92 @@
+"""Release from 30 N to zero: first contact with an unknown stiffness, and one met before."""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+import pinocchio as pin
+
+from bench.force.measures import IGNORED_S, means, settling_s
+from bench.force.pilots import Ours, Plain
+from bench.force.rig import Heard, Rig, Trace, World
+from common.cell import Cell
+
+PRESS_N, BAND_N = 30.0, 1.0
+STIFFNESSES_N_M = (1e3, 2e3, 5e3, 1e4, 2e4, 5e4, 1e5, 2e5)
+DELAYS_MS = (0, 10, 30, 60)
+CHUNK_S, ENOUGH_S = 0.1, 0.4  # the end of a run: so long within the band
+LONGEST_S = 3.0
+
+
+class Presser(Protocol):
+    """A law with a set point."""
+
+    setpoint_N: float
+
+    def step(self, heard: Heard) -> pin.SE3:
+        """Return the TCP's next pose."""
+
+
+@dataclass(frozen=True, slots=True)
+class Release:
+    """One release."""
+
+    settling_s: float | None
+    overshoot_pct: float  # true lift-off times stiffness, of the step
+    tau_s: float  # true
+    believed: float = 0.0  # stiffness, of the true one
+
+    @property
+    def taus(self) -> float | None:
+        """Settling in tau."""
+        return None if self.settling_s is None else self.settling_s / self.tau_s
+
+
+def true_tau_s(world: World) -> float:
+    """Return all delay and lag of the loop, whatever is assumed of it [s]."""
+    return world.cell().loop_delay_s - world.delay_error_ms / 1e3
+
+
+def release(rig: Rig, pilot: Presser, world: World, longest_s: float = LONGEST_S) -> Release:
+    """Let a law bring the force to zero from where it is."""
+    pilot.setpoint_N = 0.0
+    trace, t = Trace(), 0.0
+    while t < longest_s:
+        rig.run(pilot, CHUNK_S, trace)
+        t += CHUNK_S
+        last = np.array(trace.push_N)[np.array(trace.t_s) > t - ENOUGH_S]
+        if t >= ENOUGH_S and float(np.abs(last).max()) < 0.8 * BAND_N:
+            break
+    time_s = np.array(trace.t_s)
+    lifted_m = means(time_s, np.array(trace.lift_off_m))[time_s >= IGNORED_S]
+    over = max(0.0, float(lifted_m.max())) * world.stiffness_N_m / PRESS_N
+    settled = settling_s(time_s, np.array(trace.push_N), BAND_N)
+    return Release(settled, 100.0 * over, true_tau_s(world))
+
+
+def ours(world: World) -> tuple[Release, Release]:
+    """Return first contact and, after pressing anew, the stiffness once met."""
+    cell = world.cell()
+    rig = Rig(cell)
+    rig.press(PRESS_N)
+    pilot = Ours(cell, rig.T_base_tcp)
+    longest_s = max(1.0, 8.0 / (5e-3 * world.stiffness_N_m))
+    first = release(rig, pilot, world, longest_s)
+    for setpoint_N in (0.5 * PRESS_N, PRESS_N):
+        pilot.setpoint_N = setpoint_N
+        for _ in range(40):
+            rig.run(pilot, 0.1)
+            if abs(rig.push_N() - setpoint_N) < 0.5 * BAND_N:
+                break
+        rig.run(pilot, 0.3 + 2.0 / (5e-3 * world.stiffness_N_m))
+    believed = float(pilot.memory.stiffness.k[2]) / world.stiffness_N_m
+    met = release(rig, pilot, world, longest_s)
+    return first, Release(met.settling_s, met.overshoot_pct, met.tau_s, believed)
+
+
+def plain(world: World, gain_m_per_Ns: float, longest_s: float = 20.0) -> Release:
+    """Return the same with the PI law at a fixed gain."""
+    cell: Cell = world.cell()
+    rig = Rig(cell)
+    rig.press(PRESS_N)
+    return release(rig, Plain(cell, rig.T_base_tcp, gain_m_per_Ns), world, longest_s)

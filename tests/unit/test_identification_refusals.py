@@ -7,7 +7,7 @@ import pytest
 import yaml
 from hypothesis import given, settings
 
-from common.cell import PayloadSection
+from common.calibration import PayloadSection
 from common.errors import DataError
 from common.frames import rotation_from_vector
 from common.payload import Drift, Payload, load, save

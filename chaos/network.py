@@ -77,6 +77,7 @@ def in_namespaces(template: str, only: str, seed: int) -> Iterator[Row]:
         lab = exits.enter_context(Lab())
         overrides: dict[str, object] = {
             "cell": f"chaos-{template}", "bus.endpoint": "tcp/10.77.0.1:7447",
+            "bus.insecure": True,  # in namespaces of its own
         }  # fmt: skip
         if template == "demo-tcp":
             overrides["gateway.host"] = "10.78.0.2"

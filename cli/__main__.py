@@ -4,7 +4,7 @@ from typing import Annotated
 
 import typer
 
-from cli import payload, verbs_force, verbs_motion, verbs_read, verbs_run, verbs_watch
+from cli import payload, pki, verbs_force, verbs_motion, verbs_read, verbs_run, verbs_watch
 from cli.calibrate import calibrate
 from cli.check_axes import check
 from cli.context import EXIT_CODES
@@ -24,6 +24,7 @@ RUN, LOOK, MOVE, FORCE = "Run a cell", "Look", "Move", "Force"
 app.command(rich_help_panel=RUN)(demo)
 app.command(rich_help_panel=RUN)(verbs_run.up)
 app.add_typer(verbs_run.config, name="config", rich_help_panel=RUN)
+app.add_typer(pki.app, name="pki", rich_help_panel=RUN)
 app.command(rich_help_panel=LOOK)(verbs_read.status)
 app.command(rich_help_panel=LOOK)(doctor)
 app.command(rich_help_panel=LOOK)(verbs_read.topics)

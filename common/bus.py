@@ -6,37 +6,45 @@ slow reader can never hold a writer up.
 """
 
 import json
-import os
 import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import zenoh
 
+from common.acl import SELF_TEST
+from common.bus_settings import (
+    ENDPOINT_VARIABLE,
+    LONGEST_MESSAGE_B,
+    client_settings,
+    endpoint_of,
+    hub_settings,
+    security_of,
+)
 from common.cell import Cell
 from common.clock import NS_PER_S, Clock, MonotonicClock
 from common.endpoints import Bus
 from common.errors import BusError
-from common.topics import Qos
+from common.topics import CLIENT, Qos
 
-ENDPOINT_VARIABLE = "FORCEMESH_ENDPOINT"
-CONNECT_ATTEMPT_MS = 500
-LEASE_MS = 500
+__all__ = [
+    "ENDPOINT_VARIABLE",
+    "LONGEST_MESSAGE_B",
+    "ZenohTransport",
+    "endpoint_of",
+    "log_refusals",
+    "open_bus",
+    "open_hub",
+]
+
 MAX_WAITING_REQUESTS = 16
-# What no honest client needs more of: the longest message of the table has less than 4 kB.
-LONGEST_MESSAGE_B = 16_384
-LONGEST_TRANSPORT_MESSAGE_B = 65_536  # before the hub even knows what it is
-MOST_CLIENTS = 64
+SELF_TEST_WITHIN_S = 1.0  # until the hub has told the one session of the other
+SELF_TEST_WAIT_S = 0.25  # what gets through is there after milliseconds
 PUTS_KEPT = 2048  # of which the longest is reported: more than a busy process puts in a second
-
-
-def endpoint_of(cell: Cell) -> str:
-    """Return where the hub is: the environment may move it, the cell file says where it is."""
-    return os.environ.get(ENDPOINT_VARIABLE) or cell.bus.endpoint
 
 
 @contextmanager
@@ -46,11 +54,17 @@ def open_bus(
     """Connect a role to its cell's hub; close the session in any case.
 
     Raises:
-        BusError: The hub did not answer within `patience_s`.
+        BusError: The hub did not answer within `patience_s`; the way to it is open to strangers;
+            there is no certificate for the role; or the hub let it say what nobody may say.
     """
-    session = _connect(endpoint_of(cell), role, patience_s)
+    endpoint = endpoint_of(cell)
+    security = security_of(cell, role, endpoint)
+    session = _connect(endpoint, role, patience_s, security)
     try:
         transport = ZenohTransport(session)
+        if security and role != CLIENT:
+            with _connect(endpoint, role, patience_s, security) as other:
+                _refuse_an_open_hub(session, other, f"{cell.cell}/{SELF_TEST}", endpoint)
         yield Bus(role, cell.cell, transport, cell, clock or MonotonicClock())
     finally:
         with suppress(zenoh.ZError):
@@ -62,12 +76,12 @@ def open_hub(cell: Cell, role: str = "hub", *, clock: Clock | None = None) -> It
     """Be the cell's hub: a Zenoh router that listens on the cell's endpoint.
 
     Raises:
-        BusError: The endpoint cannot be listened on.
+        BusError: The endpoint cannot be listened on, is open to strangers, or lacks a certificate.
     """
     endpoint = endpoint_of(cell)
-    listen = {"mode": "router", "listen": {"endpoints": [endpoint]}, "low_pass_filter": [SHORT]}
+    config = zenoh.Config.from_json5(json.dumps(hub_settings(cell, endpoint, role)))
     try:
-        session = zenoh.open(_config(listen, role, HUB_TRANSPORT))
+        session = zenoh.open(config)
     except zenoh.ZError as error:
         raise BusError(f"cannot listen on {endpoint}: is another hub running there?") from error
     try:
@@ -77,53 +91,48 @@ def open_hub(cell: Cell, role: str = "hub", *, clock: Clock | None = None) -> It
             session.close()
 
 
-def _connect(endpoint: str, role: str, patience_s: float) -> zenoh.Session:
-    connect = {
-        "mode": "client",
-        "connect": {
-            "endpoints": [endpoint],
-            "timeout_ms": CONNECT_ATTEMPT_MS,
-            "exit_on_failure": True,
-            "retry": {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 2},
-        },
-    }
+def log_refusals() -> None:
+    """Let Zenoh say on standard output what it refuses, and all warnings; once in a process."""
+    zenoh.init_log_from_env_or("warn,zenoh_link_tls=debug,zenoh::net::routing::interceptor=trace")
+
+
+def _refuse_an_open_hub(ear: zenoh.Session, mouth: zenoh.Session, key: str, endpoint: str) -> None:
+    """Try to say what nobody may say: whoever is heard is on a hub that keeps nobody from anything.
+
+    It cannot tell when the hub does not even say that there is a listener; then it lets it be.
+    """
+    heard = ear.declare_subscriber(key, zenoh.handlers.RingChannel(1))
+    said = mouth.declare_publisher(key)
+    give_up = time.monotonic() + SELF_TEST_WITHIN_S
+    while not said.matching_status.matching:  # type: ignore[attr-defined]
+        if time.monotonic() >= give_up:
+            return
+        time.sleep(0.01)
+    said.put(b"nobody may say this")
+    give_up = time.monotonic() + SELF_TEST_WAIT_S
+    while time.monotonic() < give_up:
+        if heard.try_recv() is not None:
+            raise BusError(
+                f"refused: the hub at {endpoint} lets anybody say anything: it runs without the "
+                "access control of this cell; start it with `python -m services.hub`"
+            )
+        time.sleep(0.01)
+    heard.undeclare()
+
+
+def _connect(
+    endpoint: str, role: str, patience_s: float, security: Mapping[str, object]
+) -> zenoh.Session:
+    config = json.dumps(client_settings(endpoint, role, security))
+    refusing = ", or it refuses this certificate: its log says why" if security else ""
     give_up = time.monotonic() + patience_s
     while True:
         try:
-            return zenoh.open(_config(connect, role))
+            return zenoh.open(zenoh.Config.from_json5(config))
         except zenoh.ZError as error:
             if time.monotonic() >= give_up:
-                raise BusError(f"no hub at {endpoint}: is the cell up?") from error
+                raise BusError(f"no hub at {endpoint}{refusing}: is the cell up?") from error
             time.sleep(0.1)
-
-
-SHORT = {
-    "id": "no long messages",
-    "flows": ["ingress"],
-    "messages": ["put", "delete", "query", "reply"],
-    "key_exprs": ["**"],
-    "size_limit": LONGEST_MESSAGE_B,
-}
-HUB_TRANSPORT = {
-    "unicast": {"max_sessions": MOST_CLIENTS},
-    "link": {"rx": {"max_message_size": LONGEST_TRANSPORT_MESSAGE_B}},
-}
-
-
-def _config(
-    part: Mapping[str, object], name: str, transport: Mapping[str, Any] | None = None
-) -> zenoh.Config:
-    own = transport or {}
-    common = {
-        "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
-        "transport": {
-            **own,
-            "link": {**own.get("link", {}), "tx": {"lease": LEASE_MS, "keep_alive": 4}},
-            "shared_memory": {"enabled": False},
-        },
-        "metadata": {"name": name},
-    }
-    return zenoh.Config.from_json5(json.dumps({**part, **common}))
 
 
 Subscriber: TypeAlias = "zenoh.Subscriber[zenoh.handlers.Handler[zenoh.Sample]]"

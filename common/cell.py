@@ -8,6 +8,7 @@ from typing import Any, Literal
 from pydantic import Field, model_validator
 
 from common.calibration import CalibrationSection, PayloadSection
+from common.cell_bus import BusSection
 from common.cell_sim import SimSection
 from common.cell_terms import Fraction, FrameSection, NotNegative, Positive, Section
 from common.messages import Host, Law, Vec3, Vec6
@@ -15,12 +16,6 @@ from common.topics import Topic
 
 SHORTEST_DEADLINE_PERIODS = 3.0
 SLOWEST_INERTIAL_HZ = 100.0
-
-
-class BusSection(Section):
-    """Where the hub is."""
-
-    endpoint: str = Field("tcp/127.0.0.1:7447", pattern=r"^[a-z-]+/.+$")
 
 
 class Roles(Section):

@@ -1,8 +1,28 @@
 """Hub: the Zenoh router on which every process of a cell hangs. Its only own word is its health."""
 
-from common.bus import open_hub
+import os
+from contextlib import AbstractContextManager
+from functools import partial
+
+from common.acl import names_of
+from common.bus import endpoint_of, log_refusals, open_hub
+from common.cell import Cell
+from common.endpoints import Bus
 from common.service import main
+from common.tls import is_encrypted
+from services.hub.refusals import Refusals
 from services.hub.service import Hub
 
+
+def connect(cell: Cell, role: str, *, refusals: Refusals) -> AbstractContextManager[Bus]:
+    """Open the hub; where it has something to refuse, first listen to what Zenoh says of it."""
+    if is_encrypted(endpoint_of(cell)):
+        os.environ["NO_COLOR"] = "1"
+        refusals.capture(names_of(cell))
+        log_refusals()
+    return open_hub(cell, role)
+
+
 if __name__ == "__main__":
-    main("hub", Hub, connect=open_hub)
+    heard = Refusals()
+    main("hub", partial(Hub, refusals=heard), connect=partial(connect, refusals=heard))

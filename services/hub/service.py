@@ -2,6 +2,7 @@
 
 from common.cell import Cell
 from common.endpoints import Bus
+from services.hub.refusals import Refusals
 
 STEPS_PER_REPORT = 5
 
@@ -9,15 +10,17 @@ STEPS_PER_REPORT = 5
 class Hub:
     """What Zenoh does by itself, as a service: alive as long as this loop runs."""
 
-    def __init__(self, _bus: Bus, cell: Cell) -> None:
+    def __init__(self, _bus: Bus, cell: Cell, refusals: Refusals | None = None) -> None:
         """Step a little more often than the health is published."""
         self.period_s = 1.0 / (STEPS_PER_REPORT * cell.rates.health_hz)
         self.trigger = None
         self.fault = ""
+        self._refusals = refusals or Refusals()
 
     def step(self, now_ns: int) -> None:
-        """Nothing: the router works in its own threads."""
+        """Tell what was refused: the router works in its own threads."""
+        self._refusals.step(now_ns)
 
     def counters(self) -> dict[str, int]:
-        """Return nothing: Zenoh counts for itself."""
-        return {}
+        """Return what was refused, by cause; Zenoh counts the rest for itself."""
+        return {f"refused_{code}": times for code, times in self._refusals.counts.items()}

@@ -1,0 +1,182 @@
+"""Verbs about certificates: make them, issue one, say what is wrong with them."""
+
+from __future__ import annotations
+
+import os
+import socket
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from cli.context import NOT_WELL, USAGE, CellOption, fail, find_cell_file, one_line_errors
+
+if TYPE_CHECKING:
+    import datetime as dt
+
+    from common.cell import Cell
+    from common.pki import Pair
+
+app = typer.Typer(no_args_is_help=True, help="Certificates of a bus that leaves this machine.")
+
+IMAGE_USER = 10001  # as in the Dockerfile
+DAYS = 365
+
+FolderOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--folder",
+        envvar="FORCEMESH_PKI",
+        metavar="DIR",
+        help="Where they are; without it ~/.config/forcemesh/pki/<cell>.",
+        show_default=False,
+    ),
+]
+HostOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--host", metavar="NAME", help="A name or address under which the hub is reached; again."
+    ),
+]
+DaysOption = Annotated[int, typer.Option(min=1, max=3650, help="How long they are good for.")]
+AgainOption = Annotated[bool, typer.Option("--again", help="Replace what is there.")]
+
+
+@app.command()
+def init(
+    *,
+    host: HostOption = None,
+    days: DaysOption = DAYS,
+    again: AgainOption = False,
+    authority: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="Use the authority of this folder: cells that meet."),
+    ] = None,
+    env: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Write there what docker compose must know (.env)."),
+    ] = None,
+    folder: FolderOption = None,
+    cell: CellOption = None,
+) -> None:
+    """Make the authority and a certificate for every role and person of a cell."""
+    from common.pki import make_authority, read_authority, write_pair
+    from common.tls import AUTHORITY, NAMES
+
+    with one_line_errors():
+        loaded, where = _cell_and_folder(cell, folder)
+        if (where / f"{AUTHORITY}.pem").exists() and not again:
+            fail(
+                f"{where} has an authority already: `forcemesh pki issue NAME` adds to it, "
+                "--again makes a new one, after which every old certificate is refused",
+                USAGE,
+            )
+        if authority is None:
+            pair = make_authority(loaded.cell, _now())
+            write_pair(where, AUTHORITY, pair, owner=None)
+            _copy_authority(where, where)
+        else:
+            pair = read_authority(authority.expanduser())
+            _copy_authority(authority.expanduser(), where)
+        for name in NAMES:
+            _issue(pair, name, loaded, where, hosts=host or [], days=days)
+        typer.echo(f"{where}: an authority and {len(NAMES)} certificates, {days} days")
+        lines = [f"FORCEMESH_PKI={where}", f"FORCEMESH_USER={_user()}"]
+        if env is not None:
+            _write_env(env, lines)
+        typer.echo("for docker compose, in the file .env: " + " ".join(lines))
+
+
+@app.command()
+def issue(
+    name: Annotated[str, typer.Argument(help="A role, operator or monitor.")],
+    *,
+    host: HostOption = None,
+    days: DaysOption = DAYS,
+    again: AgainOption = False,
+    to: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="Write there, with the authority's certificate."),
+    ] = None,
+    folder: FolderOption = None,
+    cell: CellOption = None,
+) -> None:
+    """Make one certificate: a new one before the old one expires, or one for another machine."""
+    from common.pki import read_authority
+    from common.tls import NAMES
+
+    with one_line_errors():
+        loaded, where = _cell_and_folder(cell, folder)
+        if name not in NAMES:
+            fail(f"nobody is called {name!r}: there are {', '.join(NAMES)}", USAGE)
+        target = where if to is None else to.expanduser()
+        if (target / f"{name}.pem").exists() and not again:
+            fail(f"{target / name}.pem is there already: --again replaces it", USAGE)
+        _issue(read_authority(where), name, loaded, target, hosts=host or [], days=days)
+        if to is not None:
+            _copy_authority(where, target)
+        typer.echo(f"{target}/{name}.pem, {name}.key: {days} days")
+
+
+@app.command()
+def check(folder: FolderOption = None, cell: CellOption = None) -> None:
+    """Say of every certificate whether it is good, and what to do when it is not."""
+    from common.pki_check import check_folder
+
+    with one_line_errors():
+        loaded, where = _cell_and_folder(cell, folder)
+        found = check_folder(where, loaded.cell, _now())
+    for finding in found:
+        remedy = f"  -> {finding.remedy}" if finding.remedy else ""
+        typer.echo(f"{finding.verdict:5} {finding.name}: {finding.text}{remedy}")
+    if any(finding.verdict == "wrong" for finding in found):
+        raise typer.Exit(NOT_WELL)
+
+
+def _cell_and_folder(cell: Path | None, folder: Path | None) -> tuple[Cell, Path]:
+    from common.config import load_cell
+    from common.tls import folder_of
+
+    loaded = load_cell(find_cell_file(cell))
+    return loaded, folder_of(loaded) if folder is None else folder.expanduser().resolve()
+
+
+def _issue(
+    authority: Pair, name: str, cell: Cell, folder: Path, *, hosts: list[str], days: int
+) -> None:
+    from common.pki import make_certificate, write_pair
+
+    names = dict.fromkeys([name, "localhost", "127.0.0.1", "::1", socket.gethostname(), *hosts])
+    pair = make_certificate(authority, name, cell.cell, hosts=[*names], days=days, now=_now())
+    write_pair(folder, name, pair, owner=_owner())
+
+
+def _copy_authority(source: Path, target: Path) -> None:
+    """Put the authority's certificate, never its key, beside others."""
+    from common.pki import copy_certificate
+    from common.tls import AUTHORITY
+
+    copy_certificate(source, target, AUTHORITY, owner=_owner())
+
+
+def _owner() -> tuple[int, int] | None:
+    """Return whose the files become: root makes them for the user of the image."""
+    return (IMAGE_USER, IMAGE_USER) if os.geteuid() == 0 else None
+
+
+def _user() -> str:
+    return ":".join(map(str, _owner() or (os.getuid(), os.getgid())))
+
+
+def _write_env(path: Path, lines: list[str]) -> None:
+    """Put lines into a file of settings, in place of older ones of the same names."""
+    names = tuple(line.partition("=")[0] + "=" for line in lines)
+    old = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
+    kept = [line for line in old if not line.startswith(names)]
+    path.write_text("\n".join([*kept, *lines]) + "\n", encoding="utf-8")
+
+
+def _now() -> dt.datetime:
+    import datetime as dt
+
+    return dt.datetime.now(dt.UTC)

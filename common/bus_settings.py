@@ -1,0 +1,96 @@
+"""What Zenoh is told: where the hub is, who we are, what a hub lets through. Pure but for files."""
+
+import os
+from collections.abc import Mapping
+from typing import Any
+
+from common.acl import access_control, rate_limits
+from common.cell import Cell
+from common.tls import identity_of, is_encrypted, refuse_in_the_clear
+
+ENDPOINT_VARIABLE = "FORCEMESH_ENDPOINT"
+CONNECT_ATTEMPT_MS = 500
+LEASE_MS = 500
+# What no honest client needs more of: the longest message of the table has less than 4 kB.
+LONGEST_MESSAGE_B = 16_384
+LONGEST_TRANSPORT_MESSAGE_B = 65_536  # before the hub even knows what it is
+MOST_CLIENTS = 64
+
+SHORT = {
+    "id": "no long messages",
+    "flows": ["ingress"],
+    "messages": ["put", "delete", "query", "reply"],
+    "key_exprs": ["**"],
+    "size_limit": LONGEST_MESSAGE_B,
+}
+HUB_TRANSPORT = {
+    "unicast": {"max_sessions": MOST_CLIENTS},
+    "link": {"rx": {"max_message_size": LONGEST_TRANSPORT_MESSAGE_B}},
+}
+
+
+def endpoint_of(cell: Cell) -> str:
+    """Return where the hub is: the environment may move it, the cell file says where it is."""
+    return os.environ.get(ENDPOINT_VARIABLE) or cell.bus.endpoint
+
+
+def hub_settings(cell: Cell, endpoint: str, role: str = "hub") -> dict[str, Any]:
+    """Return what makes a Zenoh router the hub of a cell; `zenohd` takes the same.
+
+    Raises:
+        BusError: As `open_hub`.
+    """
+    security = security_of(cell, role, endpoint)
+    part: dict[str, Any] = {
+        "mode": "router",
+        "listen": {"endpoints": [endpoint]},
+        "low_pass_filter": [SHORT],
+    }
+    if security:
+        part |= {"access_control": access_control(cell), "downsampling": rate_limits(cell)}
+    if cell.bus.upstream is not None:
+        refuse_in_the_clear(cell, cell.bus.upstream.endpoint)
+        part["connect"] = {
+            "endpoints": [cell.bus.upstream.endpoint],
+            "timeout_ms": -1,
+            "exit_on_failure": False,
+        }
+    return _settings(part, role, security, HUB_TRANSPORT)
+
+
+def client_settings(endpoint: str, role: str, security: Mapping[str, object]) -> dict[str, Any]:
+    """Return what makes a Zenoh client of a hub; it tries once."""
+    part = {
+        "mode": "client",
+        "connect": {
+            "endpoints": [endpoint],
+            "timeout_ms": CONNECT_ATTEMPT_MS,
+            "exit_on_failure": True,
+            "retry": {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 2},
+        },
+    }
+    return _settings(part, role, security)
+
+
+def security_of(cell: Cell, role: str, endpoint: str) -> Mapping[str, object]:
+    """Return Zenoh's settings of a role's certificate; nothing where none is asked for."""
+    refuse_in_the_clear(cell, endpoint)
+    return identity_of(cell, role).settings() if is_encrypted(endpoint) else {}
+
+
+def _settings(
+    part: Mapping[str, Any],
+    name: str,
+    security: Mapping[str, object],
+    transport: Mapping[str, Any] | None = None,
+) -> dict[str, Any]:
+    own = transport or {}
+    link = {**own.get("link", {}), "tx": {"lease": LEASE_MS, "keep_alive": 4}}
+    if security:
+        link |= {"protocols": ["tls", "quic"], "tls": security}
+    return {
+        **part,
+        "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
+        "transport": {**own, "link": link, "shared_memory": {"enabled": False}},
+        "metadata": {"name": name},
+    }

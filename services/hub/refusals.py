@@ -1,0 +1,167 @@
+"""Why the hub refused something: read from what Zenoh says of it, told in one line a second.
+
+Zenoh refuses in silence, and says why only on its most talkative level, a line for every message
+that passes. So its standard output goes to a file in memory, which the hub's own loop reads and
+empties: nobody ever waits for a line to be written, and a flood is not even written down.
+"""
+
+import os
+import re
+import sys
+from collections import Counter
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+
+from common.acl import SELF_TEST
+from common.clock import NS_PER_S
+
+MOST_AT_ONCE_B = 1_000_000  # of Zenoh's lines in one step; beyond that nothing is read for a while
+DEAF_NS = NS_PER_S
+TELL_EVERY_NS = NS_PER_S
+LONGEST_TOLD = 200
+MOST_SESSIONS = 1024  # remembered by name
+MOST_KINDS = 256  # of refusals between two tellings
+
+# `TIME LEVEL thread ThreadId(08) module: text`
+LINE = re.compile(rb"^\S+ +([A-Z]+) +(?:\S+ +)?(ThreadId\(\d+\)) ([\w:]+): (.*)$")
+ACCEPTED = re.compile(r"Accepted TLS connection on \S+ (\S+)\. Common Name: (.*)\.$")
+SUBJECT = re.compile(r"^([0-9a-f]+) on .*CertCommonName\((.*?)\)")
+JUDGED = re.compile(r"([0-9a-f]{8,}) .*?is (un)?authorized to (.+) \((in|e)gress\) on (.*)$")
+DROPPED = re.compile(r"dropped by the downsampling interceptor: \w+\((.*?)\) from:.*/([0-9a-f]+):")
+HANDSHAKES = (
+    ("peer sent no certificates", "no_certificate", "a client without a certificate"),
+    ("UnknownIssuer", "foreign_certificate", "a certificate of another authority"),
+    ("BadSignature", "foreign_certificate", "a certificate of another authority"),
+    ("Expired", "expired_certificate", "a certificate that has expired"),
+    (
+        "NotValidYet",
+        "expired_certificate",
+        "a certificate that is not valid yet: look at the clocks",
+    ),
+    ("InvalidContentType", "not_encrypted", "a client that does not speak TLS"),
+    ("received corrupt message", "not_encrypted", "a client that does not speak TLS"),
+)
+HUNG_UP = ("handshake eof", "Connection reset", "Broken pipe")  # the other end of the same story
+
+
+@dataclass(slots=True)
+class Judge:
+    """Makes causes of Zenoh's lines.
+
+    A refusal is the line `Msg intercepted!`; the one before it on the same thread says why.
+    """
+
+    known: frozenset[str]  # the names that have something to say or to hear
+    names: dict[str, str] = field(default_factory=dict)  # of sessions
+    before: dict[bytes, str] = field(default_factory=dict)  # the last line of each thread
+
+    def causes(self, lines: Iterable[bytes]) -> list[tuple[str, str]]:
+        """Return (code, words) of each refusal in lines of Zenoh's log."""
+        found = (self._cause(match) for line in lines if (match := LINE.match(line)))
+        return [cause for cause in found if cause is not None]
+
+    def _cause(self, match: re.Match[bytes]) -> tuple[str, str] | None:
+        level, thread, module, raw = match.groups()
+        if raw == b"Msg intercepted!":
+            return self._intercepted(self.before.pop(thread, ""))
+        text = raw.decode(errors="replace")
+        if module.startswith(b"zenoh_link"):
+            return self._link(level, text)
+        if module.startswith(b"zenoh::net::routing::interceptor"):
+            self.before[thread] = text
+            if b"CertCommonName" in raw and (subject := SUBJECT.match(text)):
+                if len(self.names) > MOST_SESSIONS:
+                    self.names.clear()
+                self.names[subject[1]] = subject[2]
+        elif level in {b"WARN", b"ERROR"}:
+            return "zenoh", text
+        return None
+
+    def _link(self, level: bytes, text: str) -> tuple[str, str] | None:
+        if accepted := ACCEPTED.search(text):
+            where, name = accepted.groups()
+            if name in self.known:
+                return None
+            return "unknown_name", f"{name} from {where}: nobody here has that name"
+        for sign, code, words in HANDSHAKES:
+            if sign in text:
+                return code, words
+        if level not in {b"WARN", b"ERROR"} or any(sign in text for sign in HUNG_UP):
+            return None
+        return "handshake", text.removesuffix(" Hint: increase the system open file limit.")
+
+    def _intercepted(self, why: str) -> tuple[str, str]:
+        if dropped := DROPPED.search(why):
+            key, session = dropped.groups()
+            return "too_often", f"{self._name(session)} says {key} more often than it may"
+        if not (judged := JUDGED.search(why)):
+            return "refused", "a message, and Zenoh does not say why"
+        session, no, what, direction, key = judged.groups()
+        if no is None:
+            return "too_long", f"{self._name(session)}: a message on {key}"
+        verb = "may not" if direction == "in" else "may not be sent"
+        return "forbidden", f"{self._name(session)} {verb}: {what} on {key}"
+
+    def _name(self, session: str) -> str:
+        if session in self.names:
+            return self.names[session]
+        return next((n for whole, n in self.names.items() if whole.startswith(session)), session)
+
+
+class Refusals:
+    """Counts what the hub refuses, by cause, and tells it on standard error."""
+
+    def __init__(self, say: Callable[[str], object] = sys.stderr.write) -> None:
+        """Hear nothing yet."""
+        self.counts: Counter[str] = Counter()
+        self._say = say
+        self._judge = Judge(frozenset())
+        self._waiting: Counter[tuple[str, str]] = Counter()
+        self._file = -1
+        self._rest = b""
+        self._deaf_until_ns = self._tell_ns = 0
+
+    def capture(self, known: frozenset[str]) -> None:
+        """From now on take this process's standard output for Zenoh's log."""
+        self._judge = Judge(known)
+        self._file = os.memfd_create("zenoh-log", os.MFD_CLOEXEC)
+        # Writers append, so that the file can be emptied under them.
+        appending = os.open(f"/proc/self/fd/{self._file}", os.O_WRONLY | os.O_APPEND)
+        os.dup2(appending, 1)
+        os.close(appending)
+
+    def step(self, now_ns: int) -> None:
+        """Read what Zenoh has said since, and tell what is due."""
+        if self._file < 0:
+            return
+        if now_ns < self._deaf_until_ns:
+            os.ftruncate(self._file, 0)
+        else:
+            self._read(now_ns)
+        if self._waiting and now_ns >= self._tell_ns:
+            self._tell_ns = now_ns + TELL_EVERY_NS
+            for (code, words), times in self._waiting.items():
+                often = f" ({times} times)" if times > 1 else ""
+                self._say(f"hub: refused {code}: {_clean(words)}{often}\n")
+            self._waiting.clear()
+
+    def _read(self, now_ns: int) -> None:
+        size = os.fstat(self._file).st_size
+        if size == 0:
+            return
+        data = self._rest + os.pread(self._file, MOST_AT_ONCE_B, 0)
+        os.ftruncate(self._file, 0)  # what came in between is lost: a line now and then
+        whole, _, self._rest = data.rpartition(b"\n")
+        if size > MOST_AT_ONCE_B:
+            self._deaf_until_ns, self._rest = now_ns + DEAF_NS, b""
+        for cause in self._judge.causes(whole.split(b"\n")):
+            if cause[1].endswith(f"/{SELF_TEST}"):  # each process tries that when it starts
+                continue
+            self.counts[cause[0]] += 1
+            if cause in self._waiting or len(self._waiting) < MOST_KINDS:
+                self._waiting[cause] += 1
+
+
+def _clean(words: str) -> str:
+    """Return words that come from a stranger as one line without surprises."""
+    return "".join(c if c.isprintable() else "?" for c in words)[:LONGEST_TOLD]

@@ -1,0 +1,254 @@
+"""A bus with certificates, with real hubs and clients: who gets in, who is heard."""
+
+import json
+import socket
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import pytest
+import zenoh
+from typer.testing import CliRunner
+
+from cli.__main__ import app
+from common import topics
+from common.bus import ENDPOINT_VARIABLE, open_bus, open_hub
+from common.bus_settings import client_settings, hub_settings
+from common.cell import Cell
+from common.config import dump_cell, load_cell
+from common.errors import BusError
+from common.messages import Health, WrenchAtTcp
+from common.requests import HoldRequest, Reply
+from common.tls import FOLDER_VARIABLE, NAME_VARIABLE, NAMES, Identity
+from common.topics import HEALTH, REQUESTS, TOPICS
+
+pytestmark = pytest.mark.realtime
+
+DEMO = Path(__file__).resolve().parents[2] / "cells" / "demo.yaml"
+PATIENCE_S = 20.0  # of the test, for a loaded machine
+QUIET_S = 0.3  # by then all that gets through is there
+PEOPLE = ("operator", "monitor")
+
+
+@pytest.fixture(autouse=True)
+def _nothing_from_outside(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in (ENDPOINT_VARIABLE, FOLDER_VARIABLE, NAME_VARIABLE):
+        monkeypatch.delenv(name, raising=False)
+
+
+def free_port() -> int:
+    """Return a port that nobody listens on right now."""
+    with socket.create_server(("127.0.0.1", 0)) as probe:
+        return probe.getsockname()[1]
+
+
+def make_cell(folder: Path, name: str = "tls", **bus: object) -> Cell:
+    """Return a cell with certificates in a folder."""
+    overrides = {
+        "cell": name,
+        "bus.endpoint": f"tls/127.0.0.1:{free_port()}",
+        "bus.tls": {"folder": str(folder)},
+        **{f"bus.{key}": value for key, value in bus.items()},
+    }
+    return load_cell(DEMO, overrides)
+
+
+def make_certificates(cell: Cell, folder: Path, scratch: Path, *words: str) -> None:
+    """Make all certificates of a cell."""
+    path = scratch / f"{cell.cell}.yaml"
+    path.write_text(dump_cell(cell))
+    arguments = ["pki", "init", "--cell", str(path), "--folder", str(folder), *words]
+    result = CliRunner().invoke(app, arguments)
+    assert result.exit_code == 0, result.output
+
+
+@pytest.fixture(scope="module")
+def scratch(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder for all tests of this file, with certificates in `pki`."""
+    folder = tmp_path_factory.mktemp("tls")
+    make_certificates(make_cell(folder / "pki"), folder / "pki", folder)
+    return folder
+
+
+@pytest.fixture
+def cell(scratch: Path) -> Cell:
+    """A cell with certificates."""
+    return make_cell(scratch / "pki")
+
+
+@pytest.fixture
+def sessions(cell: Cell) -> Iterator[dict[str, zenoh.Session]]:
+    """A hub, and a session of every name on it."""
+    with open_hub(cell):
+        opened = {name: session_of(cell, name) for name in NAMES if name != "hub"}
+        yield opened
+        for session in opened.values():
+            with suppress(zenoh.ZError):
+                session.close()
+
+
+def session_of(cell: Cell, name: str, folder: Path | None = None) -> zenoh.Session:
+    """Return a session with a name's certificate, which obeys nothing but the hub."""
+    where = folder or Path(cell.bus.tls.folder if cell.bus.tls else "")
+    settings = client_settings(cell.bus.endpoint, name, Identity(name, where).settings())
+    give_up_s = time.monotonic() + PATIENCE_S
+    while True:
+        try:
+            return zenoh.open(zenoh.Config.from_json5(json.dumps(settings)))
+        except zenoh.ZError:
+            if time.monotonic() >= give_up_s:
+                raise
+
+
+def test_every_name_is_heard_on_its_own_keys_and_on_no_other(
+    cell: Cell, sessions: dict[str, zenoh.Session]
+) -> None:
+    """All pairs of name and key are tried on a real hub: heard if the table names the writer."""
+    heard: set[tuple[str, str]] = set()
+
+    def hear(sample: zenoh.Sample) -> None:
+        heard.add((sample.payload.to_string(), str(sample.key_expr)))
+
+    listening = sessions["monitor"].declare_subscriber(f"{cell.cell}/**", hear)
+    expected = set()
+    keys = [topic.key for topic in TOPICS] + [request.key for request in REQUESTS]
+    for name, session in sessions.items():
+        for key in keys:
+            session.put(f"{cell.cell}/{key}", name)
+    for topic in TOPICS:
+        roles = ("robot", "sensor") if topic.writer == "sensor" else (topic.writer,)
+        expected |= {(role, f"{cell.cell}/{topic.key}") for role in roles if role != "hub"}
+    give_up_s = time.monotonic() + PATIENCE_S
+    while not expected <= heard and time.monotonic() < give_up_s:
+        time.sleep(0.02)
+    time.sleep(QUIET_S)
+    listening.undeclare()
+    # What a session says it also hears itself, without the hub.
+    assert {pair for pair in heard if pair[0] != "monitor"} == expected
+
+
+def test_only_an_operator_is_answered(cell: Cell, sessions: dict[str, zenoh.Session]) -> None:
+    """Every name asks the arbiter for everything: the operator's questions alone arrive."""
+    asked: set[str] = set()
+
+    def answer(query: zenoh.Query) -> None:
+        assert query.payload is not None
+        asked.add(query.payload.to_string())
+        query.reply(query.key_expr, b"yes")
+
+    served = sessions["arbiter"].declare_queryable(f"{cell.cell}/{topics.HOLD.key}", answer)
+    give_up_s = time.monotonic() + PATIENCE_S
+    while "operator" not in asked and time.monotonic() < give_up_s:
+        for name in set(sessions) - {"arbiter"}:  # its own question would not leave its session
+            list(sessions[name].get(f"{cell.cell}/{topics.HOLD.key}", payload=name, timeout=0.2))
+    served.undeclare()
+    assert asked == {"operator"}
+
+
+def test_a_monitor_may_hold_where_the_cell_says_so(scratch: Path) -> None:
+    """One word in the cell file, and the arbiter hears a monitor's hold, but not its clear."""
+    cell = make_cell(scratch / "pki", monitor_may_hold=True)
+    with open_hub(cell), open_bus(cell, "arbiter") as arbiter:
+        inboxes = {r.key: arbiter.inbox(r) for r in (topics.HOLD, topics.CLEAR)}
+        taken, done = [], threading.Event()
+
+        def serve() -> None:
+            while not done.wait(0.005):
+                for key, inbox in inboxes.items():
+                    for incoming in inbox.take_all():
+                        taken.append(key)
+                        incoming.reply(Reply(accepted=True))
+
+        thread = threading.Thread(target=serve)
+        thread.start()
+        try:
+            with pytest.MonkeyPatch.context() as patch:
+                patch.setenv(NAME_VARIABLE, "monitor")
+                with open_bus(cell, topics.CLIENT) as bus:
+                    assert bus.ask(topics.HOLD, HoldRequest(), PATIENCE_S).accepted
+                    with pytest.raises(BusError, match="did not answer"):
+                        bus.ask(topics.CLEAR, topics.CLEAR.message(), 0.5)
+        finally:
+            done.set()
+            thread.join()
+    assert set(taken) == {topics.HOLD.key}
+
+
+def test_the_cell_works_with_certificates_as_without(cell: Cell) -> None:
+    """A role's message reaches every reader of the table, the hub's health a client."""
+    with open_hub(cell) as hub, open_bus(cell, "wrench") as wrench, open_bus(
+        cell, "regulator"
+    ) as regulator, open_bus(cell, topics.CLIENT) as client:  # fmt: skip
+        readers: list[Any] = [bus.reader(topics.WRENCH) for bus in (regulator, client)]
+        readers.append(client.reader(HEALTH["hub"]))
+        says, health = wrench.publisher(topics.WRENCH), hub.publisher(HEALTH["hub"])
+        heard = [False, False, False]
+        give_up_s = time.monotonic() + PATIENCE_S
+        while not all(heard) and time.monotonic() < give_up_s:
+            says.put(WrenchAtTcp())
+            health.put(Health())
+            heard = [h or r.poll() for h, r in zip(heard, readers, strict=True)]
+            time.sleep(0.005)
+        assert all(heard)
+
+
+def test_a_hub_without_access_control_is_not_worked_on(cell: Cell) -> None:
+    """A role finds out that its hub lets anybody say anything, and refuses to run."""
+    settings = hub_settings(cell, cell.bus.endpoint)
+    del settings["access_control"]
+    with zenoh.open(zenoh.Config.from_json5(json.dumps(settings))):
+        for role in ("arbiter", "sensor"):
+            with (
+                pytest.raises(BusError, match="lets anybody say anything"),
+                open_bus(cell, role, patience_s=PATIENCE_S),
+            ):
+                pass
+
+
+def test_a_foreign_certificate_does_not_get_in(
+    cell: Cell, scratch: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An arbiter of another authority is told that the hub may be refusing it."""
+    foreign = scratch / "foreign"
+    if not foreign.exists():
+        make_certificates(cell, foreign, scratch)
+    with open_hub(cell):
+        monkeypatch.setenv(FOLDER_VARIABLE, str(foreign))
+        with (
+            pytest.raises(BusError, match="or it refuses this certificate"),
+            open_bus(cell, "arbiter", patience_s=1.0),
+        ):
+            pass
+
+
+def test_two_cells_hang_on_one_tree_and_a_monitor_above_sees_both(scratch: Path) -> None:
+    """The hub below says its topics above, hears nothing from there, and neither side commands."""
+    above = make_cell(scratch / "pki", "tls", below=["left"])
+    left = make_cell(
+        scratch / "left", "left", upstream={"endpoint": above.bus.endpoint, "cell": "tls"}
+    )
+    make_certificates(left, scratch / "left", scratch, "--authority", str(scratch / "pki"))
+    seen: set[str] = set()
+    with open_hub(above), open_hub(left):
+        monitor = session_of(above, "monitor")
+        below = session_of(left, "monitor")
+        writers = [session_of(above, "wrench"), session_of(left, "wrench")]
+        try:
+            for name in ("tls", "left"):
+                monitor.declare_subscriber(f"{name}/**", lambda s: seen.add(str(s.key_expr)))
+            leaked: list[str] = []
+            below.declare_subscriber("tls/**", lambda s: leaked.append(str(s.key_expr)))
+            give_up_s = time.monotonic() + PATIENCE_S
+            while len(seen) < 2 and time.monotonic() < give_up_s:
+                for writer, name in zip(writers, ("tls", "left"), strict=True):
+                    writer.put(f"{name}/wrench", b"x")
+                writers[0].put("left/wrench", b"forged from above")
+                time.sleep(0.02)
+            assert seen == {"tls/wrench", "left/wrench"}
+            assert leaked == []
+        finally:
+            for session in (monitor, below, *writers):
+                session.close()

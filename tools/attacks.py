@@ -1,0 +1,298 @@
+"""Nine ways of strangers to move an arm over its bus, tried on a cell that is up: none may work.
+
+python -m tools.attacks --cell FILE [--folder CERTIFICATES] [--json]
+
+Wants a cell at rest, TLS, and the folder of `forcemesh pki init`, whose authority it needs to make
+the certificate of a name that nobody has. It moves the arm by a few degrees itself, to have
+something to replay. Exit code 1 when anything got through.
+"""
+
+import argparse
+import datetime as dt
+import json
+import math
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import zenoh
+
+from common import topics
+from common.bus import endpoint_of, open_bus
+from common.bus_settings import client_settings
+from common.cell import Cell
+from common.clock import MonotonicClock
+from common.codec import Header, decode, encode
+from common.config import load_cell
+from common.endpoints import Bus
+from common.messages import Goal, Message, Permission, RobotCommand, RobotState
+from common.pki import (
+    copy_certificate,
+    make_authority,
+    make_certificate,
+    read_authority,
+    write_pair,
+)
+from common.requests import ArmRequest, Empty, HoldRequest, MoveRequest
+from common.tls import AUTHORITY, Identity, folder_of
+
+SECONDS = 1.0  # of each attack
+EVERY_S = 0.02
+MOVED_RAD = 1e-3
+STOLEN_LEASE = 1_000_000
+OWN_MOVE_RAD = (0.05, 0.0, 0.0, 0.0, 0.0, 0.0)
+ASK_S = 3.0
+READY_S = 20.0  # a cell that has just come up
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What came of an attack."""
+
+    attack: str
+    let_in: bool  # whether the hub took the connection at all
+    heard: int  # messages of the attacker that the bus passed on
+    moved_rad: float
+    code: str  # under which the hub, or the cell, says so
+
+    @property
+    def stopped(self) -> bool:
+        """Tell whether nothing has moved."""
+        return self.moved_rad < MOVED_RAD
+
+
+class Scene:
+    """A cell at rest, watched by a monitor."""
+
+    def __init__(self, cell: Cell, folder: Path, monitor: zenoh.Session) -> None:
+        """Watch the arm and everything that is said to it."""
+        self.cell, self.folder = cell, folder
+        self.commands: list[bytes] = []
+        self.joints: list[tuple[float, ...]] = []
+        self.key = f"{cell.cell}/{topics.ROBOT_COMMAND.key}"
+        self.epoch = 2**61 + time.monotonic_ns() % 2**32  # of all that we forge
+        self.forged = 0
+        self._subscribers = [
+            monitor.declare_subscriber(self.key, self._hear),
+            monitor.declare_subscriber(f"{cell.cell}/{topics.ROBOT_STATE.key}", self._see),
+        ]
+
+    def forge(self, number: int) -> bytes:
+        """Return a well-formed command that would turn the first joint by six degrees."""
+        command = RobotCommand(
+            kind="goal",
+            commander="operator",
+            permission=Permission(host="pc", lease=STOLEN_LEASE, deadline_s=0.1, turn=1),
+            goal=Goal(id=STOLEN_LEASE, kind="by", joint_rad=(0.1, 0.0, 0.0, 0.0, 0.0, 0.0)),
+        )
+        return encode(self._header(number, self.epoch), command)
+
+    def _header(self, number: int, epoch: int) -> Header:
+        clock = MonotonicClock()
+        return Header(
+            seq=number,
+            epoch=epoch,
+            boot=clock.boot,
+            stamp_ns=clock.now_ns(),
+            topic=topics.ROBOT_COMMAND.key,
+        )
+
+    def _hear(self, sample: zenoh.Sample) -> None:
+        data = sample.payload.to_bytes()
+        self.commands.append(data)
+        with suppress(Exception):
+            header, _ = decode(data, RobotCommand, topics.ROBOT_COMMAND.key)
+            self.forged += header.epoch == self.epoch
+
+    def _see(self, sample: zenoh.Sample) -> None:
+        _, state = decode(sample.payload.to_bytes(), RobotState, topics.ROBOT_STATE.key)
+        self.joints.append(state.joint_rad)
+
+
+Say = Callable[[zenoh.Session, Scene], None]
+
+
+def forging(session: zenoh.Session, scene: Scene) -> None:
+    """Say a forged command again and again."""
+    _again(lambda number: session.put(scene.key, scene.forge(number)))
+
+
+def oversize(session: zenoh.Session, scene: Scene) -> None:
+    """Say something on one's own key that no honest process needs so much room for."""
+    _again(lambda number: session.put(scene.key, scene.forge(number) + b"\0" * 32_000))
+
+
+def flood(session: zenoh.Session, scene: Scene) -> None:
+    """Say forged commands and questions as fast as it goes."""
+    give_up_s, number = time.monotonic() + SECONDS, 0
+    while time.monotonic() < give_up_s:
+        number += 1
+        session.put(scene.key, scene.forge(number))
+        if number % 100 == 0:
+            time.sleep(0.001)
+
+
+def replay(session: zenoh.Session, scene: Scene) -> None:
+    """Say again what moved the arm before, in order, at ten times its pace."""
+    heard = list(scene.commands)
+    for data in heard:
+        session.put(scene.key, data)
+        time.sleep(EVERY_S / 50)
+
+
+class Attack(NamedTuple):
+    """Whose certificate is shown, what is said, how the hub calls it."""
+
+    name: str
+    shown: str
+    say: Say
+    code: str
+
+
+ATTACKS = (
+    Attack("no certificate", "nobody", forging, "no_certificate"),
+    Attack("foreign authority", "foreign", forging, "foreign_certificate"),
+    Attack("unknown name", "stranger", forging, "unknown_name"),
+    Attack("right name, forbidden key", "regulator", forging, "forbidden"),
+    Attack("oversize", "arbiter", oversize, "too_long"),
+    Attack("flood", "monitor", flood, "forbidden"),
+    Attack("plain TCP", "plain", forging, "not_encrypted"),
+    Attack("replay, with the arbiter's stolen key", "arbiter", replay, ""),
+    Attack("second writer of the arbiter's key", "wrench", forging, "forbidden"),
+)
+
+
+def attack_all(cell: Cell, folder: Path) -> Iterator[Outcome]:
+    """Try every attack on a cell that is up, one after the other."""
+    endpoint = endpoint_of(cell)
+    with tempfile.TemporaryDirectory() as scratch:
+        stranger, foreign = Path(scratch, "stranger"), Path(scratch, "foreign")
+        _make_strangers(cell, folder, stranger, foreign)
+        who = {"stranger": Identity("stranger", stranger), "foreign": Identity("arbiter", foreign)}
+        with _session(client_settings(endpoint, "monitor", _shown(folder, "monitor"))) as monitor:
+            scene = Scene(cell, folder, monitor)
+            with open_bus(cell, topics.CLIENT) as bus:
+                _move_a_little(bus, scene)
+            for attack in ATTACKS:
+                identity = who.get(attack.shown, Identity(attack.shown, folder))
+                yield _attack(attack, _settings(attack.shown, identity, endpoint), scene)
+
+
+def _attack(attack: Attack, settings: dict[str, object], scene: Scene) -> Outcome:
+    scene.joints.clear()
+    forged = scene.forged
+    commands = len(scene.commands)
+    let_in = True
+    try:
+        with _session(settings) as session:
+            attack.say(session, scene)
+    except zenoh.ZError:
+        let_in = False
+        time.sleep(EVERY_S)
+    time.sleep(0.3)  # for what may still come
+    heard = scene.forged - forged
+    del scene.commands[commands:]
+    moved = max((math.dist(joints, scene.joints[0]) for joints in scene.joints), default=math.inf)
+    return Outcome(attack.name, let_in, heard, moved, attack.code)
+
+
+def _settings(shown: str, identity: Identity, endpoint: str) -> dict[str, object]:
+    if shown == "plain":
+        return client_settings(f"tcp/{endpoint.partition('/')[2]}", shown, {})
+    if shown == "nobody":
+        security = {"root_ca_certificate": str(identity.authority)}
+        return client_settings(endpoint, shown, security)
+    return client_settings(endpoint, shown, identity.settings())
+
+
+def _shown(folder: Path, name: str) -> dict[str, object]:
+    return Identity(name, folder).settings()
+
+
+def _make_strangers(cell: Cell, folder: Path, stranger: Path, foreign: Path) -> None:
+    """Make a certificate of a name that nobody has, and an arbiter's of another authority."""
+    now, hosts = dt.datetime.now(dt.UTC), ["localhost"]
+    ours, theirs = read_authority(folder), make_authority("elsewhere", now)
+    for authority, name, target in ((ours, "stranger", stranger), (theirs, "arbiter", foreign)):
+        pair = make_certificate(authority, name, cell.cell, hosts=hosts, days=1, now=now)
+        write_pair(target, name, pair, owner=None)
+        copy_certificate(folder, target, AUTHORITY, owner=None)
+
+
+def _move_a_little(bus: Bus, scene: Scene) -> None:
+    """Let the arm move once, as an operator does, so that there is something to replay."""
+    requests: list[tuple[Any, Any]] = [
+        (topics.HOLD, HoldRequest(reason="before the attacks")),
+        (topics.CLEAR, Empty()),
+        (topics.ARM, ArmRequest(purpose="jog")),
+        (topics.MOVE, MoveRequest(kind="by", joint_rad=OWN_MOVE_RAD)),
+    ]
+    for request, message in requests:
+        give_up_s = time.monotonic() + READY_S
+        while (reply := bus.ask(request, message, ASK_S)).code == "not_ready":
+            if time.monotonic() > give_up_s:
+                break
+            time.sleep(0.2)
+        if not reply.accepted:
+            sys.exit(f"{request.key} was refused ({reply.code}): {reply.text}")
+        time.sleep(0.2)
+    time.sleep(2.0)
+    bus.ask(topics.HOLD, HoldRequest(reason="the attacks begin"), ASK_S)
+    if not any(_permits(data) for data in scene.commands):
+        sys.exit("no command with a permission was heard: nothing to replay")
+    time.sleep(0.5)
+
+
+def _permits(data: bytes) -> bool:
+    message: Message = decode(data, RobotCommand, topics.ROBOT_COMMAND.key)[1]
+    return isinstance(message, RobotCommand) and message.permission is not None
+
+
+def _again(say: Callable[[int], object]) -> None:
+    give_up_s, number = time.monotonic() + SECONDS, 0
+    while time.monotonic() < give_up_s:
+        number += 1
+        say(number)
+        time.sleep(EVERY_S)
+
+
+@contextmanager
+def _session(settings: dict[str, object]) -> Iterator[zenoh.Session]:
+    session = zenoh.open(zenoh.Config.from_json5(json.dumps(settings)))
+    try:
+        yield session
+    finally:
+        with suppress(zenoh.ZError):
+            session.close()
+
+
+def main() -> int:
+    """Try all, print what came of it."""
+    parser = argparse.ArgumentParser(prog="tools.attacks", description=__doc__)
+    parser.add_argument("--cell", required=True)
+    parser.add_argument("--folder", type=Path)
+    parser.add_argument("--json", action="store_true")
+    given = parser.parse_args()
+    cell = load_cell(given.cell)
+    wrong = 0
+    for outcome in attack_all(cell, given.folder or folder_of(cell)):
+        wrong += not outcome.stopped
+        if given.json:
+            print(json.dumps(asdict(outcome)), flush=True)
+            continue
+        way = "let in" if outcome.let_in else "turned away"
+        print(
+            f"{'ok  ' if outcome.stopped else 'FAIL'} {outcome.attack}: {way}, "
+            f"{outcome.heard} messages passed on, moved {outcome.moved_rad:.6f} rad",
+            flush=True,
+        )
+    return 1 if wrong else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -70,7 +70,7 @@ class SensorDriver:
         silent = now_ns - self._sampled_ns > self._stale_after_ns // 2
         if silent:
             self._thinning = pause(self._thinning)
-        if self._counter == 0 or silent:
+        if silent or not self._about:  # a page of the sensor may come after its first samples
             self._introduce()
         self._sampled_ns, self._counter = now_ns, sample.counter
         if self._worst is None or SEVERITY[sample.status] >= SEVERITY[self._worst.status]:

@@ -19,6 +19,7 @@ class Plugged:
 
     def __init__(self) -> None:
         self.serial: str | None = "FT1"
+        self.tells = True
         self._counter = 0
 
     def read(self, now_ns: int) -> Sequence[Sample]:
@@ -34,7 +35,9 @@ class Plugged:
 
     def info(self) -> Info | None:
         """Return what the sensor says of itself."""
-        return None if self.serial is None else Info("fake", 100.0, 10.0, "its own", self.serial)
+        if self.serial is None or not self.tells:
+            return None
+        return Info("fake", 100.0, 10.0, "its own", self.serial)
 
     def counters(self) -> dict[str, int]:
         """Count nothing."""
@@ -44,14 +47,30 @@ class Plugged:
         """Nothing to let go."""
 
 
-def test_another_sensor_on_the_same_cable_has_another_number() -> None:
-    """Unplugged, another one plugged in: from its first sample on."""
-    driver = Plugged()
+def bench_of(driver: Plugged) -> Bench:
+    """Return the service with a driver."""
 
     def make(bus: Bus, cell: Cell) -> SensorDriver:
         return SensorDriver(bus, cell, driver)
 
-    bench = Bench("sensor", make, step_s=STEP_S)
+    return Bench("sensor", make, step_s=STEP_S)
+
+
+def test_a_number_that_is_known_later_than_the_first_sample_is_told_from_then_on() -> None:
+    """The page of a Net F/T is fetched while its records come already."""
+    driver = Plugged()
+    driver.tells = False
+    bench = bench_of(driver)
+    assert bench.after_step(topics.SENSOR_WRENCH).serial == ""
+    bench.step(5)
+    driver.tells = True
+    assert bench.after_step(topics.SENSOR_WRENCH).serial == "FT1"
+
+
+def test_another_sensor_on_the_same_cable_has_another_number() -> None:
+    """Unplugged, another one plugged in: from its first sample on."""
+    driver = Plugged()
+    bench = bench_of(driver)
     assert bench.after_step(topics.SENSOR_WRENCH).serial == "FT1"
     driver.serial = None
     bench.pass_s(1.0)

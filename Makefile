@@ -27,7 +27,7 @@ NO_NEW_BRANCH := mistake_is_found or no_way_through or dead_end or every_fault_o
   or judge_sees or no_command_gets_past or wall_that_vanishes or four_times_stiffer
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-long coverage check format readme bench bench-tcp bench-payload chaos chaos-full chaos-network chaos-flood chaos-clocks soak soak-sensor fuzz fuzz-codec fuzz-commands lock clean
+.PHONY: help setup demo test test-long coverage check format readme bench bench-tcp bench-payload bench-force chaos chaos-full chaos-network chaos-flood chaos-clocks soak soak-sensor fuzz fuzz-codec fuzz-commands lock clean
 
 help: ## list these targets
 	@grep -hE '^[a-z-]+:.*##' Makefile | sed -E 's/:[^#]*## */\t/' | expand -t 10
@@ -76,6 +76,9 @@ bench-tcp: setup ## play the demo over TCP in every combination: ARGS=--write ma
 
 bench-payload: setup ## payload identification beside the published ones: ARGS="recording.csv" adds it, ARGS=--quick
 	@$(BIN)/python -m bench.payload $(ARGS)
+
+bench-force: setup ## how well laws release, hold, find and follow a force: ARGS=--quick, --json, --write makes docs/force.md
+	@$(BIN)/python -m bench.force $(ARGS)
 
 chaos: setup ## kill, freeze and restart every process of a moving cell, see that it holds: ARGS="--seed 7"
 	@$(BIN)/python -m chaos $(ARGS)

@@ -1,6 +1,6 @@
 """Release from 30 N to zero: first contact with an unknown stiffness, and one met before."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -44,7 +44,7 @@ class Release:
 
 def true_tau_s(world: World) -> float:
     """Return all delay and lag of the loop, whatever is assumed of it [s]."""
-    return world.cell().loop_delay_s - world.delay_error_ms / 1e3
+    return replace(world, delay_error_ms=0.0).cell().loop_delay_s
 
 
 def release(rig: Rig, pilot: Presser, world: World, longest_s: float = LONGEST_S) -> Release:
@@ -53,7 +53,7 @@ def release(rig: Rig, pilot: Presser, world: World, longest_s: float = LONGEST_S
     trace, t = Trace(), 0.0
     while t < longest_s:
         rig.run(pilot, CHUNK_S, trace)
-        t += CHUNK_S
+        t = trace.t_s[-1]
         last = np.array(trace.push_N)[np.array(trace.t_s) > t - ENOUGH_S]
         if t >= ENOUGH_S and float(np.abs(last).max()) < 0.8 * BAND_N:
             break

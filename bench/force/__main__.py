@@ -1,0 +1,61 @@
+"""The force benchmark: `make bench-force`, `python -m bench.force --quick`, `--json`, `--write`."""
+
+import argparse
+import json
+import os
+from concurrent.futures import ProcessPoolExecutor
+from itertools import product
+from pathlib import Path
+
+from rich.console import Console
+from rich.markdown import Markdown
+
+from bench.force import settle
+from bench.force.page import page
+from bench.force.rig import World
+from bench.force.run import QUICK, Extent, everything
+
+DOCS = Path(__file__).resolve().parents[2] / "docs"
+COMMAND = 'make bench-force ARGS="--write"'
+TUNED_FOR = World(2e4, 10)
+
+
+def fixed_taus(place: tuple[float, int]) -> float:
+    """Return the settling in tau of a PI law that was tuned for one place, at another."""
+    gain = 0.45 / (TUNED_FOR.stiffness_N_m * settle.true_tau_s(TUNED_FOR))
+    world = World(*place)
+    done = settle.plain(world, gain, longest_s=6.0)
+    return float("nan") if done.taus is None else done.taus
+
+
+def main() -> None:
+    """Run, print, and write what is asked for."""
+    parser = argparse.ArgumentParser(prog="python -m bench.force", description=__doc__)
+    parser.add_argument("--quick", action="store_true", help="a few scenes: about a minute")
+    parser.add_argument("--json", action="store_true", help="plain numbers on standard output")
+    parser.add_argument("--write", action="store_true", help="docs/force.md and its pictures")
+    parser.add_argument("--rows", type=Path, help="a file of --json to take instead of running")
+    parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
+    asked = parser.parse_args()
+    with ProcessPoolExecutor(asked.workers) as pool:
+        if asked.rows is None:
+            rows = everything(QUICK if asked.quick else Extent(), pool)
+        else:
+            rows = json.loads(asked.rows.read_text(encoding="utf-8"))
+        if asked.json:
+            print(json.dumps(rows))
+        else:
+            Console(width=160).print(Markdown(page(rows, COMMAND)))
+        if asked.write:
+            from bench.force import pictures  # noqa: PLC0415 - matplotlib takes a second
+
+            (DOCS / "force.md").write_text(page(rows, COMMAND), encoding="utf-8")
+            pictures.releases(DOCS / "pictures" / "force-releases.png")
+            pictures.following(DOCS / "pictures" / "force-following.png")
+            places = list(product(settle.STIFFNESSES_N_M, settle.DELAYS_MS))
+            fixed = dict(zip(places, pool.map(fixed_taus, places), strict=True))
+            pictures.map_of(rows["release"], fixed, DOCS / "pictures" / "force-map.png")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,140 @@
+"""What is promised of the adaptive law, judged by the rows of the benchmark. Pure."""
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from bench.force.run import Row
+
+Rows = dict[str, list[Row]]
+
+
+@dataclass(frozen=True, slots=True)
+class Promise:
+    """One line: what, the limit, and the worst that was found. Kept when found <= limit."""
+
+    text: str
+    limit: float
+    found: float
+    where: str
+
+    @property
+    def kept(self) -> bool:
+        """Whether it holds."""
+        return self.found <= self.limit
+
+
+def promises(rows: Rows) -> list[Promise]:
+    """Return every promise that these rows can judge."""
+    made: list[Promise | None] = [
+        *_releases(rows["release"]),
+        *_slow(rows["slow loops"]),
+        *_scenes(rows["scenes"]),
+    ]
+    made += [*_peers(rows["peers"]), _fixed(rows["fixed gain"][0])]
+    return [promise for promise in made if promise is not None]
+
+
+def _worst(
+    text: str, limit: float, rows: Iterable[Row], of: Callable[[Row], float]
+) -> Promise | None:
+    chosen = list(rows)
+    if not chosen:
+        return None  # not run
+    values = [of(row) for row in chosen]
+    worst = int(np.argmax(values))
+    row = chosen[worst]
+    loop = f", {row['loop_hz']:g} Hz" if row.get("loop_hz", 250.0) != 250.0 else ""
+    return Promise(
+        text, limit, values[worst], f"{row['stiffness_N_m']:g} N/m, {row['delay_ms']} ms{loop}"
+    )
+
+
+def _or_never(seconds: float | None) -> float:
+    return float("inf") if seconds is None else seconds
+
+
+def _taus(name: str) -> Callable[[Row], float]:
+    return lambda row: _or_never(row[f"{name}_s"]) / float(row["tau_s"])
+
+
+def _overshoot(row: Row) -> float:
+    return max(float(row["first_overshoot_pct"]), float(row["met_overshoot_pct"]))
+
+
+def _releases(rows: list[Row]) -> Iterable[Promise | None]:
+    stiff = [row for row in rows if row["stiffness_N_m"] >= 5e3]
+    right = [row for row in stiff if row["delay_error_ms"] == 0.0]
+    safe = [row for row in stiff if row["delay_error_ms"] in {0.0, 5.0}]
+    soft = [row for row in rows if row["stiffness_N_m"] < 5e3 and row["delay_error_ms"] == 0.0]
+    undelayed = [r for r in right if r["delay_ms"] == 0 and r["stiffness_N_m"] <= 1e4]
+    others = [row for row in right if row not in undelayed]
+    late = [row for row in stiff if row["delay_error_ms"] == 5.0]
+    yield _worst("first contact, tau", 9.0, safe, _taus("first"))
+    yield _worst("stiffness met, tau", 5.0, others, _taus("met"))
+    yield _worst("the same, k <= 1e4 without delay", 6.0, undelayed, _taus("met"))
+    yield _worst("the same, delay assumed 5 ms long", 5.0, late, _taus("met"))
+    yield _worst("overshoot, % (delay right or 5 ms long)", 5.0, safe, _overshoot)
+    wrong = [row for row in stiff if row["delay_error_ms"] == 10.0]
+    yield _worst("delay assumed 10 ms long, tau", 11.0, wrong, _taus("first"))
+    yield _worst("the same, overshoot, %", 10.0, wrong, _overshoot)
+    short = [row for row in stiff if row["delay_error_ms"] == -5.0]
+    yield _worst("delay assumed 5 ms short, overshoot, % (bounded)", 100.0, short, _overshoot)
+    yield _worst(
+        "1e3 and 2e3 N/m, of 3.5/(k Ki_cap) + tau", 1.0, soft, lambda row: _or_never(row["first_s"])
+        / (3.5 / (5e-3 * row["stiffness_N_m"]) + row["tau_s"]),
+    )  # fmt: skip
+
+
+def _slow(rows: list[Row]) -> Iterable[Promise | None]:
+    for hz, first, met in ((60.0, 0.5, 0.35), (30.0, 0.8, 0.45), (15.0, 1.4, 0.65)):
+        these = [row for row in rows if row["loop_hz"] == hz]
+        yield _worst(
+            f"loop of {hz:g} Hz, first, s", first, these, lambda r: _or_never(r["first_s"])
+        )
+        yield _worst(f"loop of {hz:g} Hz, met, s", met, these, lambda r: _or_never(r["met_s"]))
+    yield _worst("slow loops, overshoot, %", 5.0, rows, _overshoot)
+
+
+def _scenes(rows: list[Row]) -> Iterable[Promise | None]:
+    ours = [row for row in rows if row["law"] == "adaptive"]
+
+    def of(scene: str, least_k: float = 2e4, most_k: float = 1e5) -> list[Row]:
+        return [r for r in ours if r["scene"] == scene and least_k <= r["stiffness_N_m"] <= most_k]
+
+    def value(name: str) -> Callable[[Row], float]:
+        return lambda row: _or_never(row[name])
+
+    yield _worst("slope, mean error after 1 s, N", 0.1, of("slope"), value("mean_error_N"))
+    yield _worst("sine at 2e4, N", 0.2, of("sine", most_k=2e4), value("mean_error_N"))
+    yield _worst("sine at 1e5, N", 0.5, of("sine", 1e5), value("mean_error_N"))
+    onset = [*of("slope"), *of("sine")]
+    yield _worst("onset, of k v tau", 1.2, onset, value("onset_of_k_v_tau"))
+    yield _worst("still surface, N", 0.1, of("press", 0.0), value("steady_error_N"))
+    yield _worst("alignment from 10 degrees, degrees", 0.1, of("align"), value("misalignment_deg"))
+    lost = [row for row in ours if "contact_lost" in row]
+    yield _worst("contacts lost", 0.0, lost, value("contact_lost"))
+    for speed, limit in ((0.02, 1.5), (0.05, 3.0)):
+        walls = [row for row in of("wall vanishes", 0.0) if row["speed_m_s"] == speed]
+        yield _worst(f"wall vanishes at {speed * 1e3:g} mm/s, mm", limit, walls, value("travel_mm"))
+    yield _worst("spikes, ripple, N rms", 0.1, of("spikes", 0.0), value("ripple_N"))
+    yield _worst(
+        "ten times stiffer, peak of its bound", 1.0, of("ten times stiffer", 0.0),
+        lambda row: float(row["peak_N"] / row["peak_bound_N"]),
+    )  # fmt: skip
+
+
+def _peers(rows: list[Row]) -> Iterable[Promise]:
+    """Ratios are turned round: kept when ours is faster by so much."""
+    one = [_or_never(row["one_s"]) / row["first_s"] for row in rows]
+    here = [_or_never(row["tuned_here_s"]) / row["met_s"] for row in rows]
+    yield Promise("1 / median lead, one setting for all", 1 / 5.0, 1 / float(np.median(one)), "")
+    yield Promise("1 / least lead, one setting for all", 1.0, 1 / min(one), "")
+    yield Promise("1 / median lead, tuned per scene", 1 / 1.3, 1 / float(np.median(here)), "")
+    yield Promise("1 / least lead, tuned per scene", 1.1, 1 / min(here), "")
+
+
+def _fixed(row: Row) -> Promise:
+    lead = _or_never(row["fixed_s"]) / _or_never(row["met_s"])
+    return Promise("1 / lead over a fixed gain safe at 1e5, at 5e3 N/m", 1 / 12.0, 1 / lead, "")

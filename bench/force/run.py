@@ -1,0 +1,132 @@
+"""Runs every part of the benchmark and gathers plain numbers, ready for JSON."""
+
+from collections.abc import Sequence
+from concurrent.futures import Executor
+from dataclasses import asdict, dataclass, replace
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from bench.force import scenes, search, settle
+from bench.force.rig import World
+from bench.force.settle import Release
+
+Row = dict[str, Any]
+DELAY_ERRORS_MS = (0.0, 5.0, 10.0, -5.0)
+LOOPS_HZ = (60.0, 30.0, 15.0)
+LAWS: dict[str, scenes.Make] = {
+    "adaptive": scenes.adaptive,
+    "plain, safe at 2e5 N/m": scenes.plain,
+    "plain, told k": scenes.tuned_plain,
+}
+SCENE_WORLDS = tuple(World(k, d) for k, d in product((5e3, 2e4, 1e5), (10, 30)))
+SLOW_PLAIN_S = 20.0
+
+
+@dataclass(frozen=True, slots=True)
+class Extent:
+    """How much is run."""
+
+    stiffnesses_N_m: Sequence[float] = settle.STIFFNESSES_N_M
+    delays_ms: Sequence[int] = settle.DELAYS_MS
+    errors_ms: Sequence[float] = DELAY_ERRORS_MS
+    scene_worlds: Sequence[World] = SCENE_WORLDS
+    search_scenes: Sequence[World] = search.SCENES
+    search_part: int = 1
+
+
+QUICK = Extent(
+    (5e3, 2e4, 1e5), (0, 30), (0.0,), (World(2e4, 10),), (World(5e3, 10), World(1e5, 10)), 5
+)
+
+
+def everything(extent: Extent, pool: Executor) -> dict[str, list[Row]]:
+    """Return every table as rows of plain numbers."""
+    worlds = [
+        World(k, d, delay_error_ms=error)
+        for error, d, k in product(extent.errors_ms, extent.delays_ms, extent.stiffnesses_N_m)
+    ]
+    slow = [World(k, 10, hz) for hz, k in product(LOOPS_HZ, (5e3, 2e4, 1e5))]
+    return {
+        "release": list(pool.map(release_row, worlds)),
+        "slow loops": list(pool.map(release_row, slow)),
+        "fixed gain": [fixed_gain_row()],
+        "peers": list(peer_rows(extent, pool)),
+        "scenes": list(pool.map(scene_row, _scene_jobs(extent))),
+    }
+
+
+def release_row(world: World) -> Row:
+    """Return first contact and stiffness met, of our law."""
+    first, met = settle.ours(world)
+    row: Row = {
+        "stiffness_N_m": world.stiffness_N_m,
+        "delay_ms": world.delay_ms,
+        "loop_hz": world.loop_hz,
+        "delay_error_ms": world.delay_error_ms,
+        "tau_s": first.tau_s,
+        "believed": met.believed,
+    }
+    for name, done in (("first", first), ("met", met)):
+        row |= {f"{name}_s": done.settling_s, f"{name}_overshoot_pct": done.overshoot_pct}
+    return row
+
+
+def fixed_gain_row() -> Row:
+    """Return what a PI safe at 1e5 N/m takes at 5e3 N/m beside ours."""
+    world = World(5e3, 10)
+    tau_s = settle.true_tau_s(world)
+    fixed: Release = settle.plain(world, 0.45 / (1e5 * tau_s), SLOW_PLAIN_S)
+    _, met = settle.ours(world)
+    return {"fixed_s": fixed.settling_s, "met_s": met.settling_s}
+
+
+def peer_rows(extent: Extent, pool: Executor) -> list[Row]:
+    """Return what the search found for each peer, beside ours, scene by scene."""
+    ours = list(pool.map(settle.ours, extent.search_scenes))
+    rows = []
+    for law in search.LAWS:
+        found = search.tuned(law, extent.search_scenes, pool, extent.search_part)
+        for number, (world, (first, met)) in enumerate(
+            zip(extent.search_scenes, ours, strict=True)
+        ):
+            rows.append(
+                {
+                    "law": law,
+                    "stiffness_N_m": world.stiffness_N_m,
+                    "delay_ms": world.delay_ms,
+                    "one_setting": asdict(found.one),
+                    "one_s": _settled(found.one_s[number]),
+                    "tuned_here": asdict(found.each[number]),
+                    "tuned_here_s": _settled(found.each_s[number]),
+                    "first_s": first.settling_s,
+                    "met_s": met.settling_s,
+                }
+            )
+    return rows
+
+
+def _settled(seconds: float) -> float | None:
+    return None if seconds >= search.NOT_SETTLED_S else float(seconds)
+
+
+def _scene_jobs(extent: Extent) -> list[tuple[str, str, World]]:
+    jobs = list(product(scenes.SCENES, LAWS, extent.scene_worlds))
+    slow_wall = ("wall vanishes", "adaptive")
+    worlds = [replace(world, speed_m_s=v) for v in (0.02, 0.05) for world in extent.scene_worlds]
+    return jobs + [(*slow_wall, world) for world in worlds]
+
+
+def scene_row(job: tuple[str, str, World]) -> Row:
+    """Return the measures of one law in one scene."""
+    scene, law, world = job
+    row: Row = {
+        "scene": scene,
+        "law": law,
+        "stiffness_N_m": world.stiffness_N_m,
+        "delay_ms": world.delay_ms,
+        "speed_m_s": world.speed_m_s,
+    }
+    measures = scenes.SCENES[scene](world, LAWS[law])
+    return row | {name: None if np.isnan(value) else value for name, value in measures.items()}

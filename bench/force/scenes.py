@@ -1,0 +1,272 @@
+"""Scenes beside the release: find, hold, follow, lay flat, guide, and what may go wrong."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+
+from bench.force.measures import means, settling_s
+from bench.force.pilots import Ours, Plain
+from bench.force.rig import Rig, Trace, World
+from bench.force.settle import true_tau_s
+from common.frames import Array
+from sim.robot.ft_sensor import FtSample
+
+HOLD_N = 10.0
+SLOPE_M_S = 0.02 * float(np.tan(np.radians(10.0)))  # 10 degrees at 20 mm/s across
+SINE_M, SINE_HZ = 0.002, 0.02 / 0.1  # 2 mm in 100 mm at 20 mm/s
+STEP_N = 10.0
+SPIKE_N, SPIKE_SHARE = 20.0, 0.01
+HAND_N_M, HAND_NS_M, HAND_M_S = 500.0, 20.0, 0.03
+
+Pilot = Ours | Plain
+Make = Callable[[Rig], Pilot]
+Measures = dict[str, float]
+
+
+def adaptive(rig: Rig) -> Pilot:
+    """Our law."""
+    return Ours(rig.cell, rig.T_base_tcp)
+
+
+def plain(rig: Rig) -> Pilot:
+    """The PI law with the gain rule for the stiffest contact."""
+    return Plain(rig.cell, rig.T_base_tcp)
+
+
+def tuned_plain(rig: Rig) -> Pilot:
+    """The PI law with the gain rule for this scene's stiffness, which it is told."""
+    k, tau_s = rig.arm.settings.stiffness_N_m, rig.cell.loop_delay_s
+    inertia = 0.5 / (rig.cell.contact.inertia_kg * rig.cell.robot.bandwidth_rad_s)
+    return Plain(rig.cell, rig.T_base_tcp, min(0.45 / (k * tau_s), inertia))
+
+
+def holding(world: World, make: Make, setpoint_N: float = HOLD_N) -> tuple[Rig, Pilot, Trace]:
+    """Return a rig whose law has found its set point from a light touch, and how it did."""
+    rig = Rig(world.cell())
+    rig.press(3.0)
+    pilot = make(rig)
+    pilot.setpoint_N = setpoint_N
+    trace = rig.run(pilot, 1.5 if make is not plain else 4.0)
+    return rig, pilot, trace
+
+
+def press(world: World, make: Make) -> Measures:
+    """From a touch of 3 N to 10 N, then 1 s of holding still."""
+    rig, pilot, found = holding(world, make)
+    still = rig.run(pilot, 1.0)
+    settled = settling_s(np.array(found.t_s), np.array(found.push_N) - HOLD_N, 1.0)
+    return {
+        "settling_s": float("nan") if settled is None else settled,
+        "overshoot_N": _peak(found) - HOLD_N,
+        "steady_error_N": _mean_abs(still),
+        "ripple_N": float(np.std(still.push_N)),
+    }
+
+
+def touch(world: World, make: Make) -> Measures:
+    """From 0.5 mm above the plate to 10 N."""
+    rig = Rig(replace(world, gap_m=0.0005).cell())
+    pilot = make(rig)
+    pilot.setpoint_N = HOLD_N
+    trace = rig.run(pilot, 4.0)
+    push, t = np.array(trace.push_N), np.array(trace.t_s)
+    first = int(np.argmax(push > 1.0))
+    settled = settling_s(t, push - HOLD_N, 1.0)
+    return {
+        "peak_N": _peak(trace),
+        "settling_after_touch_s": float("nan") if settled is None else settled - float(t[first]),
+        "contact_lost": float((means(t, push)[first + 10 :] < 0.5).sum() > 0),
+    }
+
+
+def followed(world: World, make: Make, kind: str) -> Trace:
+    """Return a trace on a surface that moves as a slope or waves do under a sliding tool."""
+    rig, pilot, _ = holding(world, make)
+    plate = rig.arm.model.body("plate").id
+    rest, start = rig.arm.model.body_pos[plate].copy(), rig.arm.ticks
+
+    def move(rig: Rig) -> None:
+        t = (rig.arm.ticks - start) * 1e-3
+        up = SLOPE_M_S * t if kind == "slope" else SINE_M * np.sin(2 * np.pi * SINE_HZ * t)
+        rig.arm.model.body_pos[plate] = rest + np.array([0.0, 0.0, up])
+
+    rig.every_tick = move
+    return rig.run(pilot, 6.0)
+
+
+def follow(world: World, make: Make, kind: str) -> Measures:
+    """Hold 10 N on a surface that moves."""
+    trace = followed(world, make, kind)
+    t, error = np.array(trace.t_s), np.array(trace.push_N) - HOLD_N
+    speed = SLOPE_M_S if kind == "slope" else SINE_M * 2 * np.pi * SINE_HZ
+    onset = float(np.abs(means(t, error)[t < 1.0]).max())
+    return {
+        "mean_error_N": float(np.abs(error[t >= 1.0]).mean()),
+        "onset_of_k_v_tau": onset / (world.stiffness_N_m * speed * true_tau_s(world)),
+        "contact_lost": float((means(t, error) < -HOLD_N + 0.5).any()),
+    }
+
+
+def set_point_step(world: World, make: Make) -> Measures:
+    """From 10 N to 20 N at once."""
+    rig, pilot, _ = holding(world, make)
+    pilot.setpoint_N = HOLD_N + STEP_N
+    trace = rig.run(pilot, 1.5 if make is not plain else 6.0)
+    settled = settling_s(np.array(trace.t_s), np.array(trace.push_N) - pilot.setpoint_N, 1.0)
+    return {
+        "settling_s": float("nan") if settled is None else settled,
+        "overshoot_pct": 100.0 * max(0.0, _peak(trace) - pilot.setpoint_N) / STEP_N,
+    }
+
+
+def align(world: World, make: Make) -> Measures:
+    """A face laid flat from 10 degrees in mode both, at 10 N."""
+    rig = Rig(replace(world, tilt_deg=10.0).cell())
+    rig.press(3.0)
+    pilot = make(rig)
+    pilot.mode, pilot.setpoint_N = "both", HOLD_N
+    trace = rig.run(pilot, 8.0)
+    normal = rig.arm.plate.normal
+    cosine = [-float(normal @ T.rotation[:, 2]) for T in trace.T_base_tcp]
+    left_deg = np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
+    force_N = np.linalg.norm(trace.force_N, axis=1)
+    t = np.array(trace.t_s)
+    return {
+        "misalignment_deg": float(left_deg[-1]),
+        "time_to_1_deg_s": float(t[np.argmax(left_deg < 1.0)]),
+        "force_off_N": float(np.abs(force_N - HOLD_N)[t > 1.0].max()),
+    }
+
+
+def lateral(world: World, make: Make) -> Measures:
+    """Mode both at 10 N while something pulls sideways with 3 N at the tool."""
+    rig, pilot, _ = holding(world, make)
+    pilot.mode = "both"
+    tool = rig.arm.model.body("tool").id
+    rig.arm.data.xfrc_applied[tool][:3] = (2.0, 0.0, 0.0)
+    trace = rig.run(pilot, 2.0)
+    t = np.array(trace.t_s)
+    push = np.array(trace.push_N)
+    off = float(np.abs(push[t > 0.5] - HOLD_N).mean())
+    sideways = np.array(trace.force_N)[:, 0]
+    return {"normal_error_N": off, "sideways_left_N": float(np.abs(sideways[t > 1.5]).mean())}
+
+
+def guide(world: World, make: Make) -> Measures:
+    """A scripted hand pulls the free tool along at 30 mm/s through a soft grip."""
+    rig = Rig(replace(world, gap_m=0.05).cell())
+    pilot = make(rig)
+    tool, start = rig.arm.model.body("tool").id, rig.arm.ticks
+    home: Array = np.array(rig.arm.T_base_tcp.translation)
+    last = [home.copy()]
+
+    def pull(rig: Rig) -> None:
+        t = (rig.arm.ticks - start) * 1e-3
+        at = np.array(rig.arm.T_base_tcp.translation)
+        speed, last[0] = (at - last[0]) / 1e-3, at
+        way = np.array([0.0, HAND_M_S * t, 0.0])
+        hand = HAND_N_M * (home + way - at) + HAND_NS_M * (np.array([0, HAND_M_S, 0]) - speed)
+        rig.arm.data.xfrc_applied[tool][:3] = hand
+
+    rig.every_tick = pull
+    trace = rig.run(pilot, 2.0)
+    force = np.array(trace.force_N)[:, 1][np.array(trace.t_s) > 1.0]
+    return {"hand_N": float(np.abs(force).mean()), "hand_peak_N": float(np.abs(force).max())}
+
+
+def payload_error(world: World, make: Make) -> Measures:
+    """The tool is 100 g heavier than was said: what the plate really feels."""
+    rig = Rig(world.cell())
+    rig.payload = replace(rig.payload, mass_kg=rig.payload.mass_kg - 0.1)
+    rig.press(3.0)
+    pilot = make(rig)
+    pilot.setpoint_N = HOLD_N
+    rig.run(pilot, 3.0)
+    truth: list[float] = []
+    rig.every_tick = lambda rig: truth.append(_true_N(rig))
+    rig.run(pilot, 1.0)
+    return {"true_error_N": abs(float(np.mean(truth)) - HOLD_N)}
+
+
+def spikes(world: World, make: Make) -> Measures:
+    """One sample of the sensor in a hundred is 20 N off."""
+    rig = Rig(world.cell())
+    rig.press(3.0)
+    rng = np.random.default_rng(world.seed + 1)
+
+    def spoil(sample: FtSample) -> FtSample:
+        if rng.random() >= SPIKE_SHARE:
+            return sample
+        side = float(rng.choice([-SPIKE_N, SPIKE_N]))
+        return replace(sample, force_N=sample.force_N + np.array([0.0, 0.0, side]))
+
+    rig.arm.ft_sensor.disturb = spoil
+    pilot = make(rig)
+    pilot.setpoint_N = HOLD_N
+    rig.run(pilot, 2.0 if make is not plain else 4.0)
+    truth: list[float] = []
+    rig.every_tick = lambda rig: truth.append(_true_N(rig))
+    rig.run(pilot, 2.0)
+    return {"ripple_N": float(np.std(truth))}
+
+
+def vanish(world: World, make: Make) -> Measures:
+    """The wall is gone: how far the tool goes until the search is as slow as an approach."""
+    rig, pilot, _ = holding(world, make)
+    plate = rig.arm.model.body("plate").id
+    rig.arm.model.body_pos[plate][2] -= 0.1
+    z = float(rig.arm.T_base_tcp.translation[2])
+    trace = rig.run(pilot, 0.3)
+    lowest = min(float(T.translation[2]) for T in trace.T_base_tcp)
+    return {"travel_mm": 1e3 * (z - lowest)}
+
+
+def stiffer(world: World, make: Make) -> Measures:
+    """What was met is suddenly ten times stiffer while the set point goes from 10 to 20 N."""
+    rig, pilot, _ = holding(replace(world, stiffness_N_m=world.stiffness_N_m / 10.0), make)
+    model, data = rig.arm.model, rig.arm.data
+    joint = model.joint("plate_slide").id
+    at = model.jnt_qposadr[joint]
+    model.jnt_stiffness[joint] *= 10.0
+    model.dof_damping[model.jnt_dofadr[joint]] *= 10.0**0.5
+    model.qpos_spring[at] = 0.9 * data.qpos[at]  # so that the force is the same at first
+    pilot.setpoint_N = HOLD_N + STEP_N
+    trace = rig.run(pilot, 2.0 if make is not plain else 6.0)
+    settled = settling_s(np.array(trace.t_s), np.array(trace.push_N) - pilot.setpoint_N, 1.0)
+    bound_N = world.stiffness_N_m * world.speed_m_s * true_tau_s(world)
+    return {
+        "peak_N": _peak(trace),
+        "peak_bound_N": pilot.setpoint_N + bound_N,
+        "settling_s": float("nan") if settled is None else settled,
+    }
+
+
+SCENES: dict[str, Callable[[World, Make], Measures]] = {
+    "press": press,
+    "touch": touch,
+    "slope": lambda world, make: follow(world, make, "slope"),
+    "sine": lambda world, make: follow(world, make, "sine"),
+    "set point step": set_point_step,
+    "align": align,
+    "lateral": lateral,
+    "guide": guide,
+    "payload error": payload_error,
+    "spikes": spikes,
+    "wall vanishes": vanish,
+    "ten times stiffer": stiffer,
+}
+
+
+def _peak(trace: Trace) -> float:
+    return float(means(np.array(trace.t_s), np.array(trace.push_N)).max())
+
+
+def _mean_abs(trace: Trace) -> float:
+    return float(np.abs(np.array(trace.push_N) - HOLD_N).mean())
+
+
+def _true_N(rig: Rig) -> float:
+    T: pin.SE3 = rig.arm.T_base_tcp
+    return -float(rig.arm.true_wrench().force_N @ T.rotation[:, 2])

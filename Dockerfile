@@ -12,6 +12,7 @@ COPY pyproject.toml LICENSE ./
 COPY cells cells
 COPY cli cli
 COPY common common
+COPY controller controller
 COPY services services
 COPY sim sim
 # The file system is read-only at run time, so byte code is written now.
@@ -23,8 +24,13 @@ FROM python:3.11-slim-bookworm
 RUN ldconfig -p | grep -q libgomp.so.1 \
     || (apt-get update && apt-get install -y --no-install-recommends libgomp1 \
         && rm -rf /var/lib/apt/lists/*)
+ARG VERSION=0.1.0
+ARG REVISION=unknown
 LABEL org.opencontainers.image.title="forcemesh" \
-      org.opencontainers.image.licenses="Apache-2.0"
+      org.opencontainers.image.description="Open force control for Kawasaki arms: every process of a cell" \
+      org.opencontainers.image.licenses="Apache-2.0" \
+      org.opencontainers.image.version=$VERSION \
+      org.opencontainers.image.revision=$REVISION
 ENV PATH=/venv/bin:$PATH \
     PYTHONUNBUFFERED=1 \
     PYTHONDONTWRITEBYTECODE=1 \

@@ -97,6 +97,8 @@ def plays(cell: Cell, role: str) -> tuple[str, ...]:
 
 def _everybody(cell: Cell) -> Iterator[tuple[str, list[Rule]]]:
     yield ANYBODY, [Rule(INGRESS, ("declare_subscriber",), _keys(cell.cell, [SELF_TEST]))]
+    # The hub itself needs no leave; its healthcheck comes as a client that shows its certificate.
+    yield common_name("hub", cell.cell), _hears(_keys(cell.cell, [HEALTH["hub"].key]))
     for role in ROLES:
         if role != "hub":
             yield common_name(role, cell.cell), _role(cell, role)
@@ -119,11 +121,14 @@ def _role(cell: Cell, role: str) -> list[Rule]:
         Rule(INGRESS, ("put",), _keys(cell.cell, said)),
         # Who writes must learn that somebody listens, or it sends nothing.
         Rule(EGRESS, ("declare_subscriber",), (f"{cell.cell}/**",)),
-        Rule(INGRESS, ("declare_subscriber",), _keys(cell.cell, heard)),
-        Rule(EGRESS, ("put",), _keys(cell.cell, heard)),
+        *_hears(_keys(cell.cell, heard)),
         Rule(INGRESS, ("declare_queryable", "reply"), _keys(cell.cell, served)),
         Rule(EGRESS, ("query",), _keys(cell.cell, served)),
     ]
+
+
+def _hears(keys: tuple[str, ...]) -> list[Rule]:
+    return [Rule(INGRESS, ("declare_subscriber",), keys), Rule(EGRESS, ("put",), keys)]
 
 
 def _person(cell: Cell, asked: Sequence[str]) -> list[Rule]:

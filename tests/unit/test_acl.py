@@ -94,10 +94,18 @@ def test_a_monitor_may_hold_and_no_more_if_the_cell_says_so() -> None:
     assert asked == keys(cell, [HOLD])
 
 
-def test_nobody_may_say_the_self_test_and_the_hub_is_nobody(cell: Cell) -> None:
-    """The key that proves access control is writable by no name; the hub is no client."""
-    section = access_control(cell)
-    assert common_name("hub", cell.cell) not in {s["id"] for s in section["subjects"]}
+def test_who_shows_the_hubs_certificate_hears_its_health_and_no_more(cell: Cell) -> None:
+    """The hub's own healthcheck is a client: it may say nothing and hear one topic."""
+    name = common_name("hub", cell.cell)
+    health = {f"{cell.cell}/hub/health"}
+    assert allowed(cell, name, "declare_subscriber", "ingress") == health
+    assert allowed(cell, name, "put", "egress") == health
+    for message in ("put", "query", "reply", "declare_queryable"):
+        assert allowed(cell, name, message, "ingress") == set()
+
+
+def test_nobody_may_say_the_self_test(cell: Cell) -> None:
+    """The key that proves access control is writable by no name."""
     for name in names_of(cell):
         assert f"{cell.cell}/{SELF_TEST}" not in allowed(cell, name, "put", "ingress")
 

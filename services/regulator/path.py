@@ -13,6 +13,7 @@ import numpy as np
 from common.cell import Cell
 from common.frames import Array
 
+INSTANT_S = 1e-5  # a shorter lag is none
 SUBSTEP_S = 0.001  # three stages in a row are exact enough in steps of a millisecond
 
 
@@ -77,11 +78,11 @@ def follow(path: Path, command: Array, dt_s: float, settings: PathSettings) -> P
         arm = arm + lagging * (first - arm)
         felt = felt + filtering * (arm - felt)
     speed, acceleration = (felt - path.felt) / dt_s, np.zeros_like(felt)
-    if filter_s > 0.0 and half_s > 0.0:
+    if min(filter_s, half_s) > INSTANT_S:
         speed = (arm - felt) / filter_s
         acceleration = ((first - arm) / half_s - speed) / filter_s
     return Path(sent[at:], path.now_s + dt_s, first, arm, felt, speed, acceleration)
 
 
 def _share(dt_s: float, lag_s: float) -> float:
-    return 1.0 if lag_s == 0.0 else 1.0 - exp(-dt_s / lag_s)
+    return 1.0 if lag_s <= INSTANT_S else 1.0 - exp(-dt_s / lag_s)

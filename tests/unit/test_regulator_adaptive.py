@@ -1,0 +1,127 @@
+"""The adaptive law: no bump, limits, what it forgets, what it is never told to do."""
+
+import math
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from common.frames import Oat, R_from_oat, rotation_between
+from services.regulator.adaptive import AdaptiveSettings, advance, begin
+from services.regulator.law import LawInput, LawState, start_at
+from services.regulator.settings import law_settings, pi_gains
+from services.regulator.tuning import tune
+from tests.fakes.bench import CELL
+
+DT_S = 0.004
+SETTINGS, PLAIN = AdaptiveSettings.of(CELL), law_settings(CELL)
+GAINS = pi_gains(tune(CELL).gains)
+START = pin.SE3(R_from_oat(Oat(0.3, math.pi, 0.0)), np.array([0.0, 0.5, 0.2]))
+UP = -START.rotation[:, 2]
+modes = st.sampled_from(["position", "orientation", "both"])
+vectors = hnp.arrays(float, 3, elements=st.floats(-60.0, 60.0))
+torques = hnp.arrays(float, 3, elements=st.floats(-3.0, 3.0))
+histories = st.lists(
+    st.tuples(vectors, torques, st.floats(0.0, 40.0), modes), min_size=1, max_size=40
+)
+
+
+def run(samples, *, gains=GAINS, chosen=SETTINGS, arm=None):
+    """Step through samples; the arm is where it is told to be unless `arm` says otherwise."""
+    law, memory = start_at(START), begin(START, START, chosen)
+    seen: list[tuple[LawState, object]] = [(law, memory)]
+    for sample in samples:
+        T = law.T_base_tcp if arm is None else arm
+        law, memory = advance(law, memory, sample, T, gains=gains, plain=PLAIN, settings=chosen)
+        seen.append((law, memory))
+    return seen
+
+
+def pushed(force_N, setpoint_N=0.0, mode="position", torque_Nm=(0.0, 0.0, 0.0)):
+    """Return one sample."""
+    return LawInput(np.array(force_N), np.array(torque_Nm), setpoint_N, mode, DT_S)
+
+
+@settings(max_examples=60)
+@given(histories)
+def test_no_step_is_beyond_the_speed_limits_whatever_it_feels(history) -> None:
+    """Any forces, set points and modes: each command is at most one period's way from the last."""
+    samples = [pushed(f, s, mode, t) for f, t, s, mode in history]
+    states = [law for law, _ in run(samples)]
+    for before, after in pairwise(states):
+        way_m = after.T_base_tcp.translation - before.T_base_tcp.translation
+        turn_rad = rotation_between(before.T_base_tcp.rotation, after.T_base_tcp.rotation)
+        assert np.linalg.norm(way_m) <= PLAIN.speed_max_m_s * DT_S * (1 + 1e-9)
+        assert np.linalg.norm(turn_rad) <= PLAIN.speed_max_rad_s * DT_S * (1 + 1e-6)
+
+
+@settings(max_examples=10)
+@given(st.floats(3.0, 40.0))
+def test_at_its_set_point_it_stands_still(setpoint_N) -> None:
+    """What pushes back is what is wanted: no motion, for as long as one likes."""
+    end, _ = run([pushed(setpoint_N * UP, setpoint_N)] * 100)[-1]
+    assert end.T_base_tcp.translation == pytest.approx(START.translation, abs=1e-12)
+
+
+@given(vectors)
+def test_it_gives_way_along_the_force(force_N) -> None:
+    """Whatever the prediction is, the first step follows the force."""
+    (before, _), (after, _) = run([pushed(force_N)])
+    moved_m = after.T_base_tcp.translation - before.T_base_tcp.translation
+    assert moved_m @ force_N >= 0.0
+
+
+def test_it_moves_no_faster_than_the_stiffest_contact_allows_until_it_has_felt() -> None:
+    """An arm that does not move tells nothing: the gain stays that of the stiffest."""
+    _, memory = run([pushed(30.0 * UP)] * 50, arm=START)[-1]
+    assert memory.stiffness.k == pytest.approx(np.full(3, SETTINGS.stiffness.stiffest))
+
+
+def test_what_was_met_is_forgotten_when_contact_is_lost() -> None:
+    """A moment without touch keeps it, three tau without do not."""
+    soft = np.full(3, 2e3)
+    law, memory = start_at(START), begin(START, START, SETTINGS, soft)
+    kept = []
+    for _ in range(round(4.0 * SETTINGS.tau_s / DT_S)):
+        law, memory = advance(
+            law, memory, pushed(0.0 * UP), START, gains=GAINS, plain=PLAIN, settings=SETTINGS
+        )
+        kept.append(memory.stiffness.k[2])
+    assert kept[0] == 2e3
+    assert kept[-1] == SETTINGS.stiffness.stiffest
+
+
+@given(st.floats(0.0, 3.0))
+def test_a_persons_gains_slow_it_down_and_never_speed_it_up(share) -> None:
+    """Half of the rule's gain is half of the speed; twice the gain is the same speed."""
+    asked = replace(GAINS, force_i_m_per_Ns=share * GAINS.force_i_m_per_Ns)
+    full, slowed = (run([pushed(5.0 * UP)], gains=gains)[-1][0] for gains in (GAINS, asked))
+    ways_m = [law.T_base_tcp.translation - START.translation for law in (full, slowed)]
+    assert ways_m[1] == pytest.approx(min(share, 1.0) * ways_m[0], abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    "without", [replace(SETTINGS, predicts=False), replace(SETTINGS, tracks=False)]
+)
+def test_each_part_can_be_switched_off(without) -> None:
+    """The law without a part is another law, and still gives way."""
+    samples = [pushed((9.0 + 0.1 * n) * UP, 10.0) for n in range(40)]
+    with_it, alone = run(samples)[-1][0], run(samples, chosen=without)[-1][0]
+    assert (alone.T_base_tcp.translation - START.translation) @ UP != 0.0
+    if not without.predicts:
+        assert not np.allclose(with_it.T_base_tcp.translation, alone.T_base_tcp.translation)
+
+
+@given(vectors, st.tuples(*[st.booleans()] * 6), st.sampled_from(["base", "tool"]))
+def test_a_masked_axis_does_not_move(force_N, axes, frame) -> None:
+    """Of the task frame, whichever it is; the others do."""
+    R = START.rotation if frame == "tool" else np.eye(3)
+    sample = replace(pushed(force_N), axes=axes, R_base_task=R)
+    end, _ = run([sample])[-1]
+    moved = R.T @ (end.T_base_tcp.translation - START.translation)
+    assert moved[~np.array(axes[:3])] == pytest.approx(0.0, abs=1e-15)

@@ -53,10 +53,10 @@ def force_start(
     from common import topics
     from common.requests import ForceStartRequest
 
+    request = ForceStartRequest(
+        mode=mode, host=host, setpoint_N=setpoint, law=law, axes=_axes(axes), frame=frame
+    )
     with client_of(cell) as (_, bus):
-        request = ForceStartRequest(
-            mode=mode, host=host, setpoint_N=setpoint, law=law, axes=_axes(axes), frame=frame
-        )
         ask(bus, topics.FORCE_START, request)
 
 

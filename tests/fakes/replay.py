@@ -1,0 +1,92 @@
+"""A run as JSON lines, in the words of `forcemesh watch --json`, and a regulator fed with it."""
+
+import json
+from collections.abc import Iterator
+from typing import Any
+
+from cli.verbs_watch import find_topic
+from cli.virtual import VirtualCell
+from common import topics
+from common.cell import Cell
+from common.clock import ManualClock
+from common.codec import Header, encode, encode_record
+from common.endpoints import Bus, Reader
+from common.memory import MemoryCall, MemoryTransport
+from common.messages import Message, Record
+from common.topics import Request, Topic
+from services.regulator.service import Regulator
+
+# In the order in which they are said within one millisecond: the file keeps it.
+SPOKEN: tuple[Topic[Any], ...] = (
+    topics.ROBOT_STATE,
+    topics.WRENCH,
+    topics.REGULATOR_TARGET,
+    topics.ROBOT_COMMAND,
+    topics.ARBITER_STATUS,
+)
+MS_NS = 1_000_000
+
+
+def line_of(header: Header, message: Message) -> str:
+    """Return what `forcemesh watch --json` prints of a message."""
+    return json.dumps(header.model_dump() | message.model_dump())
+
+
+class Capture:
+    """A cell on the virtual clock of which every word to and from the regulator is written down."""
+
+    def __init__(self, cell: Cell) -> None:
+        """Begin at the cell's first instant."""
+        self.world = VirtualCell(cell)
+        self.lines: list[str] = []
+        self._readers: list[Reader[Any]] = [self.world.client.reader(t) for t in SPOKEN]
+        self._let_live = self.world.advance
+        self.world.transport.advance = self.advance
+
+    def advance(self, duration_s: float, until: Any = lambda: False) -> None:
+        """Let time pass by milliseconds and listen after each."""
+        for _ in range(round(duration_s * 1000)):
+            if until():
+                return
+            self._let_live(0.001)
+            for reader in self._readers:
+                if reader.poll():
+                    reading = reader.read(self.world.clock.now_ns())
+                    if reading.header is not None and reading.message is not None:
+                        self.lines.append(line_of(reading.header, reading.message))
+
+    def ask(self, request: Request[Any], message: Record) -> None:
+        """Ask, and write down when."""
+        if request.server == "regulator":
+            asked = {"request": request.key, "stamp_ns": self.world.clock.now_ns()}
+            self.lines.append(json.dumps(asked | {"fields": message.model_dump()}))
+        reply = self.world.client.ask(request, message)
+        assert reply.accepted, reply.text
+
+
+def replay(lines: list[str], cell: Cell) -> Iterator[tuple[bytes, bytes]]:
+    """Feed a capture through a regulator; yield each target as it was said and is said now."""
+    clock, transport = ManualClock(), MemoryTransport()
+    regulator = Regulator(Bus("regulator", cell.cell, transport, cell, clock), cell)
+    client = Bus("client", cell.cell, transport, cell, clock)
+    heard = client.reader(topics.REGULATOR_TARGET)
+    for line in lines:
+        fields = json.loads(line)
+        if "request" in fields:
+            request = next(r for r in topics.REQUESTS if r.key == fields["request"])
+            asked = request.message.model_validate(fields["fields"], strict=False)
+            calls = transport.serve(f"{cell.cell}/{request.key}")
+            calls.waiting.append(MemoryCall(encode_record(asked, request.key)))
+            continue
+        header = Header.model_validate(fields)
+        topic = find_topic(header.topic)
+        message = topic.message.model_validate_json(line)
+        if topic is not topics.REGULATOR_TARGET:
+            key, data = f"{cell.cell}/{topic.key}", encode(header, message)
+            transport.publish(key, topic.qos)(data)
+            continue
+        clock.advance_ns(header.stamp_ns - clock.now_ns())
+        regulator.step(header.stamp_ns)
+        now = heard.read(header.stamp_ns).message
+        assert now is not None
+        yield message.model_dump_json().encode(), now.model_dump_json().encode()

@@ -1,0 +1,115 @@
+"""The force benchmark's scenes as a guard: what the adaptive law promises on a few of them."""
+
+import numpy as np
+import pytest
+
+from bench.force import scenes, settle
+from bench.force.measures import means, settling_s
+from bench.force.page import page
+from bench.force.peers import Admittance, Fdcc
+from bench.force.promises import promises
+from bench.force.rig import Heard, Rig, World
+from bench.force.run import release_row, scene_row
+
+PLACES = [(5e3, 10), (2e4, 0), (2e4, 30), (1e5, 60)]
+
+
+@pytest.mark.parametrize(("stiffness_N_m", "delay_ms"), PLACES)
+def test_one_setting_releases_every_stiffness_in_time(stiffness_N_m, delay_ms) -> None:
+    """From 30 N: 9 tau at first contact, 5 once met (6 for soft ones), at most 5 % lift-off."""
+    first, met = settle.ours(World(stiffness_N_m, delay_ms))
+    assert first.taus is not None
+    assert met.taus is not None
+    assert first.taus <= 9.0
+    assert met.taus <= 5.0
+    assert max(first.overshoot_pct, met.overshoot_pct) <= 5.0
+    assert 1.0 <= met.believed <= 1.35
+
+
+@pytest.mark.parametrize("error_ms", [10.0, -5.0])
+def test_a_delay_that_is_assumed_wrong_is_survived(error_ms) -> None:
+    """Ten milliseconds too long: 11 tau and 10 %. Five too short: settled and bounded."""
+    first, met = settle.ours(World(2e4, 10, delay_error_ms=error_ms))
+    assert first.taus is not None
+    assert met.taus is not None
+    assert first.taus <= 11.0
+    assert max(first.overshoot_pct, met.overshoot_pct) <= 10.0
+
+
+@pytest.mark.parametrize(("loop_hz", "first_s", "met_s"), [(60.0, 0.5, 0.35), (15.0, 1.4, 0.65)])
+def test_slow_loops_settle_in_time(loop_hz, first_s, met_s) -> None:
+    """A controller that takes a pose 60 or 15 times a second."""
+    first, met = settle.ours(World(2e4, 10, loop_hz))
+    assert first.settling_s is not None
+    assert met.settling_s is not None
+    assert first.settling_s <= first_s
+    assert met.settling_s <= met_s
+    assert max(first.overshoot_pct, met.overshoot_pct) <= 5.0
+
+
+def test_a_surface_is_followed() -> None:
+    """10 N on a slope of 10 degrees at 20 mm/s: 0.1 N off; the plain law is far off."""
+    found = scenes.follow(World(1e5, 10), scenes.adaptive, "slope")
+    assert found["mean_error_N"] <= 0.1
+    assert found["onset_of_k_v_tau"] <= 1.2
+    assert found["contact_lost"] == 0.0
+    assert scenes.follow(World(1e5, 10), scenes.tuned_plain, "slope")["mean_error_N"] > 2.0
+
+
+def test_a_wall_that_vanishes_is_not_run_after() -> None:
+    """At 50 mm/s at most three millimetres."""
+    assert scenes.vanish(World(5e3, 10, speed_m_s=0.05), scenes.adaptive)["travel_mm"] <= 3.0
+
+
+# --- the bench itself -----------------------------------------------------------------------------
+
+
+def test_settling_is_when_the_band_is_entered_for_good() -> None:
+    """Of means over 8 ms; a visit does not count, never is None."""
+    t = np.arange(0.0, 1.0, 0.004)
+    assert settling_s(t, np.where(t < 0.5, 5.0, 0.0), 1.0) == pytest.approx(0.508, abs=0.005)
+    assert settling_s(t, np.where((t > 0.2) & (t < 0.3), 0.0, 5.0), 1.0) is None
+    assert settling_s(t, np.zeros_like(t), 1.0) == 0.0
+    assert means(t, np.ones_like(t)) == pytest.approx(np.ones_like(t))
+
+
+@pytest.mark.parametrize("peer", [Admittance, Fdcc])
+def test_a_peer_moves_steadily_as_fast_as_its_gain_says(peer) -> None:
+    """Both end at gain times force: so the same search can tune them."""
+    rig = Rig(World().cell())
+    T = rig.T_base_tcp
+    pilot = peer(T, 1e-3, 0.01, longest_m_s=1.0)
+    force = np.array([0.0, 0.0, 10.0])
+    heard = Heard(force, np.zeros(3), T, T, limited=False, dt_s=0.004)
+    places = [pilot.step(heard).translation[2] for _ in range(200)]
+    assert (places[-1] - places[-2]) / 0.004 == pytest.approx(1e-3 * 10.0, rel=0.01)
+
+
+def test_the_page_is_made_of_the_rows() -> None:
+    """Every promise that the rows can judge stands on it, kept or not."""
+    row = release_row(World(2e4, 10))
+    peer = {
+        "law": "plain PI",
+        "stiffness_N_m": 2e4,
+        "delay_ms": 10,
+        "one_setting": {"gain_m_per_Ns": 1e-4, "time_s": 0.01},
+        "one_s": None,
+        "tuned_here_s": 0.2,
+        "first_s": 0.17,
+        "met_s": 0.1,
+    }
+    rows = {
+        "release": [row],
+        "slow loops": [],
+        "fixed gain": [{"fixed_s": 5.0, "met_s": 0.13}],
+        "peers": [peer],
+        "scenes": [scene_row(("wall vanishes", "adaptive", World(2e4, 10, speed_m_s=0.02)))],
+    }
+    made = promises(rows)
+    text = page(rows, "a command")
+    assert len(made) >= 7
+    assert all(promise.text in text for promise in made)
+    assert "not settled" in text
+    slow = {**row, "first_s": 9.9}
+    worse = promises({**rows, "release": [slow]})
+    assert [p.kept for p in worse if p.text == "first contact, tau"] == [False]

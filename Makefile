@@ -46,7 +46,7 @@ test: setup ## run every test, then show the largest files and functions: ARGS="
 	@$(BIN)/python tools/sizes.py
 
 test-long: setup ## run the tests that make test leaves out
-	@$(BIN)/python -m pytest -m long -n auto $(ARGS)
+	@LONG=1 PYTHON=$(BIN)/python tools/test.sh $(ARGS)
 
 coverage: setup ## take every branch of the modules that decide about motion: the list is in pyproject.toml
 	@CI=1 $(BIN)/python -m pytest -q -n auto -o timeout=600 -m "not (realtime or processes)" -k "not ($(NO_NEW_BRANCH))" \

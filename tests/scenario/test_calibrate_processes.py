@@ -11,7 +11,7 @@ from common.config import dump_cell, load_cell
 PATIENCE_S = 90.0  # of the test, not of the cell: a loaded machine is slow to start processes
 SHORT = ("--poses", 6, "--verify-poses", 1, "--speed", 800, "--dwell", 0.2)
 
-pytestmark = [pytest.mark.realtime, pytest.mark.timeout(150)]
+pytestmark = [pytest.mark.realtime, pytest.mark.long, pytest.mark.timeout(150)]
 
 
 def wait_for(process: subprocess.Popen[str], text: str) -> None:

@@ -34,10 +34,10 @@ def demo_words(cell_file: Path, *words: object) -> tuple[object, ...]:
 
 @pytest.mark.parametrize(
     ("mode", "stiffness_N_m", "delay_ms"),
-    [("position", 5e3, 0), ("both", 1e5, 30)],  # the others on the virtual clock
+    [("position", 5e3, 0), pytest.param("both", 1e5, 30, marks=pytest.mark.long)],
 )
 def test_the_main_job_settles_in_real_processes(cell_file, start, mode, stiffness_N_m, delay_ms):
-    """Six processes and a hub do what one process on a virtual clock does."""
+    """A process each do what one process on a virtual clock does in test_demo_virtual.py."""
     words = ("--mode", mode, "--stiffness", stiffness_N_m, "--delay-ms", delay_ms)
     demo = start(*demo_words(cell_file, *words))
     out, err = demo.communicate(timeout=2 * PATIENCE_S)
@@ -109,7 +109,7 @@ def status_of(cell_file: Path) -> dict:
     return json.loads(done.stdout)
 
 
-@pytest.mark.parametrize("role", ["hub", "regulator"])
+@pytest.mark.parametrize("role", [pytest.param("hub", marks=pytest.mark.long), "regulator"])
 def test_killing_a_process_holds_the_arm_and_status_names_it(cell_file, start, role):
     """Kill -9 while force feedback runs: the arm stands, and the screen says who died.
 

@@ -27,7 +27,7 @@ NO_NEW_BRANCH := mistake_is_found or no_way_through or dead_end or every_fault_o
   or judge_sees or no_command_gets_past or wall_that_vanishes or four_times_stiffer
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-long coverage check format readme bench bench-tcp bench-payload bench-force chaos chaos-full chaos-network chaos-flood chaos-clocks soak soak-sensor fuzz fuzz-codec fuzz-commands lock clean
+.PHONY: help setup demo test test-long coverage check format readme bench bench-tcp bench-payload bench-force chaos chaos-full chaos-network chaos-flood chaos-clocks soak soak-sensor fuzz fuzz-codec fuzz-commands pki up down sbom compose-test lock clean
 
 help: ## list these targets
 	@grep -hE '^[a-z-]+:.*##' Makefile | sed -E 's/:[^#]*## */\t/' | expand -t 10
@@ -109,6 +109,31 @@ fuzz-commands: setup ## let an evil arbiter say a million commands: ARGS="--mess
 
 fuzz-codec: setup ## spoil ten million streams of packets, none may be believed: ARGS="--cases 100000"
 	@$(BIN)/python -m fuzz.codec $(ARGS)
+
+pki: setup ## make the certificates of the bus and tell docker compose (.env) where they are: ARGS="--host labpc"
+	@$(BIN)/forcemesh pki init --env .env $(ARGS)
+
+CELL_OF_sim := demo.yaml
+CELL_OF_emulated := emulated.yaml
+PROFILE ?= sim
+UP = CELL=$(or $(CELL),$(CELL_OF_$(PROFILE)),$(error PROFILE=$(PROFILE) needs CELL=FILE, a file in cells/)) \
+     $(COMPOSE) --profile $(PROFILE)
+COMPOSE ?= $(shell docker compose version >/dev/null 2>&1 && echo docker compose || echo docker-compose)
+
+up: ## bring a cell up in containers: PROFILE=sim, emulated or real, the last with CELL=my-cell.yaml
+	@mkdir -p calibration
+	@$(UP) up -d --build $(ARGS)
+
+down: ## take the containers of PROFILE down
+	@$(UP) down $(ARGS)
+
+sbom: setup ## write what the image is made of into out/sbom.cdx.json (CycloneDX)
+	@mkdir -p out
+	@$(BIN)/cyclonedx-py requirements requirements-run.lock --pyproject pyproject.toml --output-reproducible \
+	  --sv 1.6 --of JSON -o out/sbom.cdx.json && echo out/sbom.cdx.json
+
+compose-test: setup ## build the image, bring the containers up, break and attack them (77: no engine): ARGS="--profile sim"
+	@$(BIN)/python -m tools.compose_test $(ARGS)
 
 lock: ## write both locks anew from pyproject.toml (needs uv): ARGS=--upgrade takes newer versions
 	@test -n "$(UV)" || { echo "make lock needs uv: $(BIN)/python -m pip install uv" >&2; exit 1; }

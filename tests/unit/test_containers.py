@@ -20,9 +20,16 @@ SERVICES: dict[str, dict[str, Any]] = COMPOSE["services"]
 CELL = "/cells/${CELL:-demo.yaml}"
 
 # Which roles of the bus a container plays, where that is not its own name.
-PLAYS = {"robot-sim": {"robot", "sensor"}, "gateway": {"robot"}}
+PLAYS: dict[str, set[str]] = {
+    "robot-sim": {"robot", "sensor"},
+    "gateway": {"robot"},
+    "controller-sim": set(),  # stands for hardware
+}
+ON_THE_BUS = [name for name in SERVICES if PLAYS.get(name, {name})]
+PROFILES = ("sim", "emulated", "real")
 
 service = pytest.mark.parametrize("name", SERVICES)
+on_the_bus = pytest.mark.parametrize("name", ON_THE_BUS)
 
 
 def roles_of(name: str) -> set[str]:
@@ -70,74 +77,140 @@ def test_compose_file_holds_nothing_that_version_1_refuses() -> None:
     assert all(isinstance(entry.get("depends_on", []), list) for entry in SERVICES.values())
 
 
-@pytest.mark.parametrize("word", ["sim", "real"])
+@pytest.mark.parametrize("word", PROFILES)
 def test_each_role_is_played_exactly_once_in_a_profile(word: str) -> None:
     """Each profile is a whole cell, in which no two containers write the same topics."""
     played = sorted(role for name in profile(word) for role in roles_of(name))
     assert played == sorted(ROLES)
 
 
-def test_profiles_swap_the_simulated_robot_for_gateway_and_sensor() -> None:
-    """The two profiles differ in who plays robot and sensor, and in nothing else."""
-    assert profile("sim") - profile("real") == {"robot-sim"}
-    assert profile("real") - profile("sim") == {"gateway", "sensor"}
-    assert profile("sim") & profile("real") == set(ROLES) - {"robot", "sensor"}
+def test_one_word_swaps_who_plays_robot_and_sensor() -> None:
+    """The profiles differ in who plays robot and sensor, and in the hardware that is emulated."""
+    same = set(ROLES) - {"robot", "sensor"}
+    assert profile("sim") == same | {"robot-sim"}
+    assert profile("real") == same | {"gateway", "sensor"}
+    assert profile("emulated") == profile("real") | {"controller-sim"}
+
+
+@pytest.mark.parametrize("name", sorted(set(ROLES) - {"robot", "sensor"}))
+def test_the_word_changes_no_other_container(name: str) -> None:
+    """What does not play robot or sensor belongs to no profile, and nothing in it reads one."""
+    assert "profiles" not in SERVICES[name]
+    assert set(re.findall(r"\$\{(\w+)", str(SERVICES[name]))) <= {
+        "CELL", "FORCEMESH_USER", "FORCEMESH_PUBLISH",
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("word", ["sim", "emulated"])
+def test_make_up_takes_the_cell_of_the_profile(word: str) -> None:
+    """`make up PROFILE=word` is that one word: the cell goes with it and fits its players."""
+    makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
+    found = re.search(rf"^CELL_OF_{word} := (\S+)$", makefile, re.MULTILINE)
+    assert found
+    roles = load_cell(ROOT / "cells" / found[1]).roles
+    wanted = ("sim", "sim") if word == "sim" else ("gateway", "driver")
+    assert (roles.robot, roles.sensor) == wanted
 
 
 @service
 def test_container_runs_the_module_of_its_name(name: str) -> None:
     """One name: container `x` runs services.x, container `x-sim` runs sim.x, and both exist."""
-    python, flag, module, cell_flag, cell = SERVICES[name]["command"]
+    python, flag, module, *words = SERVICES[name]["command"]
     expected = f"sim.{name.removesuffix('-sim')}" if name.endswith("-sim") else f"services.{name}"
     assert (python, flag, module) == ("python", "-m", expected)
-    assert (cell_flag, cell) == ("--cell", CELL)
+    assert words[words.index("--cell") + 1] == CELL
     assert importlib.util.find_spec(f"{module}.__main__") is not None
 
 
-@service
+@on_the_bus
 def test_health_of_a_container_is_the_health_of_a_role_that_it_plays(name: str) -> None:
     """The check asks the bus about a role that has a health topic and lives in this container."""
     *command, role = SERVICES[name]["healthcheck"]["test"]
-    assert command == ["CMD", "forcemesh", "status", "--cell", CELL, "--service"]
+    assert command[-6:] == ["python", "-m", "common.alive", "--cell", CELL, "--role"]
     assert role in roles_of(name) & set(HEALTH)
+
+
+@on_the_bus
+def test_container_has_its_own_key_and_no_other(name: str) -> None:
+    """The secrets are the authority's certificate and the pair of the role that it connects as."""
+    role = "robot" if "robot" in roles_of(name) else name
+    assert SERVICES[name]["secrets"] == ["ca.pem", f"{role}.pem", f"{role}.key"]
+    assert role in roles_of(name)
+
+
+def test_secrets_are_files_and_never_the_authoritys_key() -> None:
+    """Each secret is the file of its name in the folder of `make pki`; ca.key is none of them."""
+    assert "ca.key" not in COMPOSE["secrets"]
+    for name, entry in COMPOSE["secrets"].items():
+        assert entry == {"file": f"${{FORCEMESH_PKI:?run make pki first}}/{name}"}
+    used = {name for entry in SERVICES.values() for name in entry.get("secrets", [])}
+    assert used == set(COMPOSE["secrets"])
+
+
+def test_what_stands_for_hardware_knows_nothing_of_the_bus() -> None:
+    """The emulated controller has two wires, no certificate and no way to the hub."""
+    entry = SERVICES["controller-sim"]
+    assert "secrets" not in entry
+    assert set(entry["networks"]) == {"robot", "sensor"}
 
 
 @service
 def test_container_may_do_nothing_but_its_work(name: str) -> None:
-    """Read-only, no capabilities, no new privileges, an init process, a bounded log."""
+    """Read-only, no capabilities, no root, bounded in memory, processes and log."""
     entry = SERVICES[name]
     assert entry["read_only"] is True
     assert entry["cap_drop"] == ["ALL"]
     assert entry["security_opt"] == ["no-new-privileges:true"]
     assert entry["init"] is True
     assert entry["logging"]["options"].keys() == {"max-size", "max-file"}
-    assert not entry.keys() & {"privileged", "cap_add", "devices", "network_mode", "pid", "user"}
-    assert entry["volumes"] == ["./cells:/cells:ro"]
+    assert not entry.keys() & {"privileged", "cap_add", "devices", "network_mode", "pid"}
+    assert entry["user"] == "${FORCEMESH_USER:-10001:10001}"
+    assert entry["tmpfs"] == ["/tmp:noexec,nosuid,nodev,size=16m"]  # noqa: S108 - in there
+    assert entry["mem_limit"]
+    assert entry["pids_limit"]
+    assert entry["restart"] == "unless-stopped"
+    assert entry["healthcheck"]["test"][0] == "CMD"
+    more = ["./calibration:/calibration:ro"] if name == "wrench" else []
+    assert entry["volumes"] == ["./cells:/cells:ro", *more]
 
 
 def test_only_the_hub_is_published_and_only_on_this_machine() -> None:
-    """Nobody on the lab's network reaches the bus: one port, on the loopback address."""
+    """One port, on the loopback address unless the user says another one."""
     published = {name: entry["ports"] for name, entry in SERVICES.items() if "ports" in entry}
-    assert published == {"hub": ["127.0.0.1:7447:7447"]}
+    assert published == {"hub": ["${FORCEMESH_PUBLISH:-127.0.0.1}:7447:7447"]}
 
 
 def test_networks_lead_only_where_a_container_has_to_go() -> None:
     """The bus reaches nothing outside; only gateway and sensor have a way to their hardware."""
     ways = {name: set(entry["networks"]) - {"bus"} for name, entry in SERVICES.items()}
     assert COMPOSE["networks"]["bus"] == {"internal": True}
-    assert all("bus" in entry["networks"] for entry in SERVICES.values())
+    assert all("bus" in SERVICES[name]["networks"] for name in ON_THE_BUS)
     assert {name: way for name, way in ways.items() if way} == {
-        "hub": {"outside"},
+        "hub": {"front"},
         "gateway": {"robot"},
         "sensor": {"sensor"},
+        "controller-sim": {"robot", "sensor"},
     }
 
 
-@service
-def test_endpoint_is_explicit(name: str) -> None:
-    """No process looks around for its hub: the hub listens, the others name it."""
+@on_the_bus
+def test_endpoint_is_explicit_and_encrypted(name: str) -> None:
+    """No process looks around for its hub: the hub listens, the others name it, all by TLS."""
     host = "0.0.0.0" if name == "hub" else "hub"
-    assert SERVICES[name]["environment"] == {"FORCEMESH_ENDPOINT": f"tcp/{host}:7447"}
+    assert SERVICES[name]["environment"] == {
+        "FORCEMESH_ENDPOINT": f"tls/{host}:7447",
+        "FORCEMESH_PKI": "/run/secrets",
+        "FORCEMESH_CELL": CELL,
+    }
+
+
+def test_the_real_time_override_gives_a_limit_and_nothing_else() -> None:
+    """On top of the file it only lets the loops of the bus go first; it is valid as well."""
+    path = ROOT / "docker-compose.realtime.yml"
+    override = yaml.safe_load(path.read_text(encoding="utf-8"))["services"]
+    assert set(override) == set(ON_THE_BUS)
+    assert all(entry == {"ulimits": {"core": 0, "rtprio": 20}} for entry in override.values())
+    assert schema_check(path) == 0
 
 
 def test_default_cell_is_the_one_that_the_simulated_profile_needs() -> None:

@@ -1,0 +1,244 @@
+"""What is checked in containers that are up; `make compose-test` runs it where their ports are.
+
+python -m tools.compose_checks PROFILE CELL
+"""
+
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from functools import partial
+from pathlib import Path
+
+from cli.scenario import Plan, Scenario, ScenarioError
+from common import topics
+from common.bus import open_bus
+from common.cell import Cell
+from common.config import load_cell
+from common.topics import TOPICS
+from tools.attacks import ATTACKS
+from tools.compose_rig import (
+    NOT_YET,
+    PROJECT,
+    ROOT,
+    Compose,
+    Operator,
+    PromiseError,
+    compose_command,
+    run,
+)
+
+HEALTHY_S = 60.0
+HELD_S = 0.35  # docs/reliability.md: at rest, real processes, deadlines of the demo
+STEADY_S = 2.0
+
+Check = Callable[[Compose, Cell, Operator], str]
+
+INSIDE = """
+import os, pathlib
+lines = pathlib.Path('/proc/self/status').read_text().splitlines()
+status = dict(line.split(':\\t', 1) for line in lines if ':\\t' in line)
+assert os.getuid() != 0 and os.getgid() != 0, 'root'
+assert int(status['CapEff'], 16) == int(status['CapBnd'], 16) == 0, 'capabilities'
+assert status['NoNewPrivs'] == '1', 'may gain privileges'
+assert status['Seccomp'] == '2', 'no system call filter'
+for path in ('/app/x', '/venv/x', '/etc/x', '/cells/x'):
+    try:
+        open(path, 'w')
+    except OSError as error:
+        assert error.errno in (30, 13), error
+    else:
+        raise AssertionError('wrote ' + path)
+secrets = pathlib.Path('/run/secrets')
+keys = sorted(p.name for p in secrets.glob('*.key')) if secrets.exists() else []
+assert len(keys) <= 1 and 'ca.key' not in keys, keys
+"""
+
+
+KILL_THE_SERVICE = """
+import os, pathlib
+for folder in pathlib.Path('/proc').glob('[0-9]*'):
+    if int(folder.name) not in (1, os.getpid()):
+        os.kill(int(folder.name), 9)
+"""
+
+
+def hardened(compose: Compose, _cell: Cell, _operator: Operator) -> str:
+    """Nobody is root, writes anything but /tmp, has a capability, or somebody else's key."""
+    for name in compose.names():
+        run("docker", "exec", compose.id(name), "python", "-c", INSIDE)
+        limits = compose.facts(name)["HostConfig"]
+        if not (limits["Memory"] and limits["PidsLimit"] and limits["ReadonlyRootfs"]):
+            raise PromiseError(f"{name} has no limits")
+    return f"{len(compose.names())} containers: not root, read-only, no capabilities, own key only"
+
+
+def ports(compose: Compose, _cell: Cell, _operator: Operator) -> str:
+    """One port is published, on the loopback address; the wires reach no bus."""
+    published = {
+        f"{name} {place['HostIp']}:{place['HostPort']}"
+        for name in compose.names()
+        for places in (compose.facts(name)["NetworkSettings"]["Ports"] or {}).values()
+        for place in places or []
+    }
+    if published != {"hub 127.0.0.1:7447"}:
+        raise PromiseError(f"published: {sorted(published)}")
+    if "controller-sim" in compose.names():
+        reach = "import socket; socket.create_connection(('hub', 7447), 2)"
+        with suppress(PromiseError):
+            run("docker", "exec", compose.id("controller-sim"), "python", "-c", reach)
+            raise AssertionError("what hangs on the robot's wire reaches the bus")
+    return "hub 127.0.0.1:7447 and nothing else"
+
+
+def topics_seen(_compose: Compose, _cell: Cell, operator: Operator) -> str:
+    """From outside, with a certificate, every topic is heard."""
+    wanted = {topic.key for topic in TOPICS}
+    operator.until(lambda: operator.seen() == wanted, 15.0, f"all of {len(wanted)} topics")
+    return f"{len(wanted)} topics heard from outside"
+
+
+def demo(_compose: Compose, cell: Cell, operator: Operator) -> str:
+    """The main job: press with 30 N, let force feedback bring the force to zero."""
+    operator.clear()
+    with open_bus(cell, topics.CLIENT) as bus:
+        script = Scenario(bus, Plan(), check=lambda: None, progress=lambda *_: None)
+        try:
+            trace = script.run()
+        except ScenarioError as error:
+            if NOT_YET[1] not in str(error):
+                raise
+            operator.clear()
+            trace = script.run()
+    if trace.settled_at_s is None:
+        raise PromiseError("the force did not settle")
+    time.sleep(0.5)
+    return f"from 30 N to zero in {1e3 * trace.settled_at_s:.0f} ms"
+
+
+def attacked(compose: Compose, _cell: Cell, _operator: Operator) -> str:
+    """Nine strangers move nothing, and the hub says why it refused them."""
+    done = subprocess.run(
+        [sys.executable, "-m", "tools.attacks", "--cell", str(_file_of(compose))],
+        capture_output=True, text=True, check=False, cwd=ROOT,
+    )  # fmt: skip
+    if done.returncode != 0 or done.stdout.count("ok  ") != len(ATTACKS):
+        raise PromiseError(done.stdout + done.stderr)
+    log = compose("logs", "--no-color", "hub")
+    silent = [attack.name for attack in ATTACKS if f"refused {attack.code}" not in log]
+    if silent:
+        raise PromiseError(f"the hub says nothing of {silent}")
+    return f"{len(ATTACKS)} attacks, 0 moved the arm, each with its cause in the hub's log"
+
+
+def full_disk(compose: Compose, _cell: Cell, operator: Operator) -> str:
+    """A full /tmp, the only place where a container may write, disturbs nobody."""
+    fill = "f = open('/tmp/full', 'wb', 0)\nwhile True: f.write(bytes(1 << 20))"
+    for name in compose.names():
+        with suppress(PromiseError):
+            run("docker", "exec", compose.id(name), "python", "-c", fill)
+            raise AssertionError("there is no end to /tmp")
+    time.sleep(STEADY_S)
+    if not operator.all_well():
+        raise PromiseError("somebody is not well with a full /tmp")
+    for name in compose.names():
+        run("docker", "exec", compose.id(name), "rm", "/tmp/full")  # noqa: S108 - in the container
+    return "nobody minds"
+
+
+def broken(compose: Compose, how: str, name: str, operator: Operator) -> str:
+    """Break one container while the arm presses: it holds in time, and no repair resumes motion."""
+    operator.press()
+    container, blind = compose.id(name), name in {"hub", "robot-sim", "gateway"}
+    pressed_N = operator.force_N()
+    network = f"{PROJECT}_bus"
+    aliases = ["--alias", name]
+    if how == "kill":
+        run("docker", "kill", container)
+    elif how == "pause":
+        run("docker", "pause", container)
+    else:
+        run("docker", "network", "disconnect", network, container)
+    took = "not seen: the bus or the robot is gone"
+    if not blind:
+        held_s = operator.until(
+            lambda: (arm := operator.arm()) is not None and arm.hold_reason, HELD_S, "the hold"
+        )
+        took = f"held {1e3 * held_s:.0f} ms after the engine was done, at most"
+    time.sleep(1.0)
+    if how == "kill":  # the engine does not restart what a person has killed: a person does
+        compose("start", name)
+    elif how == "pause":
+        run("docker", "unpause", container)
+    else:
+        run("docker", "network", "connect", *aliases, network, container)
+    operator.rests(STEADY_S)
+    operator.until(operator.all_well, 30.0, "all well again")
+    operator.rests(STEADY_S)
+    harder_N = operator.force_N() - pressed_N
+    if harder_N > 5.0:
+        raise PromiseError(f"pressed harder by {harder_N:.1f} N")
+    operator.retreat()
+    return f"{took}; nothing moved after the repair"
+
+
+def crashed(compose: Compose, name: str, operator: Operator) -> str:
+    """A process that dies by itself is started anew by the engine, into IDLE and no further."""
+    operator.press()
+    run("docker", "exec", compose.id(name), "python", "-c", KILL_THE_SERVICE)
+    operator.rests(STEADY_S)
+    operator.until(operator.all_well, 30.0, "all well again")
+    operator.rests(STEADY_S)
+    restarts = compose.facts(name)["RestartCount"]
+    if restarts < 1:
+        raise PromiseError(f"{name} was not restarted by the engine")
+    operator.retreat()
+    return f"restarted by the engine {restarts} time(s), nothing moved"
+
+
+def trials(compose: Compose) -> Iterator[tuple[str, str]]:
+    """Return what is broken in a profile, and how."""
+    sim = ["hub", "arbiter", "regulator", "wrench", "robot-sim"]
+    names = sim if compose.profile == "sim" else ["gateway", "sensor"]
+    yield from ((how, name) for name in names for how in ("kill", "pause", "disconnect"))
+    if compose.profile == "emulated":
+        yield from (("kill", "controller-sim"), ("pause", "controller-sim"))
+
+
+def _file_of(compose: Compose) -> Path:
+    return ROOT / "cells" / ("demo.yaml" if compose.profile == "sim" else "emulated.yaml")
+
+
+def main() -> int:
+    """Check everything of one profile; say what was found; return how much was wrong."""
+    compose = Compose(sys.argv[1], compose_command())
+    cell = load_cell(_file_of(compose))
+    wrong = 0
+
+    def told(name: str, check: Callable[[], str]) -> None:
+        nonlocal wrong
+        began_s = time.monotonic()
+        try:
+            said = check()
+        except Exception as error:  # noqa: BLE001 - whatever it is, the others are checked as well
+            wrong += 1
+            said = f"FAILED: {error}"
+        print(
+            f"{compose.profile:8} {name:26} {time.monotonic() - began_s:5.1f} s  {said}", flush=True
+        )
+
+    told("healthy", lambda: f"after {compose.wait_healthy(HEALTHY_S):.0f} s")
+    with open_bus(cell, topics.CLIENT) as bus:
+        operator = Operator(bus, cell)
+        checks: list[Check] = [topics_seen, hardened, ports, demo, attacked, full_disk]
+        for each in checks:
+            told(each.__name__.replace("_", " "), partial(each, compose, cell, operator))
+        for how, name in trials(compose):
+            told(f"{how} {name}", partial(broken, compose, how, name, operator))
+        told("crash wrench", partial(crashed, compose, "wrench", operator))
+    return wrong
+
+
+if __name__ == "__main__":
+    sys.exit(min(main(), 1))

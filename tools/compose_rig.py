@@ -1,0 +1,225 @@
+"""What a test of the containers needs: compose as a command, the cell as its operator sees it."""
+
+import json
+import math
+import os
+import subprocess
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from common import topics
+from common.cell import Cell
+from common.endpoints import Bus
+from common.errors import ForcemeshError
+from common.messages import MAY_MOVE, RobotState
+from common.requests import ArmRequest, Empty, ForceStartRequest, HoldRequest, MoveRequest
+from common.topics import HEALTH, TOPICS
+
+ROOT = Path(__file__).resolve().parents[1]
+PROJECT = "forcemesh-test"
+PRESS_N = 10.0
+STILL_RAD = 2e-3
+RETREAT_S = 30.0
+POLL_S = 0.01
+# The regulator learns a moment after the operator that the cell is armed; an arm comes to rest.
+NOT_YET = ("not_ready", "not_armed", "moving")
+
+
+class PromiseError(Exception):
+    """A promise that was not kept."""
+
+
+def run(*words: str, timeout_s: float = 120.0, **environment: str) -> str:
+    """Run a command; return what it says. Raise PromiseError with its last words if it fails."""
+    around = {**os.environ, **environment}
+    done = subprocess.run(
+        words, capture_output=True, text=True, check=False, cwd=ROOT, timeout=timeout_s, env=around
+    )
+    if done.returncode != 0:
+        raise PromiseError(f"{' '.join(words)}: {(done.stderr or done.stdout).strip()[-1500:]}")
+    return done.stdout.strip()
+
+
+@dataclass(frozen=True, slots=True)
+class Compose:
+    """The containers of one profile."""
+
+    profile: str
+    command: tuple[str, ...]  # `docker compose` or `docker-compose`
+
+    def __call__(self, *words: str) -> str:
+        """Run compose on the project."""
+        return run(*self.command, "-p", PROJECT, "--profile", self.profile, *words)
+
+    def names(self) -> list[str]:
+        """Return the services of the profile."""
+        services = yaml.safe_load((ROOT / "docker-compose.yml").read_text("utf-8"))["services"]
+        return sorted(
+            name
+            for name, entry in services.items()
+            if self.profile in entry.get("profiles", [self.profile])
+        )
+
+    def id(self, name: str) -> str:
+        """Return the container of a service."""
+        return self("ps", "-q", name).splitlines()[0]
+
+    def health(self, name: str) -> str:
+        """Return what its healthcheck says: starting, healthy or unhealthy."""
+        return run("docker", "inspect", "-f", "{{.State.Health.Status}}", self.id(name))
+
+    def facts(self, name: str) -> Any:
+        """Return all that the engine knows of a container."""
+        return json.loads(run("docker", "inspect", self.id(name)))[0]
+
+    def wait_healthy(self, within_s: float) -> float:
+        """Wait until every container is healthy; return how long that took [s]."""
+        began_s = time.monotonic()
+        waiting = set(self.names())
+        while waiting:
+            waiting = {name for name in waiting if self.health(name) != "healthy"}
+            if time.monotonic() - began_s > within_s:
+                logs = "\n".join(self("logs", "--no-color", "--tail", "5", n) for n in waiting)
+                raise PromiseError(f"not healthy after {within_s:.0f} s: {sorted(waiting)}\n{logs}")
+            time.sleep(0.5)
+        return time.monotonic() - began_s
+
+
+class Operator:
+    """Whoever stands in front of the cell: moves, presses, holds, and looks at the arm."""
+
+    def __init__(self, bus: Bus, cell: Cell) -> None:
+        """Watch every topic."""
+        self._bus, self._cell = bus, cell
+        self.readers = {topic.key: bus.reader(topic) for topic in TOPICS}
+        self._home: tuple[float, ...] | None = None
+
+    def seen(self) -> set[str]:
+        """Return the topics of which something has been heard."""
+        now_ns = self._bus.clock.now_ns()
+        return {k for k, r in self.readers.items() if r.read(now_ns).message is not None}
+
+    def state(self) -> str:
+        """Return the arbiter's state, empty while it is silent."""
+        reading = self.readers[topics.ARBITER_STATUS.key].read(self._bus.clock.now_ns())
+        return "" if reading.fresh is None else str(getattr(reading.fresh, "state", ""))
+
+    def arm(self) -> RobotState | None:
+        """Return what the robot said last, if it is fresh."""
+        reading = self.readers[topics.ROBOT_STATE.key].read(self._bus.clock.now_ns())
+        return reading.fresh if isinstance(reading.fresh, RobotState) else None
+
+    def force_N(self) -> float:
+        """Return the length of the force at the tool [N], 0 while it is not known."""
+        reading = self.readers[topics.WRENCH.key].read(self._bus.clock.now_ns())
+        return math.hypot(*getattr(reading.fresh, "force_N", (0.0,)))
+
+    def until(self, what: Callable[[], object], within_s: float, name: str) -> float:
+        """Wait until something is so; return how long that took [s]."""
+        began_s = time.monotonic()
+        while not what():
+            if time.monotonic() - began_s > within_s:
+                raise PromiseError(
+                    f"not within {within_s:g} s: {name}; the arbiter is {self.state()!r}"
+                )
+            time.sleep(POLL_S)
+        return time.monotonic() - began_s
+
+    def press(self) -> None:
+        """From rest in free space, press on the plate."""
+        self.clear()
+        arm = self.arm()
+        if self._home is None and arm is not None:
+            self._home = arm.joint_rad
+        self._do(topics.ARM, ArmRequest())
+        self._do(topics.FORCE_START, ForceStartRequest(mode="position", setpoint_N=PRESS_N))
+        self.until(lambda: abs(self.force_N() - PRESS_N) < 1.0, 40.0, f"pressing with {PRESS_N} N")
+
+    def clear(self) -> None:
+        """Come back to IDLE, as a person does, and wait until arming would be accepted."""
+
+        def is_idle() -> bool:
+            if self.state() not in {"", "IDLE"}:
+                self._ask(topics.CLEAR, Empty())
+            return self.state() == "IDLE"
+
+        self.until(is_idle, 30.0, "IDLE after clear")
+
+    def retreat(self) -> None:
+        """Move back to where the first press began."""
+        self.clear()
+        self._do(topics.ARM, ArmRequest(purpose="jog"))
+        home = self._home
+        self._do(topics.MOVE, MoveRequest(kind="joints", joint_rad=home, speed_m_s=0.05))  # type: ignore[arg-type]
+        self.until(lambda: self._distance(home) < 2 * STILL_RAD, RETREAT_S, "the way back")
+        time.sleep(0.5)
+        self._ask(topics.HOLD, HoldRequest(reason="back again"))
+        self.clear()
+
+    def rests(self, seconds: float) -> None:
+        """Look at the arm for some time: it must not move, nor be allowed to."""
+        self.until(self.arm, 30.0, "robot/state again")
+        before = getattr(self.arm(), "joint_rad", ())
+        give_up_s = time.monotonic() + seconds
+        while time.monotonic() < give_up_s:
+            if self.state() in MAY_MOVE:
+                raise PromiseError(f"it may move again without a person: {self.state()}")
+            if self._distance(before) > STILL_RAD:
+                raise PromiseError("it moves again without a person")
+            time.sleep(POLL_S)
+
+    def all_well(self) -> bool:
+        """Tell whether every role's health is fresh and names no fault."""
+        healths = [self._read(topic.key) for topic in HEALTH.values()]
+        return all(health is not None and not health.fault for health in healths)
+
+    def _distance(self, joints: Any) -> float:
+        arm = self.arm()
+        return 0.0 if arm is None or not joints else math.dist(arm.joint_rad, joints)
+
+    def _read(self, key: str) -> Any:
+        return self.readers[key].read(self._bus.clock.now_ns()).fresh
+
+    def _ask(self, request: Any, message: Any) -> Any:
+        try:
+            return self._bus.ask(request, message, 2.0)
+        except ForcemeshError:
+            return None  # who would answer is gone: the state says so
+
+    def _do(self, request: Any, message: Any) -> None:
+        give_up_s = time.monotonic() + 30.0
+        while True:
+            reply = self._ask(request, message)
+            if reply is not None and reply.accepted:
+                return
+            if time.monotonic() > give_up_s or (reply is not None and reply.code not in NOT_YET):
+                raise PromiseError(f"{request.key}: {reply}")
+            time.sleep(0.2)
+
+
+def compose_command() -> tuple[str, ...]:
+    """Return how compose is called here, nothing where it is not there."""
+    for command in (("docker", "compose"), ("docker-compose",)):
+        try:
+            done = subprocess.run([*command, "version"], capture_output=True, check=False)
+        except OSError:
+            continue
+        if done.returncode == 0:
+            return command
+    return ()
+
+
+def in_namespace(namespace: str, *words: str) -> list[str]:
+    """Return a command that runs where the containers' published ports are."""
+    return ["nsenter", f"--net=/run/netns/{namespace}", *words] if namespace else list(words)
+
+
+def environment_of(file: Path) -> dict[str, str]:
+    """Return this process's environment with what a file of settings adds."""
+    lines = file.read_text(encoding="utf-8").splitlines() if file.exists() else []
+    return {**os.environ, **dict(line.split("=", 1) for line in lines if "=" in line)}

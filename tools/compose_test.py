@@ -1,0 +1,159 @@
+"""Build the image, bring the containers up, break them, attack them, take them down.
+
+make compose-test ARGS="--profile sim"
+
+Uses the Docker engine that runs here; where none runs, and we are root, one of its own in a network
+namespace of its own, with a stand-in for the base image made from this machine's files. Exit code
+0 when every promise was kept, 1 when one was not, 77 when no engine can be had: nothing was tried.
+"""
+
+import argparse
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from tools.compose_rig import (
+    PROJECT,
+    ROOT,
+    Compose,
+    PromiseError,
+    compose_command,
+    environment_of,
+    in_namespace,
+    run,
+)
+
+NO_ENGINE = 77
+CELLS = {"sim": "demo.yaml", "emulated": "emulated.yaml"}
+OWN_TOOLS = ("dockerd", "docker", "ip", "nsenter", "chroot", "dpkg", "python3.11")
+IMAGE = "forcemesh:local"
+BASE = "python:3.11-slim-bookworm"
+SETTINGS = "/usr/local/bin:/usr/local/sbin:/usr/sbin:/usr/bin:/sbin:/bin"
+WHEELS = ROOT / "out" / "wheels"
+PIP_S, BUILD_S, CHECK_S = 600, 1200, 1500
+
+
+def main() -> int:
+    """Run what was asked for; return the exit code."""
+    parser = argparse.ArgumentParser(prog="tools.compose_test", description=__doc__)
+    parser.add_argument("--profile", action="append", choices=tuple(CELLS), help="again for more")
+    given = parser.parse_args()
+    with tempfile.TemporaryDirectory(prefix="fm-") as scratch:
+        missing = what_is_missing()
+        if missing:
+            line = "!" * 80
+            print(f"{line}\nNOT TESTED: containers. No engine can be had here: {missing}\n{line}")
+            return NO_ENGINE
+        with engine(Path(scratch) / "engine") as namespace:
+            build()
+            make_certificates(Path(scratch))
+            return max(check(profile, namespace) for profile in given.profile or CELLS)
+
+
+def what_is_missing() -> str:
+    """Return why containers cannot be tested here, empty when they can."""
+    if not compose_command():
+        return "neither `docker compose` nor `docker-compose` is installed"
+    if engine_runs():
+        return ""
+    if os.geteuid() != 0:
+        return "none runs, and only root can start one"
+    lacking = [tool for tool in OWN_TOOLS if shutil.which(tool) is None]
+    return f"none runs, and to start one {', '.join(lacking)} would be needed" if lacking else ""
+
+
+def engine_runs() -> bool:
+    """Tell whether an engine answers."""
+    try:
+        run("docker", "info")
+    except (PromiseError, OSError):
+        return False
+    return True
+
+
+@contextmanager
+def engine(folder: Path) -> Iterator[str]:
+    """Have an engine; yield the namespace in which its ports are published, empty for this one."""
+    if engine_runs():
+        yield ""
+        return
+    script = str(ROOT / "tools" / "engine.sh")
+    base = folder.with_name("base.tar")
+    subprocess.run([script, "start", str(folder)], check=True)
+    try:
+        os.environ.update(environment_of(folder / "env"))
+        fetch_wheels()
+        subprocess.run(
+            [str(ROOT / "tools" / "base-image.sh"), str(WHEELS), str(base)], check=True, timeout=300
+        )
+        settings = f"ENV PIP_NO_INDEX=1 PIP_FIND_LINKS=/opt/wheels PATH={SETTINGS}"
+        run("docker", "import", "-c", settings, str(base), BASE)
+        base.unlink()
+        yield os.environ["NAMESPACE"]
+    finally:
+        subprocess.run([script, "stop", str(folder)], check=True)
+
+
+def fetch_wheels() -> None:
+    """Have what the lock names beside the image's base: the engine reaches no package index."""
+    command = [sys.executable, "-m", "pip", "download", "-q", "--disable-pip-version-check"]
+    exactly = ["--require-hashes", "--only-binary", ":all:", "-r", "requirements-run.lock"]
+    WHEELS.mkdir(parents=True, exist_ok=True)
+    subprocess.run([*command, *exactly, "-d", str(WHEELS)], check=True, cwd=ROOT, timeout=PIP_S)
+
+
+def build() -> None:
+    """Build the image; say how long that took and how large it is."""
+    began_s = time.monotonic()
+    # Without buildx the old builder is what every engine has.
+    builder = os.environ.get("DOCKER_BUILDKIT", "0")
+    words = ["docker", "build", "-q", "-t", IMAGE, *revision(), "."]
+    run(*words, timeout_s=BUILD_S, DOCKER_BUILDKIT=builder)
+    size = run("docker", "image", "inspect", "-f", "{{.Size}}", IMAGE)
+    took_s = time.monotonic() - began_s
+    print(f"image: built in {took_s:.0f} s, {int(size) / 1e6:.0f} MB", flush=True)
+
+
+def revision() -> list[str]:
+    """Return what the image's labels shall say of this checkout."""
+    try:
+        return ["--build-arg", f"REVISION={run('git', 'describe', '--always', '--dirty')}"]
+    except (PromiseError, OSError):
+        return []
+
+
+def make_certificates(scratch: Path) -> None:
+    """Make certificates as a user does, and put what compose must know into the environment."""
+    command = [sys.executable, "-m", "cli", "pki", "init", "--cell", "cells/demo.yaml"]
+    where = ["--folder", str(scratch / "pki"), "--env", str(scratch / "env")]
+    subprocess.run([*command, *where], cwd=ROOT, check=True, stdout=subprocess.DEVNULL)
+    os.environ.update(environment_of(scratch / "env"))
+    (ROOT / "calibration").mkdir(exist_ok=True)
+
+
+def check(profile: str, namespace: str) -> int:
+    """Bring a profile up, check it, take it down in any case; return the exit code."""
+    os.environ["CELL"] = CELLS[profile]
+    compose = Compose(profile, compose_command())
+    began_s = time.monotonic()
+    try:
+        compose("up", "-d", "--no-build")
+        environment = {**os.environ, "FORCEMESH_ENDPOINT": "tls/127.0.0.1:7447"}
+        words = in_namespace(namespace, sys.executable, "-m", "tools.compose_checks", profile)
+        code = subprocess.run(
+            words, cwd=ROOT, env=environment, check=False, timeout=CHECK_S
+        ).returncode
+    finally:
+        compose("down", "-v", "-t", "2")
+    print(f"{PROJECT}: {profile} took {time.monotonic() - began_s:.0f} s", flush=True)
+    return min(code, 1)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

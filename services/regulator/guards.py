@@ -53,6 +53,7 @@ class Seen:
     error: Array  # of force and torque beyond their deadbands. Shape (6,)
     turns: bool  # the mode follows torques
     dt_s: float
+    follows: bool = False  # a surface that moves, along the tool's axis: its work is none of ours
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,6 +98,9 @@ def _count_work(before: Watch, seen: Seen) -> Watch:
     if last is None or not before.touched:
         return replace(before, worked=seen)
     way_m = seen.T_base_tcp.translation - last.T_base_tcp.translation
+    if seen.follows:  # the press has shown the sign along this axis; those beside it still lie
+        press_axis = seen.T_base_tcp.rotation[:, 2]
+        way_m = way_m - (way_m @ press_axis) * press_axis
     turn_rad = rotation_between(last.T_base_tcp.rotation, seen.T_base_tcp.rotation)
     if np.linalg.norm(way_m) < WORK_STEP_M and np.linalg.norm(turn_rad) < WORK_STEP_RAD:
         return before

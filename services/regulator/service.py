@@ -153,7 +153,7 @@ class Regulator:
                 memory=memory,
                 tools=self._tools,
             )
-        watched, trip = watch(session.watch, seen_by(law, sample, T_base_tcp), self._guards)
+        watched, trip = watch(session.watch, seen_by(law, sample, T_base_tcp, memory), self._guards)
         session = replace(session, law=law, memory=memory, setpoint_N=setpoint_N)
         session = replace(session, gains=gains, sent=sent, watch=watched)
         return replace(session, last_sample_ns=stamp_ns), trip

@@ -45,7 +45,9 @@ def mover(arbiter: ArbiterStatus) -> str:
     return next((who for who in both if who in MOVERS), "")
 
 
-def seen_by(law: LawState, sample: LawInput, T_base_tcp: pin.SE3) -> Seen:
+def seen_by(
+    law: LawState, sample: LawInput, T_base_tcp: pin.SE3, memory: Adaptive | None = None
+) -> Seen:
     """Return what the guards watch of one sample; no contact is sought in mode orientation."""
     error_N = np.zeros(3) if law.error_force_N is None else law.error_force_N
     error_Nm = np.zeros(3) if law.error_torque_Nm is None else law.error_torque_Nm
@@ -58,6 +60,7 @@ def seen_by(law: LawState, sample: LawInput, T_base_tcp: pin.SE3) -> Seen:
         error=np.concatenate((error_N * moves, error_Nm * turns)),
         turns=turns,
         dt_s=sample.dt_s,
+        follows=memory is not None and memory.follow.near,
     )
 
 

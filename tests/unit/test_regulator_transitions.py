@@ -171,3 +171,18 @@ def test_the_controller_is_sent_gains_for_what_is_touched() -> None:
         mode="position", host="controller", axes=(True, False, True, True, True, True)
     )
     assert bench.start(masked).code == "host"
+
+
+@pytest.mark.parametrize(("law", "goes_on"), [("adaptive", True), ("plain", False)])
+def test_a_surface_that_carries_the_tool_is_followed_by_the_adaptive_law(law, goes_on) -> None:
+    """Found from free space, pressed, then it rises: the plain law takes its work for a lie."""
+    bench = Obedient()
+    bench.do("start", ("position", "pc", law, 10.0, (True,) * 6, "base"))
+    surface_m = float(bench.poses[0].translation[2]) - 0.0005
+    for number in range(900):
+        surface_m += 3e-3 * PERIOD_S if number > 600 else 0.0
+        deep_m = max(0.0, surface_m - float(bench.poses[-1].translation[2]))
+        bench.push((0.0, 0.0, 1e4 * deep_m))
+        bench.live(1)
+    assert bench.said().valid is goes_on
+    assert bench.said().code == ("" if goes_on else "sensor_sign")

@@ -12,8 +12,9 @@ from rich.markdown import Markdown
 
 from bench.force import settle
 from bench.force.page import page
+from bench.force.promises import Rows
 from bench.force.rig import World
-from bench.force.run import QUICK, Extent, everything
+from bench.force.run import QUICK, TABLES, Extent
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 COMMAND = 'make bench-force ARGS="--write"'
@@ -34,14 +35,18 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="a few scenes: about a minute")
     parser.add_argument("--json", action="store_true", help="plain numbers on standard output")
     parser.add_argument("--write", action="store_true", help="docs/force.md and its pictures")
-    parser.add_argument("--rows", type=Path, help="a file of --json to take instead of running")
+    parser.add_argument("--rows", type=Path, help="file to keep tables in; those in it are not run")
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
     asked = parser.parse_args()
     with ProcessPoolExecutor(asked.workers) as pool:
-        if asked.rows is None:
-            rows = everything(QUICK if asked.quick else Extent(), pool)
-        else:
+        rows: Rows = {}
+        if asked.rows is not None and asked.rows.exists():
             rows = json.loads(asked.rows.read_text(encoding="utf-8"))
+        for name, table in TABLES.items():
+            if name not in rows:
+                rows[name] = table(QUICK if asked.quick else Extent(), pool)
+                if asked.rows is not None:
+                    asked.rows.write_text(json.dumps(rows), encoding="utf-8")
         if asked.json:
             print(json.dumps(rows))
         else:

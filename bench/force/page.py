@@ -26,7 +26,7 @@ A lead over a peer is turned round, so that smaller is better everywhere.
 MET = """First contact (the law starts from 2e5 N/m) / once the stiffness was met, and what was
 believed of it then.
 """
-PEERS = """Every law is tuned by the same search (bench/force/search.py): 16 gains times 3 second
+PEERS = """Every law is tuned by the same search (bench/force/search.py): 10 gains times 3 second
 numbers, each on every scene; more than 5 % overshoot does not count as settled. One setting: the
 one that settles in most scenes, and is fastest in them. Tuned here: the best for this scene alone,
 by somebody who knows stiffness and delay. Admittance and FDCC-like are our own minimal versions

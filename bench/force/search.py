@@ -18,7 +18,7 @@ from bench.force.rig import Rig, World
 from common.frames import Array
 
 LAWS = ("plain PI", "admittance", "FDCC-like")
-GAINS_M_PER_NS = tuple(np.geomspace(2e-5, 1e-2, 16).tolist())
+GAINS_M_PER_NS = tuple(np.geomspace(2e-5, 1e-2, 10).tolist())
 TIMES_S = (0.002, 0.01, 0.03)  # the second number of each law
 SCENES = tuple(World(k, d) for k, d in product((5e3, 2e4, 1e5), (0, 10, 30, 60)))
 LONGEST_S = 3.0

@@ -36,7 +36,11 @@ IMAGE = "forcemesh:local"
 BASE = "python:3.11-slim-bookworm"
 SETTINGS = "/usr/local/bin:/usr/local/sbin:/usr/sbin:/usr/bin:/sbin:/bin"
 WHEELS = ROOT / "out" / "wheels"
-PIP_S, BUILD_S, CHECK_S = 600, 1200, 1500
+PIP_S, BASE_S, BUILD_S, CHECK_S = 600, 300, 1200, 1500
+
+
+class NoEngineError(Exception):
+    """There is no engine, and none can be started."""
 
 
 def main() -> int:
@@ -45,15 +49,22 @@ def main() -> int:
     parser.add_argument("--profile", action="append", choices=tuple(CELLS), help="again for more")
     given = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="fm-") as scratch:
-        missing = what_is_missing()
-        if missing:
-            line = "!" * 80
-            print(f"{line}\nNOT TESTED: containers. No engine can be had here: {missing}\n{line}")
-            return NO_ENGINE
-        with engine(Path(scratch) / "engine") as namespace:
-            build()
-            make_certificates(Path(scratch))
-            return max(check(profile, namespace) for profile in given.profile or CELLS)
+        if missing := what_is_missing():
+            return not_tested(missing)
+        try:
+            with engine(Path(scratch) / "engine") as namespace:
+                build()
+                make_certificates(Path(scratch))
+                return max(check(profile, namespace) for profile in given.profile or CELLS)
+        except NoEngineError as error:
+            return not_tested(str(error))
+
+
+def not_tested(why: str) -> int:
+    """Say loudly that nothing was tried; return the exit code that says the same."""
+    line = "!" * 80
+    print(f"{line}\nNOT TESTED: containers. No engine can be had here: {why}\n{line}", flush=True)
+    return NO_ENGINE
 
 
 def what_is_missing() -> str:
@@ -85,13 +96,18 @@ def engine(folder: Path) -> Iterator[str]:
         return
     script = str(ROOT / "tools" / "engine.sh")
     base = folder.with_name("base.tar")
-    subprocess.run([script, "start", str(folder)], check=True)
+    try:
+        subprocess.run([script, "start", str(folder)], check=True)
+    except subprocess.CalledProcessError as error:
+        raise NoEngineError("the one that was started does not answer") from error
     try:
         os.environ.update(environment_of(folder / "env"))
-        fetch_wheels()
-        subprocess.run(
-            [str(ROOT / "tools" / "base-image.sh"), str(WHEELS), str(base)], check=True, timeout=300
-        )
+        try:
+            fetch_wheels()
+            make_base = [str(ROOT / "tools" / "base-image.sh"), str(WHEELS), str(base)]
+            subprocess.run(make_base, check=True, timeout=BASE_S)
+        except (subprocess.CalledProcessError, subprocess.TimeoutExpired) as error:
+            raise NoEngineError(f"there is no base image: {error}") from error
         settings = f"ENV PIP_NO_INDEX=1 PIP_FIND_LINKS=/opt/wheels PATH={SETTINGS}"
         run("docker", "import", "-c", settings, str(base), BASE)
         base.unlink()

@@ -213,6 +213,17 @@ def test_the_real_time_override_gives_a_limit_and_nothing_else() -> None:
     assert schema_check(path) == 0
 
 
+def test_a_role_on_another_machine_is_told_where_its_hub_is() -> None:
+    """The override adds a way out and asks for the endpoint; the hub stays where it is."""
+    path = ROOT / "docker-compose.remote.yml"
+    override = yaml.safe_load(path.read_text(encoding="utf-8"))["services"]
+    assert set(override) == set(ON_THE_BUS) - {"hub", "robot-sim"}
+    for entry in override.values():
+        assert entry["networks"] == ["front"]
+        assert entry["environment"]["FORCEMESH_ENDPOINT"].startswith("${FORCEMESH_ENDPOINT:?")
+    assert schema_check(path) == 0
+
+
 def test_default_cell_is_the_one_that_the_simulated_profile_needs() -> None:
     """Without CELL the cell file exists and gives robot and sensor to the simulation."""
     roles = load_cell(ROOT / "cells" / "demo.yaml").roles

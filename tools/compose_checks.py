@@ -11,7 +11,7 @@ from contextlib import suppress
 from functools import partial
 from pathlib import Path
 
-from cli.scenario import Plan, Scenario, ScenarioError
+from cli.scenario import Plan, Scenario, Trace
 from common import topics
 from common.bus import open_bus
 from common.cell import Cell
@@ -19,7 +19,6 @@ from common.config import load_cell
 from common.topics import TOPICS
 from tools.attacks import ATTACKS
 from tools.compose_rig import (
-    NOT_YET,
     PROJECT,
     ROOT,
     Compose,
@@ -101,20 +100,18 @@ def topics_seen(_compose: Compose, _cell: Cell, operator: Operator) -> str:
 
 def demo(_compose: Compose, cell: Cell, operator: Operator) -> str:
     """The main job: press with 30 N, let force feedback bring the force to zero."""
-    operator.clear()
-    with open_bus(cell, topics.CLIENT) as bus:
-        script = Scenario(bus, Plan(), check=lambda: None, progress=lambda *_: None)
-        try:
-            trace = script.run()
-        except ScenarioError as error:
-            if NOT_YET[1] not in str(error):
-                raise
-            operator.clear()
-            trace = script.run()
+    trace = operator.try_again(partial(_played, cell, operator))
     if trace.settled_at_s is None:
         raise PromiseError("the force did not settle")
     time.sleep(0.5)
     return f"from 30 N to zero in {1e3 * trace.settled_at_s:.0f} ms"
+
+
+def _played(cell: Cell, operator: Operator) -> Trace:
+    operator.clear()
+    with open_bus(cell, topics.CLIENT) as bus:
+        script = Scenario(bus, Plan(), check=lambda: None, progress=lambda *_: None)
+        return script.run()
 
 
 def attacked(compose: Compose, _cell: Cell, _operator: Operator) -> str:
@@ -231,6 +228,7 @@ def main() -> int:
     told("healthy", lambda: f"after {compose.wait_healthy(HEALTHY_S):.0f} s")
     with open_bus(cell, topics.CLIENT) as bus:
         operator = Operator(bus, cell)
+        operator.at_home()
         checks: list[Check] = [topics_seen, hardened, ports, demo, attacked, full_disk]
         for each in checks:
             told(each.__name__.replace("_", " "), partial(each, compose, cell, operator))

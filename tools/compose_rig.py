@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import yaml
 
@@ -20,11 +20,14 @@ from common.messages import MAY_MOVE, RobotState
 from common.requests import ArmRequest, Empty, ForceStartRequest, HoldRequest, MoveRequest
 from common.topics import HEALTH, TOPICS
 
+T = TypeVar("T")
+
 ROOT = Path(__file__).resolve().parents[1]
 PROJECT = "forcemesh-test"
 PRESS_N = 10.0
 STILL_RAD = 2e-3
 RETREAT_S = 30.0
+CHANCES = 3
 POLL_S = 0.01
 # The regulator learns a moment after the operator that the cell is armed; an arm comes to rest.
 NOT_YET = ("not_ready", "not_armed", "moving")
@@ -130,12 +133,27 @@ class Operator:
             time.sleep(POLL_S)
         return time.monotonic() - began_s
 
+    def at_home(self) -> None:
+        """Remember where the arm is: there it goes back to."""
+        self.until(self.arm, 30.0, "robot/state")
+        self._home = getattr(self.arm(), "joint_rad", None)
+
     def press(self) -> None:
-        """From rest in free space, press on the plate."""
+        """From rest in free space, press on the plate. A machine that is late gets more chances."""
+        self.try_again(self._press)
+
+    def try_again(self, what: Callable[[], T]) -> T:
+        """Do something that a hold may interrupt; go home and do it again if it was interrupted."""
+        for _ in range(CHANCES - 1):
+            try:
+                return what()
+            except (PromiseError, ForcemeshError) as error:
+                print(f"         once more: {error}", flush=True)
+                self.retreat()
+        return what()
+
+    def _press(self) -> None:
         self.clear()
-        arm = self.arm()
-        if self._home is None and arm is not None:
-            self._home = arm.joint_rad
         self._do(topics.ARM, ArmRequest())
         self._do(topics.FORCE_START, ForceStartRequest(mode="position", setpoint_N=PRESS_N))
         self.until(lambda: abs(self.force_N() - PRESS_N) < 1.0, 40.0, f"pressing with {PRESS_N} N")

@@ -168,7 +168,13 @@ def test_ci_runs_what_a_person_runs() -> None:
     text = script.read_text(encoding="utf-8")
     assert os.access(script, os.X_OK)
     assert "set -euo pipefail" in text
-    assert text.splitlines()[-4:] == ["make check", "make test", "make test-long", "make chaos"]
+    assert text.splitlines()[-5:] == [
+        "make check",
+        "make test",
+        "make test-long",
+        "make chaos",
+        "make compose-test ARGS=--optional",
+    ]
     assert run("bash", "-n", script).returncode == 0
 
 

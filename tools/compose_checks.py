@@ -16,6 +16,7 @@ from common import topics
 from common.bus import open_bus
 from common.cell import Cell
 from common.config import load_cell
+from common.messages import MAY_MOVE
 from common.topics import TOPICS
 from tools.attacks import ATTACKS
 from tools.compose_rig import (
@@ -184,6 +185,7 @@ def crashed(compose: Compose, name: str, operator: Operator) -> str:
     """A process that dies by itself is started anew by the engine, into IDLE and no further."""
     operator.press()
     run("docker", "exec", compose.id(name), "python", "-c", KILL_THE_SERVICE)
+    operator.until(lambda: operator.state() not in MAY_MOVE, HELD_S, "the hold")
     operator.rests(STEADY_S)
     operator.until(operator.all_well, 30.0, "all well again")
     operator.rests(STEADY_S)

@@ -14,10 +14,9 @@ from bench.force import settle
 from bench.force.page import page
 from bench.force.promises import Rows
 from bench.force.rig import World
-from bench.force.run import QUICK, TABLES, Extent
+from bench.force.run import QUICK, SHORT, TABLES, Extent
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
-COMMAND = 'make bench-force ARGS="--write"'
 TUNED_FOR = World(2e4, 10)
 
 
@@ -32,29 +31,35 @@ def fixed_taus(place: tuple[float, int]) -> float:
 def main() -> None:
     """Run, print, and write what is asked for."""
     parser = argparse.ArgumentParser(prog="python -m bench.force", description=__doc__)
-    parser.add_argument("--quick", action="store_true", help="a few scenes: about a minute")
+    extents = parser.add_mutually_exclusive_group()
+    extents.add_argument("--quick", action="store_true", help="a few scenes: about a minute")
+    extents.add_argument("--short", action="store_true", help="fewer places: a third of the time")
     parser.add_argument("--json", action="store_true", help="plain numbers on standard output")
     parser.add_argument("--write", action="store_true", help="docs/force.md and its pictures")
     parser.add_argument("--rows", type=Path, help="file to keep tables in; those in it are not run")
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
     asked = parser.parse_args()
+    extent, option = (QUICK, "--quick ") if asked.quick else (Extent(), "")
+    if asked.short:
+        extent, option = SHORT, "--short "
+    command = f'make bench-force ARGS="{option}--write"'
     with ProcessPoolExecutor(asked.workers) as pool:
         rows: Rows = {}
         if asked.rows is not None and asked.rows.exists():
             rows = json.loads(asked.rows.read_text(encoding="utf-8"))
         for name, table in TABLES.items():
             if name not in rows:
-                rows[name] = table(QUICK if asked.quick else Extent(), pool)
+                rows[name] = table(extent, pool)
                 if asked.rows is not None:
                     asked.rows.write_text(json.dumps(rows), encoding="utf-8")
         if asked.json:
             print(json.dumps(rows))
         else:
-            Console(width=160).print(Markdown(page(rows, COMMAND)))
+            Console(width=160).print(Markdown(page(rows, command)))
         if asked.write:
             from bench.force import pictures  # noqa: PLC0415 - matplotlib takes a second
 
-            (DOCS / "force.md").write_text(page(rows, COMMAND), encoding="utf-8")
+            (DOCS / "force.md").write_text(page(rows, command), encoding="utf-8")
             pictures.releases(DOCS / "pictures" / "force-releases.png")
             pictures.following(DOCS / "pictures" / "force-following.png")
             places = list(product(settle.STIFFNESSES_N_M, settle.DELAYS_MS))

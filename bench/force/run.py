@@ -36,6 +36,10 @@ class Extent:
     search_part: int = 1
 
 
+SHORT = Extent(
+    scene_worlds=(World(2e4, 10), World(1e5, 30)),
+    search_scenes=tuple(world for world in search.SCENES if world.delay_ms in {10, 30}),
+)
 QUICK = Extent(
     (5e3, 2e4, 1e5), (0, 30), (0.0,), (World(2e4, 10),), (World(5e3, 10), World(1e5, 10)), 5
 )

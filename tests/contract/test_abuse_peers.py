@@ -260,6 +260,7 @@ def test_a_pose_is_never_joined_to_joints_of_another_sample() -> None:
 
 @BEHAVIOURS
 @pytest.mark.parametrize("motion", ["goal", "stream", "feedback"])
+@pytest.mark.long
 def test_run_on_the_pendant_after_a_hold_moves_nothing(behaviour: Behaviour, motion: str) -> None:
     """Neither what HOLD interrupted nor what the gateway said meanwhile; a person arms first."""
     cell = HostileCell(behaviour)

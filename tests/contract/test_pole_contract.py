@@ -49,6 +49,7 @@ def assert_a_plain_turn(rig: Rig, T_pole: pin.SE3, axis: str) -> None:
 
 @pytest.mark.parametrize("axis", AXES)
 @pytest.mark.parametrize("a_deg", AT_POLE_DEG)
+@pytest.mark.long
 def test_moves_through_a_pole_turn_about_their_one_axis(rig: Rig, a_deg: int, axis: str) -> None:
     """To one side, through the pole to the other, back into it: one turn, in place, all the way."""
     T_pole = at_pole(rig, a_deg)

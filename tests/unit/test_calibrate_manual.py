@@ -138,6 +138,7 @@ def test_too_few_poses_do_not_end_it(lab):
     assert any("cannot carry a fit" in line for line in lab.notes.lines)
 
 
+@pytest.mark.long
 def test_poses_are_taken_by_themselves_when_still_and_new(lab):
     """--auto-capture: one pose for each attitude, none on the way, none twice."""
     verbs: list[object] = [verb for way in ways_of(lab, 4) for verb in (*way, 2.5)]

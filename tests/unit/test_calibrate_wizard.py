@@ -79,6 +79,7 @@ def test_a_clean_run_finds_the_payload_and_comes_home(tmp_path):
     assert lab.notes.lines == ["armed, lease 1", "the arm is back where it began"]
 
 
+@pytest.mark.long
 def test_a_cell_that_was_armed_stays_armed():
     """The wizard takes away no more than it has brought; a payload of zeros is no trouble."""
     lab = CalibrationLab(demo_cell(**QUICK, payload={"mass_kg": 0.0, "com_m": [0, 0, 0]}))
@@ -150,6 +151,7 @@ def test_contact_at_one_pose_is_left_out_of_the_fit(tmp_path):
     assert found.verdict.passed
 
 
+@pytest.mark.long
 def test_verification_fails_when_something_has_changed(tmp_path):
     """A cable that pulls with 1 N from the first fresh pose on: FAIL, with the numbers."""
     lab = CalibrationLab()
@@ -184,6 +186,7 @@ def test_ctrl_c_holds_the_arm_and_keeps_the_rows():
     assert_rests(lab)
 
 
+@pytest.mark.long
 def test_a_pose_that_the_robot_refuses_is_replaced(monkeypatch):
     """The robot's own check refuses one goal: it is told, and another pose is taken."""
     lab = CalibrationLab()

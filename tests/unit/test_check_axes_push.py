@@ -97,6 +97,7 @@ def test_who_follows_the_prompts_is_told_that_all_is_right(cell) -> None:
 
 
 @pytest.mark.parametrize("number", [7, 18])
+@pytest.mark.long
 def test_a_wrong_wiring_is_told_after_it_was_pushed_twice(cell, number) -> None:
     """What is not along the push is asked for once more, then believed."""
     person = Person(cell, SIGNED[number])
@@ -107,6 +108,7 @@ def test_a_wrong_wiring_is_told_after_it_was_pushed_twice(cell, number) -> None:
     assert len(wrong) >= 2
 
 
+@pytest.mark.long
 def test_who_misses_a_prompt_is_asked_again(cell) -> None:
     """Three seconds without a push is said; the next try counts."""
     person = Person(cell)
@@ -116,6 +118,7 @@ def test_who_misses_a_prompt_is_asked_again(cell) -> None:
     assert any("no push +x within 3 s" in note for note in person.notes)
 
 
+@pytest.mark.long
 def test_a_sensor_that_shows_no_push_is_told(cell) -> None:
     """In kgf a push of 10 N reads 1: below what counts as one."""
     person = Person(cell, SIGNED[0] / 9.80665)

@@ -259,6 +259,7 @@ def short_hold(talk: Talk) -> None:
     "act",
     [hold_and_run, teach_and_repeat, teach_lock, motors_off_and_on, emergency_stop, short_hold],
 )
+@pytest.mark.long
 def test_nothing_goes_on_after_the_pendant_stopped_it_also_not_by_run(
     behaviour: Behaviour, begin: Callable[[Behaviour], Talk], act: Callable[[Talk], None]
 ) -> None:

@@ -186,6 +186,7 @@ def test_all_48_wirings_of_the_force_axes(order: int) -> None:
 
 
 @pytest.mark.parametrize("oat_deg", [(0.0, 0.0, 0.0), (30.0, 90.0, 0.0), (30.0, 90.0, 90.0)])
+@pytest.mark.long
 def test_wirings_of_a_sensor_that_is_mounted_another_way(oat_deg) -> None:
     """Whichever of its axes lies along the tool: six signs and swaps."""
     mounting = {"position_m": [0.0, 0.0, 0.02], "oat_deg": oat_deg}

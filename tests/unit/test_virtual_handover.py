@@ -91,6 +91,7 @@ def test_a_person_takes_the_arm_from_a_program_which_then_hears_busy() -> None:
 
 
 @pytest.mark.parametrize("host", ["pc", "controller"])
+@pytest.mark.long
 def test_a_person_takes_the_arm_from_force_feedback_over_tcp(host: str) -> None:
     """Through the gateway and the controller's own program, wherever the regulator runs."""
     lab = Lab(TCP)

@@ -32,6 +32,7 @@ from tools.compose_rig import (
 HEALTHY_S = 60.0
 HELD_S = 0.35  # docs/reliability.md: at rest, real processes, deadlines of the demo
 STEADY_S = 2.0
+HARDER_N = 5.0
 
 Check = Callable[[Compose, Cell, Operator], str]
 
@@ -148,34 +149,32 @@ def full_disk(compose: Compose, _cell: Cell, operator: Operator) -> str:
 def broken(compose: Compose, how: str, name: str, operator: Operator) -> str:
     """Break one container while the arm presses: it holds in time, and no repair resumes motion."""
     operator.press()
-    container, blind = compose.id(name), name in {"hub", "robot-sim", "gateway"}
-    pressed_N = operator.force_N()
-    network = f"{PROJECT}_bus"
-    aliases = ["--alias", name]
+    container, pressed_N = compose.id(name), operator.force_N()
+    network = f"{PROJECT}_{'robot' if name == 'controller-sim' else 'bus'}"
     if how == "kill":
         run("docker", "kill", container)
     elif how == "pause":
         run("docker", "pause", container)
     else:
         run("docker", "network", "disconnect", network, container)
-    took = "not seen: the bus or the robot is gone"
-    if not blind:
-        held_s = operator.until(
-            lambda: (arm := operator.arm()) is not None and arm.hold_reason, HELD_S, "the hold"
-        )
-        took = f"held {1e3 * held_s:.0f} ms after the engine was done, at most"
-    time.sleep(1.0)
-    if how == "kill":  # the engine does not restart what a person has killed: a person does
-        compose("start", name)
-    elif how == "pause":
-        run("docker", "unpause", container)
-    else:
-        run("docker", "network", "connect", *aliases, network, container)
+    try:
+        took = "not seen: the bus is gone"
+        if name != "hub":
+            held_s = operator.until(lambda: operator.is_held(name), HELD_S, "the hold")
+            took = f"held {1e3 * held_s:.0f} ms after the engine was done, at most"
+        time.sleep(1.0)
+    finally:
+        if how == "kill":  # the engine does not restart what a person has killed: a person does
+            compose("start", name)
+        elif how == "pause":
+            run("docker", "unpause", container)
+        else:
+            run("docker", "network", "connect", "--alias", name, network, container)
     operator.rests(STEADY_S)
     operator.until(operator.all_well, 30.0, "all well again")
     operator.rests(STEADY_S)
     harder_N = operator.force_N() - pressed_N
-    if harder_N > 5.0:
+    if harder_N > HARDER_N:
         raise PromiseError(f"pressed harder by {harder_N:.1f} N")
     operator.retreat()
     return f"{took}; nothing moved after the repair"

@@ -29,8 +29,6 @@ STILL_RAD = 2e-3
 RETREAT_S = 30.0
 CHANCES = 3
 POLL_S = 0.01
-# The regulator learns a moment after the operator that the cell is armed; an arm comes to rest.
-NOT_YET = ("not_ready", "not_armed", "moving")
 
 
 class PromiseError(Exception):
@@ -191,6 +189,13 @@ class Operator:
                 raise PromiseError("it moves again without a person")
             time.sleep(POLL_S)
 
+    def is_held(self, broken: str) -> bool:
+        """Tell whether robot or arbiter say that the arm may not move, one of them being gone."""
+        arm, state = self.arm(), self.state()
+        if arm is not None and arm.hold_reason:
+            return True
+        return broken != "arbiter" and state != "" and state not in MAY_MOVE
+
     def all_well(self) -> bool:
         """Tell whether every role's health is fresh and names no fault."""
         healths = [self._read(topic.key) for topic in HEALTH.values()]
@@ -215,7 +220,7 @@ class Operator:
             reply = self._ask(request, message)
             if reply is not None and reply.accepted:
                 return
-            if time.monotonic() > give_up_s or (reply is not None and reply.code not in NOT_YET):
+            if time.monotonic() > give_up_s:  # whatever is in the way must pass by itself
                 raise PromiseError(f"{request.key}: {reply}")
             time.sleep(0.2)
 

@@ -10,6 +10,7 @@ namespace of its own, with a stand-in for the base image made from this machine'
 import argparse
 import os
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
@@ -49,6 +50,9 @@ def main() -> int:
     parser.add_argument("--profile", action="append", choices=tuple(CELLS), help="again for more")
     parser.add_argument("--optional", action="store_true", help="0 where no engine can be had")
     given = parser.parse_args()
+    # Whoever is ended on the way takes everything down all the same.
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: sys.exit(1))
     with tempfile.TemporaryDirectory(prefix="fm-") as scratch:
         if missing := what_is_missing():
             return not_tested(missing, optional=given.optional)

@@ -46,6 +46,8 @@ class CommandGate:
         command, header = reading.fresh, reading.header
         if command is None or header is None:
             return self._refuse(reading.fault, reading.code)
+        if reading.conflict:
+            return self._refuse("two processes write robot/command", "two_writers")
         if command.permission is None:
             return self._refuse(command.reason or "the arbiter holds", command.code or "hold")
         if reading.age_s > command.permission.deadline_s:

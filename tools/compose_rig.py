@@ -28,6 +28,7 @@ PRESS_N = 10.0
 STILL_RAD = 2e-3
 RETREAT_S = 30.0
 CHANCES = 3
+STEADY_S = 0.5  # a press has come to rest
 POLL_S = 0.01
 
 
@@ -154,7 +155,15 @@ class Operator:
         self.clear()
         self._do(topics.ARM, ArmRequest())
         self._do(topics.FORCE_START, ForceStartRequest(mode="position", setpoint_N=PRESS_N))
-        self.until(lambda: abs(self.force_N() - PRESS_N) < 1.0, 40.0, f"pressing with {PRESS_N} N")
+        steady_since_s = time.monotonic()
+
+        def is_steady() -> bool:
+            nonlocal steady_since_s
+            if abs(self.force_N() - PRESS_N) > 1.0:
+                steady_since_s = time.monotonic()
+            return time.monotonic() - steady_since_s > STEADY_S
+
+        self.until(is_steady, 40.0, f"pressing with {PRESS_N} N")
 
     def clear(self) -> None:
         """Come back to IDLE, as a person does, and wait until arming would be accepted."""

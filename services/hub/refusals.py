@@ -2,7 +2,7 @@
 
 Zenoh refuses in silence, and says why only on its most talkative level, a line for every message
 that passes. So its standard output goes to a file in memory, which the hub's own loop reads and
-empties: nobody ever waits for a line to be written, and a flood is not even written down.
+empties: nobody ever waits for a line to be written, and of a flood only the beginning is read.
 """
 
 import os
@@ -15,8 +15,9 @@ from dataclasses import dataclass, field
 from common.acl import SELF_TEST
 from common.clock import NS_PER_S
 
-MOST_AT_ONCE_B = 1_000_000  # of Zenoh's lines in one step; beyond that nothing is read for a while
-DEAF_NS = NS_PER_S
+MOST_AT_ONCE_B = (
+    256_000  # of Zenoh's lines in one step, twice what a busy cell makes; the rest is lost
+)
 TELL_EVERY_NS = NS_PER_S
 LONGEST_TOLD = 200
 MOST_SESSIONS = 1024  # remembered by name
@@ -119,7 +120,7 @@ class Refusals:
         self._waiting: Counter[tuple[str, str]] = Counter()
         self._file = -1
         self._rest = b""
-        self._deaf_until_ns = self._tell_ns = 0
+        self._tell_ns = 0
 
     def capture(self, known: frozenset[str]) -> None:
         """From now on take this process's standard output for Zenoh's log."""
@@ -134,10 +135,7 @@ class Refusals:
         """Read what Zenoh has said since, and tell what is due."""
         if self._file < 0:
             return
-        if now_ns < self._deaf_until_ns:
-            os.ftruncate(self._file, 0)
-        else:
-            self._read(now_ns)
+        self._read()
         if self._waiting and now_ns >= self._tell_ns:
             self._tell_ns = now_ns + TELL_EVERY_NS
             for (code, words), times in self._waiting.items():
@@ -145,7 +143,7 @@ class Refusals:
                 self._say(f"hub: refused {code}: {_clean(words)}{often}\n")
             self._waiting.clear()
 
-    def _read(self, now_ns: int) -> None:
+    def _read(self) -> None:
         size = os.fstat(self._file).st_size
         if size == 0:
             return
@@ -153,7 +151,7 @@ class Refusals:
         os.ftruncate(self._file, 0)  # what came in between is lost: a line now and then
         whole, _, self._rest = data.rpartition(b"\n")
         if size > MOST_AT_ONCE_B:
-            self._deaf_until_ns, self._rest = now_ns + DEAF_NS, b""
+            self._rest = b""  # what it goes on with was not read
         for cause in self._judge.causes(whole.split(b"\n")):
             if cause[1].endswith(f"/{SELF_TEST}"):  # each process tries that when it starts
                 continue

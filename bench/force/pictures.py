@@ -50,7 +50,7 @@ def map_of(rows: list[Row], fixed: dict[tuple[float, int], float], path: Path) -
         grid = np.array([[values.get((k, d), np.nan) for k in ks] for d in ds])
         pane.imshow(np.log10(grid), vmin=0.4, vmax=2.0, cmap="RdYlGn_r", aspect="auto")
         for i, j in np.ndindex(grid.shape):
-            text = f"{grid[i, j]:.1f}" if np.isfinite(grid[i, j]) else "not\nsettled"
+            text = f"{grid[i, j]:.1f}" if np.isfinite(grid[i, j]) else "leaves\nor swings"
             pane.text(j, i, text, ha="center", va="center", fontsize=8)
         pane.set(title=f"{title}: settling in tau", xlabel="stiffness [N/m]")
         pane.set_ylabel("delay [ms]")

@@ -8,7 +8,7 @@ import pinocchio as pin
 from common.cell import Cell
 from common.convert import vec3
 from common.frames import Array, rotation_between
-from common.messages import Gains
+from common.messages import Gains, WrenchAtTcp
 from common.requests import ForceStartRequest
 from services.regulator import adaptive
 from services.regulator.adaptive import Adaptive, AdaptiveSettings
@@ -54,6 +54,13 @@ def met(memory: Adaptive | None) -> Met | None:
     if memory is None or memory.free_s > 0.0 or not memory.stiffness.known[2]:
         return None
     return Met(memory.stiffness.k, memory.T_measured)
+
+
+def kept(before: Met | None, wrench: WrenchAtTcp | None, tools: LawTools) -> Met | None:
+    """Return what is still known while nobody controls: nothing, once it is not touched."""
+    if before is None or wrench is None:
+        return None
+    return before if np.linalg.norm(wrench.force_N) > tools.adaptive.touch_N else None
 
 
 def masked(sample: LawInput, wanted: ForceStartRequest, R_base_tcp: Array) -> LawInput:

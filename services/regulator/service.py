@@ -28,6 +28,7 @@ from services.regulator.control import (
     Met,
     control,
     controller_gains,
+    kept,
     masked,
     met,
     ramped,
@@ -82,6 +83,7 @@ class Regulator:
     def _propose(self, wrench: Reading[WrenchAtTcp], robot: Reading[RobotState]) -> RegulatorTarget:
         session = self._session
         if session is None:
+            self._met = kept(self._met, wrench.fresh, self._tools)
             return RegulatorTarget(valid=False, reason=self._stop_reason)
         wanted = session.wanted
         failure = session.failure or failure_of(wrench) or failure_of(robot)

@@ -120,10 +120,10 @@ def test_every_pair_of_modes_hosts_and_laws_goes_over_without_a_bump(first) -> N
     assert max(bench.steps_rad, default=0.0) <= MOST_RAD
 
 
-def test_what_was_met_holds_after_a_stop_and_a_start_and_not_elsewhere() -> None:
-    """Started again where it touched, the law goes on with what it knew; elsewhere anew."""
+def test_what_was_met_holds_after_a_stop_and_a_start_as_long_as_it_touches_there() -> None:
+    """Started again, the law goes on with what it knew; elsewhere or after a lift anew."""
     speeds = []
-    for elsewhere in (False, True):
+    for meanwhile in ("touches", "moved", "lifted"):
         bench = Obedient()
         adaptive = ("start", ("position", "pc", "adaptive", 10.0, (True,) * 6, "base"))
         bench.push((0.0, 0.0, 3.0))
@@ -133,10 +133,11 @@ def test_what_was_met_holds_after_a_stop_and_a_start_and_not_elsewhere() -> None
             bench.push((0.0, 0.0, 3.0 - 3e3 * float((bench.poses[-1].translation - p)[2])))
             bench.live(1)
         bench.do("stop", None)
-        if elsewhere:
+        if meanwhile == "moved":
             x, y, z = bench.robot.position_m
             bench.robot = bench.robot.model_copy(update={"position_m": (x + 0.01, y, z)})
             bench.poses.append(pose_of(bench.robot) * T_FLANGE_TCP)
+        bench.push((0.0, 0.0, 0.2 if meanwhile == "lifted" else 10.0))
         bench.live(3)
         bench.push((0.0, 0.0, 4.0))
         bench.do("start", ("position", "pc", "adaptive", 0.0, (True,) * 6, "base"))
@@ -144,6 +145,7 @@ def test_what_was_met_holds_after_a_stop_and_a_start_and_not_elsewhere() -> None
         a, b = list(pairwise(bench.poses))[-1]
         speeds.append(float((b.translation - a.translation)[2]) / PERIOD_S)
     assert speeds[0] > 1.5 * speeds[1] > 0.0
+    assert speeds[2] == pytest.approx(speeds[1], rel=0.05)
 
 
 def test_the_controller_is_sent_gains_for_what_is_touched() -> None:

@@ -30,7 +30,7 @@ from common.clock import MonotonicClock
 from common.codec import Header, decode, encode
 from common.config import load_cell
 from common.endpoints import Bus
-from common.messages import Goal, Message, Permission, RobotCommand, RobotState
+from common.messages import Goal, Permission, RobotCommand, RobotState
 from common.pki import (
     copy_certificate,
     make_authority,
@@ -43,6 +43,7 @@ from common.tls import AUTHORITY, Identity, folder_of
 
 SECONDS = 1.0  # of each attack
 EVERY_S = 0.02
+TRIES = 3  # to connect
 MOVED_RAD = 1e-3
 STOLEN_LEASE = 1_000_000
 OWN_MOVE_RAD = (0.05, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -69,9 +70,8 @@ class Outcome:
 class Scene:
     """A cell at rest, watched by a monitor."""
 
-    def __init__(self, cell: Cell, folder: Path, monitor: zenoh.Session) -> None:
+    def __init__(self, cell: Cell, monitor: zenoh.Session) -> None:
         """Watch the arm and everything that is said to it."""
-        self.cell, self.folder = cell, folder
         self.commands: list[bytes] = []
         self.joints: list[tuple[float, ...]] = []
         self.key = f"{cell.cell}/{topics.ROBOT_COMMAND.key}"
@@ -90,17 +90,12 @@ class Scene:
             permission=Permission(host="pc", lease=STOLEN_LEASE, deadline_s=0.1, turn=1),
             goal=Goal(id=STOLEN_LEASE, kind="by", joint_rad=(0.1, 0.0, 0.0, 0.0, 0.0, 0.0)),
         )
-        return encode(self._header(number, self.epoch), command)
-
-    def _header(self, number: int, epoch: int) -> Header:
-        clock = MonotonicClock()
-        return Header(
-            seq=number,
-            epoch=epoch,
-            boot=clock.boot,
-            stamp_ns=clock.now_ns(),
-            topic=topics.ROBOT_COMMAND.key,
+        clock, topic = MonotonicClock(), topics.ROBOT_COMMAND.key
+        stamp_ns = clock.now_ns()
+        header = Header(
+            seq=number, epoch=self.epoch, boot=clock.boot, stamp_ns=stamp_ns, topic=topic
         )
+        return encode(header, command)
 
     def _hear(self, sample: zenoh.Sample) -> None:
         data = sample.payload.to_bytes()
@@ -174,8 +169,9 @@ def attack_all(cell: Cell, folder: Path) -> Iterator[Outcome]:
         stranger, foreign = Path(scratch, "stranger"), Path(scratch, "foreign")
         _make_strangers(cell, folder, stranger, foreign)
         who = {"stranger": Identity("stranger", stranger), "foreign": Identity("arbiter", foreign)}
-        with _session(client_settings(endpoint, "monitor", _shown(folder, "monitor"))) as monitor:
-            scene = Scene(cell, folder, monitor)
+        watching = client_settings(endpoint, "monitor", Identity("monitor", folder).settings())
+        with _session(watching) as monitor:
+            scene = Scene(cell, monitor)
             with open_bus(cell, topics.CLIENT) as bus:
                 _move_a_little(bus, scene)
             for attack in ATTACKS:
@@ -208,10 +204,6 @@ def _settings(shown: str, identity: Identity, endpoint: str) -> dict[str, object
         security = {"root_ca_certificate": str(identity.authority)}
         return client_settings(endpoint, shown, security)
     return client_settings(endpoint, shown, identity.settings())
-
-
-def _shown(folder: Path, name: str) -> dict[str, object]:
-    return Identity(name, folder).settings()
 
 
 def _make_strangers(cell: Cell, folder: Path, stranger: Path, foreign: Path) -> None:
@@ -249,8 +241,7 @@ def _move_a_little(bus: Bus, scene: Scene) -> None:
 
 
 def _permits(data: bytes) -> bool:
-    message: Message = decode(data, RobotCommand, topics.ROBOT_COMMAND.key)[1]
-    return isinstance(message, RobotCommand) and message.permission is not None
+    return decode(data, RobotCommand, topics.ROBOT_COMMAND.key)[1].permission is not None
 
 
 def _again(say: Callable[[int], object]) -> None:
@@ -261,9 +252,18 @@ def _again(say: Callable[[int], object]) -> None:
         time.sleep(EVERY_S)
 
 
+def _opened(config: zenoh.Config, tries: int) -> zenoh.Session:
+    try:
+        return zenoh.open(config)
+    except zenoh.ZError:
+        if tries == 1:
+            raise
+        return _opened(config, tries - 1)  # a busy machine misses one now and then
+
+
 @contextmanager
 def _session(settings: dict[str, object]) -> Iterator[zenoh.Session]:
-    session = zenoh.open(zenoh.Config.from_json5(json.dumps(settings)))
+    session = _opened(zenoh.Config.from_json5(json.dumps(settings)), TRIES)
     try:
         yield session
     finally:

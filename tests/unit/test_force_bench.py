@@ -1,5 +1,7 @@
 """The force benchmark's scenes as a guard: what the adaptive law promises on a few of them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,7 +11,7 @@ from bench.force.page import page
 from bench.force.peers import Admittance, Fdcc
 from bench.force.promises import promises
 from bench.force.rig import Heard, Rig, World
-from bench.force.run import release_row, scene_row
+from bench.force.run import Extent, release_row, scene_jobs, scene_row
 
 PLACES = [(5e3, 10), (2e4, 0), (2e4, 30), (1e5, 60)]
 
@@ -59,6 +61,15 @@ def test_a_surface_is_followed() -> None:
 def test_a_wall_that_vanishes_is_not_run_after() -> None:
     """At 50 mm/s at most three millimetres."""
     assert scenes.vanish(World(5e3, 10, speed_m_s=0.05), scenes.adaptive)["travel_mm"] <= 3.0
+
+
+def test_a_plate_ten_times_softer_can_be_had_in_every_scene_that_needs_it() -> None:
+    """A world that the simulated cell refuses would end the whole benchmark."""
+    jobs = scene_jobs(Extent())
+    softer = [world for scene, _, world in jobs if scene == "ten times stiffer"]
+    assert softer
+    for world in softer:
+        replace(world, stiffness_N_m=world.stiffness_N_m / 10.0).cell()
 
 
 # --- the bench itself -----------------------------------------------------------------------------

@@ -12,11 +12,12 @@ from collections import Counter
 from dataclasses import dataclass, field
 from math import hypot, radians
 from pathlib import Path as File
+from unittest.mock import patch
 
 import numpy as np
 import pinocchio as pin
 
-from common import topics
+from common import reader, topics
 from common.cell import Cell
 from common.clock import NS_PER_S, ManualClock
 from common.config import load_cell
@@ -221,11 +222,16 @@ def lease_of(verdict: Verdict) -> tuple[int, int] | None:
 
 
 def fuzz(robot: str, messages: int, seed: int, *, say: bool = False) -> Table:
-    """Fuzz one robot in blocks; return what came of it."""
+    """Fuzz one robot in blocks; return what came of it.
+
+    Whoever takes another writer's name again and again holds the arm by that alone (`two_writers`).
+    Here that is left out, so that the limits themselves are tried.
+    """
     table, began_s = Table(), time.monotonic()
     while table.messages < messages:
         block = min(BLOCK, messages - table.messages)
-        table.add(World(robot, seed).run(block))
+        with patch.object(reader, "CONFLICT_S", 0.0):
+            table.add(World(robot, seed).run(block))
         seed += 1
         if say and seed % 10 == 0:
             rate = table.messages / (time.monotonic() - began_s)

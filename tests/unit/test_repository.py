@@ -163,18 +163,17 @@ def test_setup_without_any_python_says_so(bare: Path) -> None:
 
 
 def test_ci_runs_what_a_person_runs() -> None:
-    """CI has no checks of its own: it calls make, and any failure ends it."""
+    """CI has no checks of its own: it calls make, and any failure ends it.
+
+    But for that of the containers, which is last and says so: it was not seen there yet.
+    """
     script = ROOT / ".ci" / "run"
     text = script.read_text(encoding="utf-8")
     assert os.access(script, os.X_OK)
     assert "set -euo pipefail" in text
-    assert text.splitlines()[-5:] == [
-        "make check",
-        "make test",
-        "make test-long",
-        "make chaos",
-        "make compose-test ARGS=--optional",
-    ]
+    calls = [line for line in text.splitlines() if line.startswith("make ")]
+    assert calls[:-1] == ["make check", "make test", "make test-long", "make chaos"]
+    assert calls[-1].startswith("make compose-test ARGS=--optional || echo")
     assert run("bash", "-n", script).returncode == 0
 
 

@@ -33,7 +33,6 @@ WITHIN_S = 30.0  # for each push
 TRIES = 3
 REST_S = 0.3
 ALIKE = 0.9  # cosine
-ARMED = ("ARMED", "SETTLING", "ACTIVE", "STOPPING")
 FULL = {"push": 10.0, "twist": 0.5}  # of the bar: N, N m
 PROMPTS = {
     ("+x", "push"): "push the tip of the tool along +x of the base with about 10 N, then let go",
@@ -132,7 +131,7 @@ class PushTest:
 
     def _refuse_armed(self) -> None:
         status = self._arbiter.read(self._clock.now_ns()).fresh
-        if status is not None and status.state in ARMED:
+        if status is not None and status.may_move:
             raise CalibrationError(
                 f"the arm is {status.state}, and a person's hands are to be on it: "
                 "`forcemesh hold` and `forcemesh clear` first"

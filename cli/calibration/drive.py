@@ -22,7 +22,6 @@ AFTERWARDS_S = 0.3  # so long the arbiter may take to say why a goal has ended
 TAKEN_S = 0.5  # so long it must have named another goal, or none, before it is believed
 SLOWEST = 4.0  # times the expected duration, and the seconds more, that a way may take
 SLOWEST_S = 15.0
-MAY_MOVE = ("ARMED", "SETTLING", "ACTIVE")
 PASSING = ("not_ready", "moving", "wait", "busy")  # refusals that time mends
 OF_THE_POSE = ("joint", "workspace", "tether", "goal_refused")  # refusals that another pose mends
 
@@ -116,7 +115,7 @@ class Drive:
     def check(self) -> None:
         """Raise StoppedError, in the arbiter's words, when the arm was stopped."""
         reading = self._arbiter.read(self._clock.now_ns())
-        if reading.fresh is not None and reading.fresh.state not in MAY_MOVE:
+        if reading.fresh is not None and not reading.fresh.goes_on:
             raise StoppedError(_why(reading.fresh))
         if reading.silent and reading.message is not None:
             raise CalibrationError(f"the arbiter is not heard: {reading.fault}")

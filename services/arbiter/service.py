@@ -1,10 +1,14 @@
 """The arbiter on the bus: every input in, permission and command out."""
 
+from collections.abc import Iterator
+from typing import Any
+
 from common import topics
 from common.cell import Cell
 from common.clock import NS_PER_S
-from common.endpoints import Bus
+from common.endpoints import Bus, Incoming
 from common.messages import ArbiterState, Trip
+from common.requests import Reply
 from services.arbiter.core import Arbiter
 from services.arbiter.inputs import Inputs
 from services.arbiter.watch import Watch
@@ -43,7 +47,7 @@ class ArbiterService:
         return {"target_superseded": self._target.counters.superseded}
 
     def step(self, now_ns: int) -> None:
-        """Serve requests, judge, publish command and status."""
+        """Serve requests, judge, publish command and status, answer."""
         seen = Inputs(
             now_ns=now_ns,
             robot=self._robot.read(now_ns),
@@ -53,22 +57,25 @@ class ArbiterService:
             health={role: reader.read(now_ns) for role, reader in self._health.items()},
         )
         inputs = self._watch.see(seen)
-        self._serve(inputs)
+        answers = list(self._serve(inputs))
         self._command.put(self._core.tick(inputs), inputs.target.origin)
         self._report(now_ns)
+        # Last, so that whoever is told "armed" and asks the next service finds the status there.
+        for asked, reply in answers:
+            asked.reply(reply)
 
-    def _serve(self, inputs: Inputs) -> None:
+    def _serve(self, inputs: Inputs) -> Iterator[tuple[Incoming[Any], Reply]]:
         for clear in self._clears.take_all():
-            clear.reply(self._core.clear(inputs))
+            yield clear, self._core.clear(inputs)
         for arm in self._arms.take_all():
-            arm.reply(self._core.arm(inputs, arm.request.purpose))
+            yield arm, self._core.arm(inputs, arm.request.purpose)
         for speed in self._speeds.take_all():
-            speed.reply(self._core.set_speed(speed.request))
+            yield speed, self._core.set_speed(speed.request)
         for move in self._moves.take_all():
-            move.reply(self._core.move(move.request, inputs))
+            yield move, self._core.move(move.request, inputs)
         # Last, so that nothing which came in the same period undoes it.
         for hold in self._holds.take_all():
-            hold.reply(self._core.hold(hold.request.reason))
+            yield hold, self._core.hold(hold.request.reason)
 
     def _report(self, now_ns: int) -> None:
         """Publish the status at its rate, and at once when the state or a cause changes."""

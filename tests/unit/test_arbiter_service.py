@@ -3,16 +3,18 @@
 import pytest
 
 from common import topics
+from common.codec import encode_record
 from common.config import cell_hash
 from common.endpoints import Origin
 from common.memory import MemoryCall
 from common.messages import (
+    ArbiterState,
     Health,
     RegulatorTarget,
     Speed,
     WrenchAtTcp,
 )
-from common.requests import Empty, HoldRequest, MoveRequest
+from common.requests import ArmRequest, Empty, HoldRequest, MoveRequest
 from common.version import forcemesh_version
 from tests.fakes.arbiter_world import MOVE_DOWN, good_messages, shifted
 from tests.fakes.bench import CELL
@@ -119,6 +121,25 @@ def test_a_request_that_is_no_request_is_refused_and_stops_nothing(cell: Cellmat
     assert call.reply is not None
     assert b"malformed" in call.reply
     assert cell.said().permission is not None
+
+
+def test_whoever_is_answered_finds_the_status_that_says_so(cell: Cellmates) -> None:
+    """Arming, then asking for force at once, was refused: the answer had overtaken the status."""
+    seen: list[ArbiterState] = []
+    requests = ((topics.ARM, ArmRequest()), (topics.HOLD, HoldRequest(reason="coffee")))
+
+    class Watching(MemoryCall):
+        def answer(self, data: bytes) -> None:
+            """Look at the status at the moment of the answer."""
+            MemoryCall.answer(self, data)
+            seen.append(cell.newest(topics.ARBITER_STATUS).state)
+
+    cell.pass_s(1.1)
+    for request, message in requests:
+        waiting = cell.transport.serve(f"{CELL.cell}/{request.key}").waiting
+        waiting.append(Watching(encode_record(message)))
+        cell.step()
+    assert seen == ["ARMED", "HOLDING"]
 
 
 def test_a_regulator_is_let_through_with_its_own_poses(cell: Cellmates) -> None:

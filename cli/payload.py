@@ -47,12 +47,17 @@ def fit(
         from cli.payload_tables import print_fit
         from common.payload import save
         from services.wrench.identification import identify_recording
+        from services.wrench.installation import judge_recording
+        from services.wrench.installation_terms import Belief
         from services.wrench.recording import read_recording
         from services.wrench.report import fit_report
 
         data = read_recording(recording)
         axes, found, reason = identify_recording(data, named_axes(wrench_axes))
         report = fit_report(data, axes, found)
+        # Some wrong axes have a payload that explains them: the residual alone does not tell.
+        if (complaint := judge_recording(data, axes, Belief())[1].complaint) is not None:
+            report["warnings"].append(complaint)
         if out is not None:
             save(found.payload, out)
     if reason:

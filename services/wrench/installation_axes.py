@@ -148,7 +148,8 @@ def turned_finding(Q: Array, belief: Belief, *, shown: bool) -> Finding:
         shown: Whether the torques are known to be turned alike.
     """
     channels = wrong_channels(nearest_wiring(Q), "F")
-    text = f"the sensor is turned by {turn_words(Q.T)} from what the cell file says"
+    believed = "the recorded attitudes say" if belief.oat_deg is None else "the cell file says"
+    text = f"the sensor is turned by {turn_words(Q.T)} from what {believed}"
     if channels:
         text += f" ({channels}{', and the torques alike' if shown else ''})"
     if belief.R_flange_sensor is None:

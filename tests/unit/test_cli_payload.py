@@ -14,11 +14,12 @@ from common.frames import quaternion_from_R, rotation_from_vector
 from common.payload import Drift, Payload, load, predict
 from services.wrench.recording import COLUMNS
 
+EYE = np.eye(3)
 TRUTH = Payload(1.5, (0.02, -0.012, 0.085), (1.0, -2.0, 3.0), (0.1, 0.2, -0.3))
 
 
 def write_recording(
-    path, *, axes="sensor", poses=10, seed=0, payload=TRUTH, spread=3.0, start_s=0.0
+    path, *, axes="sensor", poses=10, seed=0, payload=TRUTH, spread=3.0, start_s=0.0, wired=EYE
 ):
     """Write a noisy recording of random attitudes and return its path."""
     rng = np.random.default_rng(seed)
@@ -33,7 +34,8 @@ def write_recording(
             change = payload.drift.since_end(np.array([time_s]))
             force, torque = force + change[0][0], torque + change[1][0]
         turn = R if axes == "base" else np.eye(3)
-        row = [time_s, 0.5, 0.0, 0.6, *quaternion_from_R(R), *(turn @ force), *(turn @ torque)]
+        seen = [*(turn @ wired @ force), *(turn @ wired @ torque)]
+        row = [time_s, 0.5, 0.0, 0.6, *quaternion_from_R(R), *seen]
         lines.append(",".join(repr(float(v)) for v in row))
     path.write_text("\n".join(lines) + "\n")
     return path
@@ -82,6 +84,18 @@ def test_fit_in_the_wrong_axes_warns_and_names_the_flag(tmp_path):
     assert json.loads(result.stdout)["wrench_axes"] == "sensor"
     assert "warning: rms residual" in result.stderr
     assert "use --wrench-axes base" in result.stderr
+
+
+def test_fit_warns_of_a_sensor_whose_axes_are_not_those_of_the_poses(tmp_path):
+    """Turned, and mirrored: said, whatever residual the fit leaves; not said of a right one."""
+    mirrored, turned = np.diag([-1.0, 1.0, 1.0]), np.array([[0.0, 1, 0], [-1, 0, 0], [0, 0, 1]])
+    for wired, said in ((mirrored, "gravity points up"), (turned, "turned by 90 degrees about z")):
+        bad = run("fit", write_recording(tmp_path / "a.csv", wired=wired), "--wrench-axes=sensor")
+        assert bad.exit_code == 0
+        assert "warning: " in bad.stderr
+        assert said in bad.stderr
+    good = run("fit", write_recording(tmp_path / "b.csv"), "--wrench-axes=sensor")
+    assert good.stderr == ""
 
 
 def test_a_fitted_payload_explains_another_recording(tmp_path):

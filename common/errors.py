@@ -4,9 +4,13 @@ ForcemeshError
 ├── ConfigError            a cell file is wrong; lists every mistake at once
 ├── DataError              a recording or calibration file is wrong; names file, line, column
 ├── BusError               the hub cannot be reached, or a topic is used against the table
+│   └── LostError              a service or the whole cell is not heard; says which
 ├── MessageError           bytes from the bus are not the message that the table promises
 │   └── MisroutedError         they were written for another topic or request
-├── RefusedError           a request was refused; carries code, number and limit
+├── RefusedError           a request was refused; carries code, remedy, number and limit
+├── ArmStoppedError        the arm was stopped while somebody waited; carries code and remedy
+├── NotReachedError        what was waited for did not come about in time
+├── NotValidError          a service says that it cannot answer; carries code and remedy
 ├── SimulationError        the physics diverged or was asked the impossible
 └── ProtocolError          the dialogue with the controller is broken
     ├── LocalProtocolError     we were about to break it; nothing has been sent
@@ -39,6 +43,15 @@ class BusError(ForcemeshError):
     """The bus cannot be used, or is used against the table of topics."""
 
 
+class LostError(BusError):
+    """A service that is needed, or the whole cell, is not heard any more. `roles` says which."""
+
+    def __init__(self, text: str, roles: tuple[str, ...] = ()) -> None:
+        """Keep the silent roles for programs, the text for people."""
+        self.roles = roles
+        super().__init__(text)
+
+
 class MessageError(ForcemeshError):
     """Bytes from the bus do not decode into the message of their topic.
 
@@ -58,10 +71,47 @@ class MisroutedError(MessageError):
 class RefusedError(ForcemeshError):
     """A request was refused by the service that serves it."""
 
-    def __init__(self, code: str, text: str) -> None:
-        """Keep the code for programs, the text for people."""
-        self.code = code
-        super().__init__(text)
+    def __init__(
+        self,
+        code: str,
+        text: str,
+        *,
+        remedy: str = "",
+        value: float | None = None,
+        limit: float | None = None,
+    ) -> None:
+        """Keep the code for programs, text and remedy for people, the number that was too much."""
+        self.code, self.text, self.remedy = code, text, remedy
+        self.value, self.limit = value, limit
+        numbers = [
+            f"{name} {number:.6g}"
+            for name, number in (("value", value), ("limit", limit))
+            if number is not None
+        ]
+        found = f"{text} [{', '.join(numbers)}]" if numbers else text
+        super().__init__(f"{found} -> {remedy}" if remedy else found)
+
+
+class ArmStoppedError(ForcemeshError):
+    """The arm was stopped while somebody waited for what it was doing."""
+
+    def __init__(self, code: str, text: str, remedy: str = "") -> None:
+        """Keep the code for programs, text and remedy for people."""
+        self.code, self.remedy = code, remedy
+        super().__init__(f"{text} -> {remedy}" if remedy else text)
+
+
+class NotReachedError(ForcemeshError):
+    """What was waited for did not come about in time, or ended before."""
+
+
+class NotValidError(ForcemeshError):
+    """A service is heard, and says that it cannot answer."""
+
+    def __init__(self, code: str, text: str, remedy: str = "") -> None:
+        """Keep the code for programs, text and remedy for people."""
+        self.code, self.remedy = code, remedy
+        super().__init__(f"{text} -> {remedy}" if remedy else text)
 
 
 class SimulationError(ForcemeshError):

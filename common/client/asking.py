@@ -1,0 +1,57 @@
+"""The one way to ask a cell for something: an answer, or an exception that says what to do."""
+
+from typing import TypeVar
+
+from common.clock import NS_PER_S
+from common.endpoints import Bus
+from common.errors import ArmStoppedError, RefusedError
+from common.faults import FAULTS
+from common.messages import ArbiterStatus, Record
+from common.requests import Reply
+from common.topics import Request
+
+Q = TypeVar("Q", bound=Record)
+
+ANSWER_S = 2.0
+AGAIN_S = 0.1
+PASSING = ("not_ready", "moving", "wait")  # refusals that time alone mends
+
+
+def ask(bus: Bus, request: Request[Q], message: Q, timeout_s: float = ANSWER_S) -> Reply:
+    """Ask once.
+
+    Raises:
+        RefusedError: The service refuses: code, text, remedy.
+        BusError: Nobody answers within `timeout_s`.
+    """
+    reply = bus.ask(request, message, timeout_s)
+    if reply.accepted:
+        return reply
+    remedy = remedy_of(reply.code)
+    raise RefusedError(reply.code, reply.text, remedy=remedy, value=reply.value, limit=reply.limit)
+
+
+def ask_until(bus: Bus, request: Request[Q], message: Q, within_s: float) -> Reply:
+    """Ask as `ask`, and again, at most so long, while the refusal is one that time alone mends."""
+    give_up_ns = bus.clock.now_ns() + round(within_s * NS_PER_S)
+    while True:
+        try:
+            return ask(bus, request, message)
+        except RefusedError as error:
+            if error.code not in PASSING or bus.clock.now_ns() >= give_up_ns:
+                raise
+        bus.clock.sleep_s(AGAIN_S)
+
+
+def stopped(status: ArbiterStatus, what: str) -> ArmStoppedError:
+    """Return the exception of an arm that may not go on: what ended, and why."""
+    why = "; ".join(trip.text for trip in status.trips) or "no reason given"
+    code = status.trips[-1].code if status.trips else "hold"
+    text = f"{what}: the arbiter is {status.state}: {why}"
+    return ArmStoppedError(code, text, remedy_of(code))
+
+
+def remedy_of(code: str) -> str:
+    """Return what a person should do about a code, empty when the code is no row of the table."""
+    row = FAULTS.get(code)
+    return "" if row is None else row.remedy

@@ -1,0 +1,212 @@
+"""A cell as a program sees it: short verbs that wait until they are done, and what is heard."""
+
+from collections.abc import Callable
+from contextlib import ExitStack
+from pathlib import Path
+from types import TracebackType
+from typing import Any, TypeVar
+
+from common import topics
+from common.bus import open_bus
+from common.calibration import CalibrationSection
+from common.cell import Cell as CellFile
+from common.client.asking import stopped
+from common.client.feed import Feed
+from common.client.force import Force
+from common.client.moves import Moves
+from common.client.session import Session
+from common.clock import NS_PER_S
+from common.config import load_cell
+from common.endpoints import Bus
+from common.errors import NotReachedError
+from common.messages import (
+    ArbiterStatus,
+    Asker,
+    Health,
+    Message,
+    Purpose,
+    Record,
+    RegulatorTarget,
+    RobotCommand,
+    RobotState,
+    SensorWrench,
+    Speed,
+    WrenchAtTcp,
+)
+from common.requests import ArmRequest, CalibrationRequest, Empty, HoldRequest, Reply
+from common.topics import CLIENT, Request, Topic
+
+M = TypeVar("M", bound=Message)
+Q = TypeVar("Q", bound=Record)
+
+READY_WITHIN_S = 5.0  # the preflight wants a second of good inputs and rest
+SHOWN_WITHIN_S = 1.0  # so long what was granted may take to show in arbiter/status
+POLL_S = 0.01
+
+
+class Cell:
+    """One cell that is up. Every method may be called from any thread.
+
+    Feeds, each a `Feed`: call it for the newest message, iterate for each one.
+    """
+
+    def __init__(
+        self,
+        cell: Path | str | CellFile,
+        *,
+        commander: Asker = "program",
+        patience_s: float = 1.0,
+        bus: Bus | None = None,
+    ) -> None:
+        """Connect.
+
+        Args:
+            cell: The cell file, or what was read from it.
+            commander: Who asks for motion: a person (`operator`) takes the arm from a program.
+            patience_s: Longest wait for the hub [s].
+            bus: A client's bus that is open already, in virtual time for instance.
+
+        Raises:
+            ConfigError: The cell file is wrong.
+            BusError: No hub answers: the cell is not up.
+        """
+        self.config = cell if isinstance(cell, CellFile) else load_cell(cell)
+        self._exits = ExitStack()
+        if bus is None:
+            bus = self._exits.enter_context(open_bus(self.config, CLIENT, patience_s=patience_s))
+        self.session = session = Session(bus, self.config, commander)
+        self.state: Feed[RobotState] = session.feed(topics.ROBOT_STATE)
+        self.wrench: Feed[WrenchAtTcp] = session.feed(topics.WRENCH)
+        self.sensor: Feed[SensorWrench] = session.feed(topics.SENSOR_WRENCH)
+        self.status: Feed[ArbiterStatus] = session.feed(topics.ARBITER_STATUS)
+        self.target: Feed[RegulatorTarget] = session.feed(topics.REGULATOR_TARGET)
+        self.command: Feed[RobotCommand] = session.feed(topics.ROBOT_COMMAND)
+        self.move = Moves(session)
+        self.jog = self.move.jog
+        self.force = Force(session)
+
+    def __enter__(self) -> "Cell":
+        """Be closed at the end."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Close; the arm goes on with what it was told last."""
+        self.close()
+
+    def close(self) -> None:
+        """Leave the bus."""
+        self._exits.close()
+
+    # --- who may move -----------------------------------------------------------------------------
+
+    def arm(self, purpose: Purpose = "all", *, within_s: float = READY_WITHIN_S) -> Reply:
+        """Let motion begin, after the preflight; for `jog` moves alone, in contact as well.
+
+        Raises:
+            RefusedError: The preflight found something that `within_s` did not mend.
+            ArmStoppedError: The arm was stopped again at once.
+        """
+        reply = self.ask(topics.ARM, ArmRequest(purpose=purpose), within_s=within_s)
+        if not self._shows(lambda status: status.goes_on):
+            raise stopped(self.status(), "arming was granted, but")
+        return reply
+
+    def hold(self, reason: str = "asked to hold") -> Reply:
+        """Stop the motion and hold, whoever commands. This is not a safety function."""
+        return self.ask(topics.HOLD, HoldRequest(reason=reason[:400]))
+
+    def clear(self) -> Reply:
+        """Acknowledge a hold or a fault; arming is the next step."""
+        reply = self.ask(topics.CLEAR, Empty())
+        self._shows(lambda status: status.state not in ("HOLDING", "FAULT"))
+        return reply
+
+    # --- settings ---------------------------------------------------------------------------------
+
+    def speed(
+        self,
+        *,
+        mechanical_m_s: float | None = None,
+        modular_fraction: float | None = None,
+        accel_fraction: float | None = None,
+        decel_fraction: float | None = None,
+    ) -> Speed:
+        """Set the speeds of the moves to come and return them; what is left out keeps its value."""
+        update = {
+            "mechanical_m_s": mechanical_m_s,
+            "modular_fraction": modular_fraction,
+            "accel_fraction": accel_fraction,
+            "decel_fraction": decel_fraction,
+        }
+        changes = {name: value for name, value in update.items() if value is not None}
+        now = self.command().speed
+        if not changes:
+            return now
+        wanted = Speed.model_validate({**now.model_dump(), **changes})
+        self.ask(topics.SPEED, wanted)
+        return wanted
+
+    def tare(self, *, within_s: float = 2.0) -> Reply:
+        """Take the present reading as zero force; refused in motion or contact."""
+        return self.ask(topics.TARE, Empty(), within_s=within_s)
+
+    def calibrate(self, calibration: CalibrationSection, *, within_s: float = 3.0) -> Reply:
+        """Use another calibration from now on; refused in motion or contact."""
+        request = CalibrationRequest(calibration_json=calibration.model_dump_json())
+        return self.ask(topics.CALIBRATE, request, within_s=within_s)
+
+    # --- what is heard ----------------------------------------------------------------------------
+
+    def feed(self, topic: Topic[M]) -> Feed[M]:
+        """Return the feed of any topic of the table."""
+        return self.session.feed(topic)
+
+    def health(self, role: str) -> Feed[Health] | Feed[SensorWrench]:
+        """Return the feed that shows whether a role is alive; of a foreign sensor its readings."""
+        return self.session.roles.feeds[role]
+
+    def silent(self) -> tuple[str, ...]:
+        """Return the roles that are not heard; takes a second or so the first time."""
+        return self.session.roles.silent()
+
+    def wait_ready(self, within_s: float = 20.0) -> ArbiterStatus:
+        """Wait until arming would be granted, or the arm is armed already.
+
+        Raises:
+            NotValidError, LostError: As a feed does.
+            NotReachedError: It is not ready within `within_s`; says why.
+        """
+        if not self._shows(lambda s: s.goes_on or _is_ready(s), within_s):
+            status = self.status()
+            why = "; ".join([*status.not_ready, *(trip.text for trip in status.trips)])
+            raise NotReachedError(f"not ready after {within_s:g} s, {status.state}: {why}")
+        return self.status()
+
+    # --- anything else ----------------------------------------------------------------------------
+
+    def ask(self, request: Request[Q], message: Q, **options: Any) -> Reply:
+        """Ask for anything of the table of requests; options as `Session.ask`."""
+        return self.session.ask(request, message, **options)
+
+    def _shows(
+        self, wanted: Callable[[ArbiterStatus], bool], within_s: float = SHOWN_WITHIN_S
+    ) -> bool:
+        """Wait until arbiter/status says so; tell whether it did."""
+        clock = self.session.clock
+        give_up_ns = clock.now_ns() + round(within_s * NS_PER_S)
+        while True:
+            status = self.status.reading().fresh
+            if status is not None and wanted(status):
+                return True
+            if clock.now_ns() >= give_up_ns:
+                return False
+            clock.sleep_s(POLL_S)
+
+
+def _is_ready(status: ArbiterStatus) -> bool:
+    return status.state == "IDLE" and not status.not_ready

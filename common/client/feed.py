@@ -1,0 +1,155 @@
+"""One topic as a client sees it: the newest message from any thread, or each one that comes."""
+
+import threading
+from collections import deque
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any, Generic, TypeVar
+
+from common.client.asking import remedy_of
+from common.clock import NS_PER_S, Clock
+from common.codec import Header
+from common.endpoints import Bus, Reader, Reading
+from common.errors import LostError, NotValidError
+from common.messages import Message
+from common.topics import Topic
+
+M = TypeVar("M", bound=Message)
+
+FIRST_WITHIN_S = 2.0  # the slowest topic comes four times a second
+SILENCE_S = 3.0
+LOOK_S = 0.05  # so often a stream looks whether it has been silent for too long
+POLL_S = 0.002
+MARK_NS = NS_PER_S // 10
+MARKS = 16  # over which a rate is taken: more than a second
+
+Lost = Callable[[str], LostError]  # makes the exception: it knows who else is silent
+
+
+@dataclass(frozen=True, slots=True)
+class Heard(Generic[M]):
+    """One message that came, good or not, with its header."""
+
+    header: Header
+    message: M
+
+    @property
+    def stamp_s(self) -> float:
+        """When it was written, on its writer's monotonic clock [s]."""
+        return self.header.stamp_ns / NS_PER_S
+
+
+class Pace:
+    """How often a topic is written, by the numbers that its messages carry: none is missed."""
+
+    def __init__(self) -> None:
+        """Know nothing yet."""
+        self._marks: deque[Header] = deque(maxlen=MARKS)
+        self._newest: Header | None = None
+
+    def saw(self, header: Header) -> None:
+        """Note a header; most are like the last one, and are forgotten."""
+        if self._marks and self._marks[-1].epoch != header.epoch:
+            self._marks.clear()
+        if not self._marks or header.stamp_ns - self._marks[-1].stamp_ns >= MARK_NS:
+            self._marks.append(header)
+        self._newest = header
+
+    @property
+    def hz(self) -> float | None:
+        """Messages per second, None while only one has come."""
+        first, last = (self._marks[0] if self._marks else None), self._newest
+        if first is None or last is None or last.stamp_ns <= first.stamp_ns:
+            return None
+        return (last.seq - first.seq) * NS_PER_S / (last.stamp_ns - first.stamp_ns)
+
+
+class Feed(Generic[M]):
+    """Newest message of a topic; subscribes when it is first asked. Safe from any thread."""
+
+    def __init__(self, bus: Bus, topic: Topic[M], lost: Lost) -> None:
+        """Subscribe to nothing yet."""
+        self.topic = topic
+        self._bus = bus
+        self._lost = lost
+        self._lock = threading.Lock()
+        self._reader: Reader[M] | None = None
+        self._pace = Pace()
+
+    def __call__(self, within_s: float = FIRST_WITHIN_S) -> M:
+        """Return the newest message; wait for a good one.
+
+        Raises:
+            LostError: Its writer was not heard within `within_s`.
+            NotValidError: Its writer said that it cannot answer.
+        """
+        clock = self._bus.clock
+        give_up_ns = clock.now_ns() + round(within_s * NS_PER_S)
+        while (reading := self.reading()).fresh is None:
+            if clock.now_ns() >= give_up_ns:
+                raise self._trouble(reading)
+            clock.sleep_s(POLL_S)
+        return reading.fresh
+
+    def reading(self) -> Reading[M]:
+        """Return what is known right now, good or not, with its age; never waits, never raises."""
+        with self._lock:
+            if self._reader is None:
+                self._reader = self._bus.reader(self.topic)
+            reading = self._reader.read(self._bus.clock.now_ns())
+            if reading.header is not None:
+                self._pace.saw(reading.header)
+            return reading
+
+    @property
+    def rate_hz(self) -> float | None:
+        """How often it was written over the last second of readings, None when not known."""
+        reading = self.reading()
+        return None if reading.silent else self._pace.hz
+
+    def stream(
+        self, *, seconds: float | None = None, silence_s: float = SILENCE_S
+    ) -> Iterator[Heard[M]]:
+        """Yield each message that comes, good or not, with its header.
+
+        Who takes them too slowly gets the newest: gaps show in `header.seq`.
+
+        Args:
+            seconds: End after so long; without it never.
+            silence_s: Longest wait for a message [s].
+
+        Raises:
+            LostError: Nothing came for `silence_s`.
+        """
+        reader, clock = self._bus.reader(self.topic), self._bus.clock
+        began_ns = heard_ns = clock.now_ns()
+        while seconds is None or clock.now_ns() - began_ns < seconds * NS_PER_S:
+            if reader.poll():
+                heard_ns = clock.now_ns()
+                reading = reader.read(heard_ns)
+                if reading.header is not None and reading.message is not None:
+                    yield Heard(reading.header, reading.message)
+            elif clock.now_ns() - heard_ns > silence_s * NS_PER_S:
+                why = reader.counters.last_error
+                text = f"nothing on {self.topic.key} for {silence_s:g} s"
+                raise self._lost(f"{text}: {why}" if why else text)
+            else:
+                _wait(reader, clock)
+
+    def __iter__(self) -> Iterator[M]:
+        """Yield each message that comes, without end."""
+        for heard in self.stream():
+            yield heard.message
+
+    def _trouble(self, reading: Reading[M]) -> LostError | NotValidError:
+        if reading.silent:
+            return self._lost(reading.fault)
+        return NotValidError(reading.code, reading.fault, remedy_of(reading.code))
+
+
+def _wait(reader: Reader[Any], clock: Clock) -> None:
+    """Wait for a message; on a virtual clock, where no time passes meanwhile, let some pass."""
+    before_ns = clock.now_ns()
+    reader.wait(LOOK_S)
+    if clock.now_ns() == before_ns:
+        clock.sleep_s(POLL_S)

@@ -1,0 +1,190 @@
+"""Force feedback: start, stop, set point, gains, and pressing until the force is there."""
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from common import topics
+from common.client import turning
+from common.client.asking import stopped
+from common.client.session import Session
+from common.clock import NS_PER_S
+from common.errors import ForcemeshError, NotReachedError
+from common.messages import Gain3, Gains, Host, Law, Mode, RobotState, WrenchAtTcp
+from common.requests import Empty, ForceStartRequest, GainsRequest, Reply
+
+POLL_S = 0.01
+STARTED_WITHIN_S = 0.5  # a mode that the regulator names after that is the one that was asked for
+NOT_STARTED = "force feedback was not started by this client: use start"
+ALL: tuple[bool, bool, bool, bool, bool, bool] = (True, True, True, True, True, True)
+
+Progress = Callable[[float], None]  # force [N]
+
+
+@dataclass(frozen=True, slots=True)
+class Pressed:
+    """What pressing has come to."""
+
+    force_N: float  # along the tool's axis, positive: the tool presses
+    took_s: float  # until the force stayed within its band
+
+
+class Force:
+    """`cell.force`. What is left out of a start is the default, not what ran before."""
+
+    def __init__(self, session: Session) -> None:
+        """Start nothing yet."""
+        self._session = session
+        self._wanted: ForceStartRequest | None = None  # what this client has started
+        axis = turning.of_oat_deg(session.config.tool.T_flange_tcp.oat_deg)
+        self._axis_in_flange = turning.turned(axis, (0.0, 0.0, 1.0))
+
+    def start(
+        self,
+        setpoint_N: float = 0.0,
+        *,
+        mode: Mode = "position",
+        host: Host = "pc",
+        law: Law | None = None,
+        axes: tuple[bool, bool, bool, bool, bool, bool] = ALL,
+    ) -> Reply:
+        """Start force feedback, or change what runs; `ForceStartRequest` says what each one means.
+
+        Raises RefusedError and LostError, as everything here does.
+        """
+        return self.begin(
+            ForceStartRequest(mode=mode, host=host, setpoint_N=setpoint_N, law=law, axes=axes)
+        )
+
+    def begin(self, request: ForceStartRequest) -> Reply:
+        """Start force feedback as a whole request says it."""
+        wanted = request.model_copy(update={"commander": self._session.commander})
+        reply = self._session.ask(topics.FORCE_START, wanted)
+        self._wanted = wanted
+        return reply
+
+    def set(self, setpoint_N: float) -> Reply:
+        """Change the set point [N] of what this client has started; the force ramps there.
+
+        Raises ForcemeshError when this client has started nothing: it would not know mode and axes.
+        """
+        wanted = self._wanted
+        if wanted is None:
+            raise ForcemeshError(NOT_STARTED)
+        return self.begin(wanted.model_copy(update={"setpoint_N": setpoint_N}))
+
+    def stop(self) -> Reply:
+        """Stop force feedback; the arm stays where it is."""
+        self._wanted = None
+        return self._session.ask(topics.FORCE_STOP, Empty())
+
+    def gains(
+        self,
+        *,
+        force_p_m_per_N: Gain3 | None = None,
+        force_i_m_per_Ns: Gain3 | None = None,
+        torque_p_rad_per_Nm: Gain3 | None = None,
+        torque_i_rad_per_Nms: Gain3 | None = None,
+    ) -> Gains:
+        """Set gains about the base axes x, y, z and return all of them; they ramp while it runs.
+
+        What is left out keeps its value, so without arguments the present gains are returned.
+        """
+        request = GainsRequest(
+            force_p_m_per_N=force_p_m_per_N,
+            force_i_m_per_Ns=force_i_m_per_Ns,
+            torque_p_rad_per_Nm=torque_p_rad_per_Nm,
+            torque_i_rad_per_Nms=torque_i_rad_per_Nms,
+        )
+        return gains_in(self._session.ask(topics.GAINS, request).text)
+
+    def press(
+        self,
+        force_N: float,
+        *,
+        within_s: float = 30.0,
+        band_N: float = 1.0,
+        steady_s: float = 0.3,
+        progress: Progress | None = None,
+    ) -> Pressed:
+        """Press along the tool's axis until the force has stayed within a band for a moment.
+
+        In free space it approaches first. It goes on pressing until `stop`, also afterwards.
+
+        Raises:
+            ArmStoppedError: The arm was stopped meanwhile.
+            NotReachedError: Not within `within_s`: force feedback is stopped, the arm stays.
+        """
+        self.start(force_N)
+        try:
+            return self.settle(
+                within_s=within_s, band_N=band_N, steady_s=steady_s, progress=progress
+            )
+        except (KeyboardInterrupt, NotReachedError):
+            self.stop()
+            raise
+
+    def settle(
+        self,
+        *,
+        within_s: float = 30.0,
+        band_N: float = 1.0,
+        steady_s: float = 0.3,
+        progress: Progress | None = None,
+    ) -> Pressed:
+        """Wait until the force has stayed at the set point of `start` or `set`, give or take.
+
+        Raises as `press`; what runs goes on running.
+        """
+        if self._wanted is None:
+            raise ForcemeshError(NOT_STARTED)
+        force_N, clock = self._wanted.setpoint_N, self._session.clock
+        began_ns, inside_ns = clock.now_ns(), None
+        while True:
+            clock.sleep_s(POLL_S)
+            now_ns = clock.now_ns()
+            found_N = self.pressed_N()
+            if progress is not None:
+                progress(found_N)
+            self._raise_when_ended(now_ns - began_ns)
+            if abs(found_N - force_N) > band_N:
+                inside_ns = None
+            else:
+                inside_ns = now_ns if inside_ns is None else inside_ns
+                if now_ns - inside_ns >= steady_s * NS_PER_S:
+                    return Pressed(found_N, (inside_ns - began_ns) / NS_PER_S)
+            if now_ns - began_ns > within_s * NS_PER_S:
+                text = f"{force_N:g} N were not reached within {within_s:g} s: {found_N:.1f} N"
+                raise NotReachedError(text)
+
+    def pressed_N(self) -> float:
+        """Return the force with which the tool presses along its axis now [N]."""
+        robot = self._session.feed(topics.ROBOT_STATE)()
+        return self._along(robot, self._session.feed(topics.WRENCH)())
+
+    def _raise_when_ended(self, since_ns: int) -> None:
+        """Raise when the arm was stopped, or force feedback was."""
+        status = self._session.feed(topics.ARBITER_STATUS)()
+        if not status.goes_on:
+            raise stopped(status, "pressing ended")
+        target = self._session.feed(topics.REGULATOR_TARGET).reading().message
+        ended = target is not None and target.mode is None
+        if ended and target is not None and since_ns > STARTED_WITHIN_S * NS_PER_S:
+            raise NotReachedError(f"pressing ended: {target.reason or 'force feedback stopped'}")
+
+    def _along(self, robot: RobotState, wrench: WrenchAtTcp) -> float:
+        q_base_flange = turning.unit(robot.orientation_xyzw)
+        axis = turning.turned(q_base_flange, self._axis_in_flange)
+        return -sum(f * a for f, a in zip(wrench.force_N, axis, strict=True))
+
+
+def gains_in(text: str) -> Gains:
+    """Return the gains that the regulator's answer lists."""
+    found = {
+        name: tuple(float(part) for part in numbers.split(","))
+        for name, numbers in re.findall(r"(\w+) \[([^\]]+)\]", text)
+        if name in Gains.model_fields
+    }
+    if set(found) != set(Gains.model_fields):
+        raise ForcemeshError(f"the regulator's answer does not list its gains: {text[:200]}")
+    return Gains.model_validate(found)

@@ -1,0 +1,193 @@
+"""Moves of the flange and the joints: asked for, then waited for until the arm is there."""
+
+from collections.abc import Callable
+from typing import Literal, NoReturn
+
+from common import topics
+from common.client import turning
+from common.client.asking import remedy_of, stopped
+from common.client.session import Session
+from common.clock import NS_PER_S
+from common.errors import ArmStoppedError, LostError, NotReachedError, RefusedError
+from common.messages import ZERO3, PoseRecord, Quaternion, RobotState, Vec3, Vec6
+from common.requests import HoldRequest, MoveRequest
+
+POLL_S = 0.02
+TAKEN_S = 0.5  # so long the arbiter must have named another goal, or none, before it is believed
+HEARD_WITHIN_S = 2.0
+LONGEST_S = 120.0
+AFTERWARDS_S = 0.2  # so long the arbiter may take to say why a goal has ended
+STOPPED = ("HOLDING", "FAULT")
+ENDED = "the move ended before its goal"
+
+Progress = Callable[[RobotState], None]
+
+
+class Move:
+    """One move that was accepted, on its way."""
+
+    def __init__(self, session: Session, number: int) -> None:
+        """Follow the goal with this number."""
+        self.id = number
+        self.began = False
+        self._session, self._clock = session, session.clock
+        self._robot = session.feed(topics.ROBOT_STATE)
+        self._arbiter = session.feed(topics.ARBITER_STATUS)
+        self._mine_ns = self._clock.now_ns()  # when the arbiter named this goal last
+
+    def wait(self, timeout_s: float = LONGEST_S, progress: Progress | None = None) -> RobotState:
+        """Wait until the arm is there; return where it is. Ctrl-C, or no time left: hold.
+
+        Raises:
+            RefusedError: The robot cannot go there.
+            ArmStoppedError: The arm was stopped, or somebody else took it.
+            NotReachedError: The move ended on its way, or took too long.
+            LostError: The arm is not heard any more.
+        """
+        try:
+            return self._follow(timeout_s, progress)
+        except KeyboardInterrupt:
+            self._hold("move was interrupted")
+            raise
+        except TimeoutError as error:
+            self._hold("a move took too long")
+            raise NotReachedError(str(error)) from None
+
+    def _follow(self, timeout_s: float, progress: Progress | None) -> RobotState:
+        started_ns = heard_ns = self._mine_ns = self._clock.now_ns()
+        while True:
+            self._clock.sleep_s(POLL_S)
+            now_ns = self._clock.now_ns()
+            if now_ns - started_ns > timeout_s * NS_PER_S:
+                raise TimeoutError(f"the move was not done within {timeout_s:g} s; the arm holds")
+            reading = self._robot.reading()
+            if reading.fresh is None:
+                if now_ns - heard_ns > HEARD_WITHIN_S * NS_PER_S:
+                    raise self._session.lost(f"lost sight of the arm: {reading.fault}")
+                continue
+            heard_ns = now_ns
+            if progress is not None:
+                progress(reading.fresh)
+            if self._is_done(reading.fresh):
+                return reading.fresh
+            self._raise_when_stopped(now_ns)
+
+    def _is_done(self, robot: RobotState) -> bool:
+        if robot.goal.id != self.id:
+            return False
+        if robot.goal.state == "refused":
+            self._raise_refusal(robot.goal.reason)
+        self.began = self.began or robot.goal.state == "running"
+        return robot.goal.state == "done"
+
+    def _raise_refusal(self, reason: str) -> NoReturn:
+        """Raise why the robot did not go there; of a stopped arm it knows less than the arbiter."""
+        end_ns = self._clock.now_ns() + round(AFTERWARDS_S * NS_PER_S)
+        while self._clock.now_ns() < end_ns:
+            status = self._arbiter.reading().fresh
+            if status is not None and status.state in STOPPED:
+                raise stopped(status, ENDED)
+            self._clock.sleep_s(POLL_S)
+        if self.began:
+            raise NotReachedError(f"{ENDED}: {reason}")
+        raise RefusedError("goal_refused", reason, remedy=remedy_of("goal_refused"))
+
+    def _raise_when_stopped(self, now_ns: int) -> None:
+        """Raise when the arm was stopped, or somebody else has it: this goal is not coming back."""
+        status = self._arbiter.reading().fresh
+        if status is None or status.goal_id == self.id:
+            self._mine_ns = now_ns
+        elif status.state in STOPPED:
+            raise stopped(status, ENDED)
+        elif now_ns - self._mine_ns > TAKEN_S * NS_PER_S:
+            why = "; ".join(trip.text for trip in status.trips) or "no reason given"
+            code = status.trips[-1].code if status.trips else "preempted"
+            raise ArmStoppedError(code, f"{ENDED}: {why}", remedy_of(code))
+
+    def _hold(self, reason: str) -> None:
+        self._session.ask(topics.HOLD, HoldRequest(reason=reason))
+
+
+class Moves:
+    """`cell.move`: to a pose, to joint angles, by joint angles. SI units.
+
+    Each one waits until the arm is there and returns its state, as `Move.wait` does; `begin` only
+    asks, and returns the `Move` to wait for.
+    """
+
+    def __init__(self, session: Session) -> None:
+        """Move nothing yet."""
+        self._session = session
+
+    def to(
+        self,
+        position_m: Vec3,
+        orientation_xyzw: Quaternion | None = None,
+        *,
+        speed_m_s: float | None = None,
+        timeout_s: float = LONGEST_S,
+    ) -> RobotState:
+        """Move the flange to a pose in base; without an orientation it keeps its own."""
+        turned = orientation_xyzw or self._session.feed(topics.ROBOT_STATE)().orientation_xyzw
+        pose = PoseRecord(position_m=position_m, orientation_xyzw=turned)
+        return self._go(MoveRequest(kind="pose", pose=pose, speed_m_s=speed_m_s), timeout_s)
+
+    def joints(
+        self, joint_rad: Vec6, *, speed_m_s: float | None = None, timeout_s: float = LONGEST_S
+    ) -> RobotState:
+        """Move the joints to angles [rad]."""
+        request = MoveRequest(kind="joints", joint_rad=joint_rad, speed_m_s=speed_m_s)
+        return self._go(request, timeout_s)
+
+    def by(
+        self, joint_rad: Vec6, *, speed_m_s: float | None = None, timeout_s: float = LONGEST_S
+    ) -> RobotState:
+        """Move the joints by angles [rad] from where they are."""
+        request = MoveRequest(kind="by", joint_rad=joint_rad, speed_m_s=speed_m_s)
+        return self._go(request, timeout_s)
+
+    def jog(
+        self,
+        shift_m: Vec3 = ZERO3,
+        turn_rad: Vec3 = ZERO3,
+        *,
+        axes: Literal["base", "tool"] = "base",
+        speed_m_s: float | None = None,
+        timeout_s: float = LONGEST_S,
+    ) -> RobotState:
+        """Shift the tool and turn it about the TCP, along axes of the base or of the tool.
+
+        Args:
+            shift_m: Along x, y, z [m].
+            turn_rad: Rotation vector about x, y, z [rad].
+            axes: Whose axes those are.
+            speed_m_s: Speed [m/s]; without it that of `cell.speed`.
+            timeout_s: Longest time that it may take [s].
+        """
+        pose = self.jogged(shift_m, turn_rad, axes=axes)
+        return self._go(MoveRequest(kind="pose", pose=pose, speed_m_s=speed_m_s), timeout_s)
+
+    def jogged(
+        self, shift_m: Vec3 = ZERO3, turn_rad: Vec3 = ZERO3, *, axes: Literal["base", "tool"]
+    ) -> PoseRecord:
+        """Return the pose of the flange that a jog would lead to from where the arm is now."""
+        state = self._session.feed(topics.ROBOT_STATE)()
+        frame = self._session.config.tool.T_flange_tcp
+        tool = PoseRecord(
+            position_m=frame.position_m, orientation_xyzw=turning.of_oat_deg(frame.oat_deg)
+        )
+        flange = PoseRecord(position_m=state.position_m, orientation_xyzw=state.orientation_xyzw)
+        return turning.jogged(flange, tool, shift_m, turn_rad, in_tool_axes=axes == "tool")
+
+    def begin(self, request: MoveRequest) -> Move:
+        """Ask for a move and return at once. Raises RefusedError, LostError."""
+        self._session.feed(topics.ROBOT_STATE).reading()  # nothing of this move is to be missed
+        self._session.feed(topics.ARBITER_STATUS).reading()
+        reply = self._session.ask(topics.MOVE, request)
+        if reply.value is None:
+            raise LostError(f"{topics.MOVE.key}: the answer names no goal")
+        return Move(self._session, int(reply.value))
+
+    def _go(self, request: MoveRequest, timeout_s: float) -> RobotState:
+        commander = self._session.commander
+        return self.begin(request.model_copy(update={"commander": commander})).wait(timeout_s)

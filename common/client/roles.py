@@ -1,0 +1,40 @@
+"""Who of a cell is heard: the health of its roles, as seen by a client."""
+
+from common import topics
+from common.cell import Cell as CellFile
+from common.client.feed import Feed
+from common.clock import NS_PER_S
+from common.endpoints import Bus, Reading
+from common.errors import LostError
+from common.messages import Health, SensorWrench
+
+POLL_S = 0.02
+
+
+class Roles:
+    """The roles of one cell. Subscribes to a role's health when it is first asked for."""
+
+    def __init__(self, bus: Bus, cell: CellFile) -> None:
+        """A sensor of somebody else's has no health here; its readings show it."""
+        self._bus = bus
+        self._longest_wait_s = cell.stale_after_s(topics.HUB_HEALTH)
+        self.feeds: dict[str, Feed[Health] | Feed[SensorWrench]] = {
+            role: Feed(bus, topics.SENSOR_WRENCH, LostError)
+            if role == "sensor" and cell.roles.sensor == "external"
+            else Feed(bus, topics.HEALTH[role], LostError)
+            for role in topics.ROLES
+        }
+
+    def health(self, role: str) -> Reading[Health] | Reading[SensorWrench]:
+        """Return the newest health of a role, judged now."""
+        return self.feeds[role].reading()
+
+    def silent(self) -> tuple[str, ...]:
+        """Return the roles that are not heard; waits for those not heard yet, a second or so."""
+        clock = self._bus.clock
+        give_up_ns = clock.now_ns() + round(self._longest_wait_s * NS_PER_S)
+        while missing := tuple(role for role in topics.ROLES if self.health(role).silent):
+            if clock.now_ns() >= give_up_ns:
+                break
+            clock.sleep_s(POLL_S)
+        return missing

@@ -1,0 +1,74 @@
+"""What every verb of a client needs: its bus, its cell file, feeds made once, and who is silent."""
+
+import threading
+from typing import Any, TypeVar
+
+from common.cell import Cell as CellFile
+from common.client import asking
+from common.client.feed import Feed
+from common.client.roles import Roles
+from common.clock import Clock
+from common.endpoints import Bus
+from common.errors import BusError, LostError
+from common.messages import Asker, Message, Record
+from common.requests import Reply
+from common.topics import ROLES, Request, Topic
+
+M = TypeVar("M", bound=Message)
+Q = TypeVar("Q", bound=Record)
+
+
+class Session:
+    """One client on one cell's bus. Safe from any thread."""
+
+    def __init__(self, bus: Bus, config: CellFile, commander: Asker) -> None:
+        """Use an open bus; nothing is subscribed to before it is needed."""
+        self.bus, self.config, self.commander = bus, config, commander
+        self.roles = Roles(bus, config)
+        self._lock = threading.Lock()
+        self._feeds: dict[str, Feed[Any]] = {}
+
+    @property
+    def clock(self) -> Clock:
+        """The clock that everything waits by."""
+        return self.bus.clock
+
+    def feed(self, topic: Topic[M]) -> Feed[M]:
+        """Return the feed of a topic, the same one each time."""
+        with self._lock:
+            if topic.key not in self._feeds:
+                self._feeds[topic.key] = Feed(self.bus, topic, self.lost)
+            return self._feeds[topic.key]
+
+    def ask(
+        self, request: Request[Q], message: Q, *, within_s: float = 0.0, answer_s: float = 2.0
+    ) -> Reply:
+        """Ask a service for something.
+
+        Args:
+            request: The row of common/topics.py.
+            message: What is asked for.
+            within_s: So long to ask again while the refusal is one that time alone mends.
+            answer_s: Longest wait for an answer [s].
+
+        Raises:
+            RefusedError: The service refuses: code, text, remedy.
+            LostError: Nobody answers; says which service is silent.
+        """
+        try:
+            if within_s > 0.0:
+                return asking.ask_until(self.bus, request, message, within_s)
+            return asking.ask(self.bus, request, message, answer_s)
+        except BusError as error:
+            raise self.lost(str(error)) from error
+
+    def lost(self, text: str) -> LostError:
+        """Return the exception of something that is not heard: it says who is silent, or nobody."""
+        silent = self.roles.silent()
+        if len(silent) == len(ROLES):
+            who = "nothing is heard of the whole cell: its hub or the network to it is gone"
+        elif silent:
+            who = f"silent: {', '.join(silent)}"
+        else:
+            who = "every service is heard"
+        return LostError(f"{text} ({who})", silent)

@@ -1,0 +1,94 @@
+"""Where a jog leads: a few products of quaternions, so that a client needs no mathematics library.
+
+`q_a_b` is the orientation of frame b in frame a as x, y, z, w; `p_a_b` the origin of b in a [m].
+"""
+
+import math
+
+from common.messages import PoseRecord, Quaternion, Vec3
+
+IDENTITY: Quaternion = (0.0, 0.0, 0.0, 1.0)
+
+
+def times(a: Quaternion, b: Quaternion) -> Quaternion:
+    """Return the product: first b, then a."""
+    ax, ay, az, aw = a
+    bx, by, bz, bw = b
+    return (
+        aw * bx + ax * bw + ay * bz - az * by,
+        aw * by - ax * bz + ay * bw + az * bx,
+        aw * bz + ax * by - ay * bx + az * bw,
+        aw * bw - ax * bx - ay * by - az * bz,
+    )
+
+
+def inverse(q: Quaternion) -> Quaternion:
+    """Return the way back of a unit quaternion."""
+    x, y, z, w = q
+    return (-x, -y, -z, w)
+
+
+def turned(q: Quaternion, v: Vec3) -> Vec3:
+    """Return a vector turned by a unit quaternion."""
+    x, y, z, _ = times(times(q, (*v, 0.0)), inverse(q))
+    return (x, y, z)
+
+
+def plus(a: Vec3, b: Vec3) -> Vec3:
+    """Return the sum of two vectors."""
+    return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
+
+
+def of_vector(rotation_rad: Vec3) -> Quaternion:
+    """Return the unit quaternion of a rotation vector [rad]."""
+    angle = math.hypot(*rotation_rad)
+    share = 0.5 if angle < 1e-9 else math.sin(angle / 2.0) / angle
+    x, y, z = (share * part for part in rotation_rad)
+    return unit((x, y, z, math.cos(angle / 2.0)))
+
+
+def of_oat_deg(oat_deg: Vec3) -> Quaternion:
+    """Return the unit quaternion of Kawasaki's O, A, T [degrees]: about z, then y, then z."""
+    o, a, t = (math.radians(angle) for angle in oat_deg)
+    return times(
+        times(of_vector((0.0, 0.0, o)), of_vector((0.0, a, 0.0))), of_vector((0.0, 0.0, t))
+    )
+
+
+def unit(q: Quaternion) -> Quaternion:
+    """Return a quaternion with length one."""
+    length = math.sqrt(sum(part * part for part in q))
+    x, y, z, w = (part / length for part in q)
+    return (x, y, z, w)
+
+
+def jogged(
+    flange: PoseRecord,
+    tool: PoseRecord,
+    shift_m: Vec3,
+    turn_rad: Vec3,
+    *,
+    in_tool_axes: bool,
+) -> PoseRecord:
+    """Return where the flange goes when its tool is shifted and turned about the TCP.
+
+    Args:
+        flange: Flange in base, now.
+        tool: TCP in the flange frame.
+        shift_m: Along the axes of the base, or of the tool.
+        turn_rad: Rotation vector about the same axes.
+        in_tool_axes: Whether those axes are the tool's.
+    """
+    q_base_flange = unit(flange.orientation_xyzw)
+    q_base_tool = times(q_base_flange, tool.orientation_xyzw)
+    p_base_tool = plus(flange.position_m, turned(q_base_flange, tool.position_m))
+    turn = of_vector(turn_rad)
+    if in_tool_axes:
+        p_base_tool = plus(p_base_tool, turned(q_base_tool, shift_m))
+        q_base_tool = times(q_base_tool, turn)
+    else:
+        p_base_tool = plus(p_base_tool, shift_m)
+        q_base_tool = times(turn, q_base_tool)
+    q_new = unit(times(q_base_tool, inverse(tool.orientation_xyzw)))
+    x, y, z = turned(q_new, tool.position_m)
+    return PoseRecord(position_m=plus(p_base_tool, (-x, -y, -z)), orientation_xyzw=q_new)

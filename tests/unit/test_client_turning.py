@@ -1,0 +1,61 @@
+"""The client's few products of quaternions agree with the mathematics that the services use."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from common.client import turning
+from common.convert import pose_of, record_of
+from common.frames import Oat, R_from_oat, R_from_quaternion, pose, rotation_from_vector
+from common.messages import PoseRecord, Vec3
+
+METRES = st.tuples(*[st.floats(-2.0, 2.0)] * 3)
+RADIANS = st.tuples(*[st.floats(-1.7, 1.7)] * 3)
+DEGREES = st.tuples(*[st.floats(-360.0, 360.0)] * 3)
+
+
+def frame(position_m: Vec3, oat_deg: Vec3) -> PoseRecord:
+    """A pose as a message carries it."""
+    return PoseRecord(position_m=position_m, orientation_xyzw=turning.of_oat_deg(oat_deg))
+
+
+@given(DEGREES)
+def test_o_a_t_give_the_same_rotation(oat_deg: Vec3) -> None:
+    """Rz(o) Ry(a) Rz(t), by either way."""
+    R = R_from_quaternion(turning.of_oat_deg(oat_deg))
+    assert pytest.approx(R_from_oat(Oat(*np.radians(oat_deg))), abs=1e-12) == R
+
+
+@given(RADIANS, METRES)
+def test_a_rotation_vector_turns_a_vector_alike(rotation_rad: Vec3, v: Vec3) -> None:
+    """exp([w]x) v, also for hardly any rotation at all."""
+    expected = rotation_from_vector(np.array(rotation_rad)) @ np.array(v)
+    assert turning.turned(turning.of_vector(rotation_rad), v) == pytest.approx(expected, abs=1e-12)
+
+
+@given(METRES, DEGREES, METRES, DEGREES, METRES, RADIANS, st.booleans())
+def test_a_jog_is_the_product_of_poses(
+    p_m: Vec3, oat: Vec3, tool_m: Vec3, tool_oat: Vec3, shift_m: Vec3, turn: Vec3, in_tool: bool
+) -> None:
+    """The tool is shifted and turned about the TCP; the flange goes where that puts it."""
+    flange, tool = frame(p_m, oat), frame(tool_m, tool_oat)
+    T_base_tool = pose_of(flange) * pose_of(tool)
+    R, p = T_base_tool.rotation, T_base_tool.translation
+    turned = rotation_from_vector(np.array(turn))
+    if in_tool:
+        new = pose(p + R @ np.array(shift_m), R @ turned)
+    else:
+        new = pose(p + np.array(shift_m), turned @ R)
+    expected = record_of(new * pose_of(tool).inverse())
+    found = turning.jogged(flange, tool, shift_m, turn, in_tool_axes=in_tool)
+    assert found.position_m == pytest.approx(expected.position_m, abs=1e-9)
+    assert pose_of(found).rotation == pytest.approx(pose_of(expected).rotation, abs=1e-9)
+
+
+def test_a_jog_of_nothing_stays() -> None:
+    """To the last digit that a packet could carry."""
+    flange, tool = frame((0.1, 0.2, 0.3), (10.0, 170.0, 30.0)), frame((0, 0, 0.1), (0, 0, 45.0))
+    found = turning.jogged(flange, tool, (0, 0, 0), (0, 0, 0), in_tool_axes=True)
+    assert found.position_m == pytest.approx(flange.position_m, abs=1e-12)
+    assert found.orientation_xyzw == pytest.approx(flange.orientation_xyzw, abs=1e-12)

@@ -44,6 +44,7 @@ __all__ = [
 MAX_WAITING_REQUESTS = 16
 SELF_TEST_WITHIN_S = 1.0  # until the hub has told the one session of the other
 SELF_TEST_WAIT_S = 0.25  # what gets through is there after milliseconds
+LONGEST_END_S = 1.0  # a thread that listens ends within a millisecond of its session
 PUTS_KEPT = 2048  # of which the longest is reported: more than a busy process puts in a second
 
 
@@ -60,15 +61,14 @@ def open_bus(
     endpoint = endpoint_of(cell)
     security = security_of(cell, role, endpoint)
     session = _connect(endpoint, role, patience_s, security)
+    transport = ZenohTransport(session)
     try:
-        transport = ZenohTransport(session)
         if security and role != CLIENT:
             with _connect(endpoint, role, patience_s, security) as other:
                 _refuse_an_open_hub(session, other, f"{cell.cell}/{SELF_TEST}", endpoint)
         yield Bus(role, cell.cell, transport, cell, clock or MonotonicClock())
     finally:
-        with suppress(zenoh.ZError):
-            session.close()
+        transport.close()
 
 
 @contextmanager
@@ -84,11 +84,11 @@ def open_hub(cell: Cell, role: str = "hub", *, clock: Clock | None = None) -> It
         session = zenoh.open(config)
     except zenoh.ZError as error:
         raise BusError(f"cannot listen on {endpoint}: is another hub running there?") from error
+    transport = ZenohTransport(session)
     try:
-        yield Bus(role, cell.cell, ZenohTransport(session), cell, clock or MonotonicClock())
+        yield Bus(role, cell.cell, transport, cell, clock or MonotonicClock())
     finally:
-        with suppress(zenoh.ZError):
-            session.close()
+        transport.close()
 
 
 def log_refusals() -> None:
@@ -148,6 +148,11 @@ class ZenohSource:
         self._subscriber = subscriber
         self._ear: Ear | None = None
 
+    def close(self) -> None:
+        """Wait for the thread that listens to end; the session has been closed."""
+        if self._ear is not None:
+            self._ear.end()
+
     def take(self) -> bytes | None:
         """Return the newest payload that was not taken yet."""
         if self._ear is not None:
@@ -170,7 +175,12 @@ class Ear:
         self.news = threading.Event()
         self._receive = receive
         self._newest: deque[zenoh.Sample] = deque(maxlen=1)
-        threading.Thread(target=self._listen, daemon=True).start()
+        self._thread = threading.Thread(target=self._listen, daemon=True)
+        self._thread.start()
+
+    def end(self) -> None:
+        """Wait for the thread: one that is still in Zenoh when Python ends aborts the process."""
+        self._thread.join(LONGEST_END_S)
 
     def take(self) -> bytes | None:
         """Return the newest payload once."""
@@ -219,9 +229,17 @@ class ZenohTransport:
     """One Zenoh session."""
 
     def __init__(self, session: zenoh.Session) -> None:
-        """Use an open session; whoever opened it closes it."""
+        """Use an open session."""
         self._session = session
+        self._sources: list[ZenohSource] = []
         self._puts: deque[tuple[int, int]] = deque(maxlen=PUTS_KEPT)  # begin, duration [ns]
+
+    def close(self) -> None:
+        """Close the session, and wait for the threads that listen to it."""
+        with suppress(zenoh.ZError):
+            self._session.close()
+        for source in self._sources:
+            source.close()
 
     def longest_put_s(self, since_ns: int) -> float:
         """Return how long the longest put took that began after a monotonic time [s]."""
@@ -248,7 +266,9 @@ class ZenohTransport:
 
     def subscribe(self, key: str) -> ZenohSource:
         """Return the newest payload of a key."""
-        return ZenohSource(self._session.declare_subscriber(key, zenoh.handlers.RingChannel(1)))
+        subscriber = self._session.declare_subscriber(key, zenoh.handlers.RingChannel(1))
+        self._sources.append(ZenohSource(subscriber))
+        return self._sources[-1]
 
     def serve(self, key: str) -> ZenohCalls:
         """Return the queries of a key."""

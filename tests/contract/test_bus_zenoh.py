@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from common import topics
-from common.bus import ENDPOINT_VARIABLE, open_bus, open_hub
+from common.bus import ENDPOINT_VARIABLE, Ear, open_bus, open_hub
 from common.cell import Cell
 from common.config import load_cell
 from common.endpoints import Bus, Publisher, Reader
@@ -105,6 +105,23 @@ def test_a_reader_gets_the_newest_message_only(cell: Cell) -> None:
         counted = busy.counters.received + busy.counters.superseded
         assert counted - known == publisher.seq - before
         assert busy.poll() is False
+
+
+@pytest.mark.usefixtures("hub")
+def test_no_thread_outlives_its_bus(cell: Cell, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One that is still in Zenoh when Python ends aborts the process; also one that is slow."""
+    listen = Ear._listen
+
+    def slowly(ear: Ear) -> None:
+        listen(ear)
+        time.sleep(0.2)
+
+    monkeypatch.setattr(Ear, "_listen", slowly)
+    before = set(threading.enumerate())
+    with open_bus(cell, "wrench") as bus:
+        bus.reader(topics.SENSOR_WRENCH).wait(0.001)
+        assert set(threading.enumerate()) > before
+    assert set(threading.enumerate()) <= before
 
 
 @pytest.mark.usefixtures("hub")

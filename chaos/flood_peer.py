@@ -21,7 +21,7 @@ BURST_S = 0.001
 VIEWER_HOLDS = 64  # samples that wait in the viewer's own channel
 # Of ten messages: so many to keys that nobody knows, to keys that only answer questions, questions
 # that no service understands, and messages that are longer than anything in the bus table.
-MIXES = {"mixed": (4, 2, 3, 1), "questions": (0, 0, 10, 0)}
+MIXES = {"messages": (6, 4, 0, 0), "mixed": (4, 2, 3, 1), "questions": (0, 0, 10, 0)}
 KINDS = ("unknown", "misplaced", "questions", "large")
 SMALL_B, LARGE_B = 100, 32_000
 ASKED = (topics.GAINS, topics.MOVE, topics.TARE, topics.SPEED, topics.FORCE_START)

@@ -19,9 +19,21 @@ ForcemeshError
 In the control loop bad data is not an exception: it is a message with valid=False and a reason.
 """
 
+from typing import Any
+
 
 class ForcemeshError(Exception):
     """Base of all of them; its text is one clear sentence for the user."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Travel from a worker process to whoever waits for it, whatever the constructor takes."""
+        return _again, (type(self), self.args, self.__dict__)
+
+
+def _again(kind: type[ForcemeshError], args: tuple[Any, ...], held: Any) -> ForcemeshError:
+    error = kind.__new__(kind, *args)
+    error.__dict__.update(held)
+    return error
 
 
 class ConfigError(ForcemeshError):

@@ -1,0 +1,27 @@
+"""Every error that forcemesh raises on purpose reaches whoever waits for a worker process."""
+
+import pickle
+
+import pytest
+
+from common import errors
+
+MADE = [
+    errors.ConfigError("cell.yaml", ["rates: too fast", "tool: no name"]),
+    errors.DataError("line 3: no number"),
+    errors.LostError("the wrench is silent", ("wrench",)),
+    errors.MisroutedError("for another topic", "misrouted"),
+    errors.RefusedError("rate", "too fast", remedy="slower", value=2.0, limit=1.0),
+    errors.ArmStoppedError("stale", "stopped", "arm again"),
+    errors.NotValidError("wrench", "no sample", "look at the sensor"),
+    errors.RemoteProtocolError("half a packet"),
+]
+
+
+@pytest.mark.parametrize("error", MADE, ids=lambda error: type(error).__name__)
+def test_an_error_travels_between_processes_whole(error: errors.ForcemeshError) -> None:
+    """The same kind, the same sentence, and what it holds for programs."""
+    came = pickle.loads(pickle.dumps(error))  # noqa: S301 - our own bytes
+    assert type(came) is type(error)
+    assert str(came) == str(error)
+    assert vars(came) == vars(error)

@@ -21,6 +21,8 @@ Text = Annotated[str, Field(max_length=500)]
 Mode = Literal["position", "orientation", "both"]
 Host = Literal["pc", "controller"]
 Law = Literal["plain", "adaptive"]  # of the regulator
+StartLaw = Literal["plain", "adaptive", "guide"]  # guide: give way to a hand
+Preset = Literal["gentle", "normal", "stiff"]  # of gains
 Commander = Literal["none", "regulator", "program", "operator"]
 Asker = Literal["operator", "program"]  # who may ask for motion
 Purpose = Literal["all", "jog"]  # what the arm was armed for
@@ -169,6 +171,7 @@ class RegulatorTarget(Message):
     contact: Literal["free", "approach", "contact"] = "free"
     error_force_N: Vec3 = ZERO3
     error_torque_Nm: Vec3 = ZERO3
+    path_left_m: float | None = None  # of the points that it goes along
 
 
 class Speed(Record):

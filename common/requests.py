@@ -4,7 +4,21 @@ from typing import Literal
 
 from pydantic import Field
 
-from common.messages import Asker, Gain3, Host, Law, Mode, PoseRecord, Purpose, Record, Text, Vec6
+from common.messages import (
+    Asker,
+    Gain3,
+    Gains,
+    Host,
+    Mode,
+    PoseRecord,
+    Preset,
+    Purpose,
+    Record,
+    StartLaw,
+    Text,
+    Vec3,
+    Vec6,
+)
 
 
 class Empty(Record):
@@ -39,16 +53,31 @@ class ForceStartRequest(Record):
     mode: Mode
     host: Host = "pc"
     setpoint_N: float = Field(0.0, ge=0.0)
-    law: Law | None = None  # without it the cell file's
+    law: StartLaw | None = None  # without it the cell file's; guide: give way to a hand
+    preset: Preset | None = None  # gains to begin with; without it those that were set last
     # What may move: x, y, z and about x, y, z of the task frame, which turns with the tool or not.
     axes: tuple[bool, bool, bool, bool, bool, bool] = (True, True, True, True, True, True)
     frame: Literal["base", "tool"] = "base"
     commander: Asker = "operator"  # who asks; what then commands is the regulator, of lowest rank
 
 
-class GainsRequest(Record):
-    """Set gains; what is left out keeps its value."""
+class PathRequest(Record):
+    """Go along points while force feedback runs on the PC: no points: stand.
 
+    It goes across the tool's axis alone; along that axis the force has the say.
+    """
+
+    points_m: tuple[Vec3, ...] = Field((), max_length=60)  # of the TCP, base axes
+    append: bool = False  # behind the points that are still ahead, else in their place
+    speed_m_s: float = Field(0.02, gt=0.0, le=2.0)
+    accel_m_s2: float = Field(0.3, gt=0.0, le=5.0)
+    in_contact: bool = True  # stand still while nothing is touched
+
+
+class GainsRequest(Record):
+    """Set gains; what is left out keeps its value, or takes that of the preset."""
+
+    preset: Preset | None = None
     force_p_m_per_N: Gain3 | None = None
     force_i_m_per_Ns: Gain3 | None = None
     torque_p_rad_per_Nm: Gain3 | None = None
@@ -70,3 +99,4 @@ class Reply(Record):
     text: Text = ""
     value: float | None = None
     limit: float | None = None
+    gains: Gains | None = None  # of the regulator, as they are now; to a request about gains

@@ -70,6 +70,7 @@ SPEED       = Request("request/speed",       m.Speed,              "arbiter",   
 FORCE_START = Request("request/force/start", q.ForceStartRequest,  "regulator", "start force feedback in a mode, host and set point")
 FORCE_STOP  = Request("request/force/stop",  q.Empty,              "regulator", "stop force feedback; the arm stays where it is")
 GAINS       = Request("request/force/gains", q.GainsRequest,       "regulator", "set the regulator's gains")
+FORCE_PATH  = Request("request/force/path",  q.PathRequest,        "regulator", "go along points across the tool's axis while force feedback works along it")
 TARE        = Request("request/tare",        q.Empty,              "wrench",    "take the present reading as zero; refused in motion or contact")
 CALIBRATE   = Request("request/calibration", q.CalibrationRequest, "wrench",    "use the calibration that `forcemesh calibrate` has found; refused in motion or contact")
 # fmt: on

@@ -12,16 +12,9 @@ from common.clock import NS_PER_S
 from common.convert import pose_of, record_of, vec3
 from common.endpoints import Bus, Reading
 from common.faults import refusal
-from common.messages import (
-    ArbiterStatus,
-    Feedback,
-    RegulatorTarget,
-    RobotState,
-    Trip,
-    WrenchAtTcp,
-)
-from common.requests import ForceStartRequest, Reply
-from services.regulator import adaptive
+from common.messages import Feedback, RegulatorTarget, RobotState, Trip, WrenchAtTcp
+from common.requests import ForceStartRequest, PathRequest, Reply
+from services.regulator import adaptive, guiding
 from services.regulator.adaptive import Adaptive
 from services.regulator.control import (
     LawTools,
@@ -34,8 +27,19 @@ from services.regulator.control import (
     ramped,
 )
 from services.regulator.guards import GuardSettings, Watch, watch
+from services.regulator.guiding import GuideSettings
 from services.regulator.law import LawInput, LawState, start_at
-from services.regulator.session import Failure, Session, failure_of, mover, seen_by
+from services.regulator.refusals import refused_path, refused_start
+from services.regulator.session import (
+    Failure,
+    Session,
+    along,
+    failure_of,
+    mover,
+    next_route,
+    seen_by,
+    way_left,
+)
 from services.regulator.settings import describe_gains, merged_gains, pi_gains
 from services.regulator.tuning import tune
 
@@ -52,6 +56,7 @@ class Regulator:
         self.fault = ""
         self._cell = cell
         self._tools, self._guards = LawTools.of(cell), GuardSettings.of(cell)
+        self._guide = GuideSettings.of(cell)
         self._met: Met | None = None
         self._gains = tune(cell).gains
         self._T_flange_tcp = cell.tool.T_flange_tcp.pose
@@ -66,6 +71,7 @@ class Regulator:
         self._starts = bus.inbox(topics.FORCE_START)
         self._stops = bus.inbox(topics.FORCE_STOP)
         self._gain_requests = bus.inbox(topics.GAINS)
+        self._paths = bus.inbox(topics.FORCE_PATH)
         self.trigger = self._wrench
 
     def counters(self) -> dict[str, int]:
@@ -109,6 +115,7 @@ class Regulator:
             error_torque_Nm=vec3(
                 np.zeros(3) if law.error_torque_Nm is None else law.error_torque_Nm
             ),
+            path_left_m=way_left(session),
         )
 
     def _give_up(self, session: Session, failure: Failure) -> RegulatorTarget:
@@ -143,9 +150,23 @@ class Regulator:
         before = self._follow_limits(session.law)
         sample = masked(sample, session.wanted, before.T_base_tcp.rotation)
         gains = ramped(session.gains, self._gains, dt_s)
-        law, memory = control(
-            before, session.memory, sample, T_base_tcp, gains=pi_gains(gains), tools=self._tools
-        )
+        law, memory, guide = before, session.memory, session.guide
+        if guide is None:
+            law, memory = control(
+                before, memory, sample, T_base_tcp, gains=pi_gains(gains), tools=self._tools
+            )
+        else:
+            law, guide = guiding.advance(
+                before,
+                guide,
+                sample,
+                T_base_tcp,
+                gains=pi_gains(gains),
+                plain=self._tools.plain,
+                settings=self._guide,
+            )
+        most_m_s = self._cell.force.speed_max_m_s
+        law, way = along(before, law, session.route, dt_s=dt_s, speed_max_m_s=most_m_s)
         sent = None
         if memory is not None and session.wanted.host == "controller":
             sent = controller_gains(
@@ -156,8 +177,8 @@ class Regulator:
                 tools=self._tools,
             )
         watched, trip = watch(session.watch, seen_by(law, sample, T_base_tcp, memory), self._guards)
-        session = replace(session, law=law, memory=memory, setpoint_N=setpoint_N)
-        session = replace(session, gains=gains, sent=sent, watch=watched)
+        session = replace(session, law=law, memory=memory, guide=guide, setpoint_N=setpoint_N)
+        session = replace(session, gains=gains, sent=sent, watch=watched, route=way)
         return replace(session, last_sample_ns=stamp_ns), trip
 
     def _follow_limits(self, law: LawState) -> LawState:
@@ -208,8 +229,11 @@ class Regulator:
             self._end(STOPPED)
             stop.reply(Reply(accepted=True, text="force feedback is stopped; the arm stays"))
         for change in self._gain_requests.take_all():
-            self._gains = merged_gains(self._gains, change.request)
-            change.reply(Reply(accepted=True, text=describe_gains(self._gains)))
+            self._gains = merged_gains(self._gains, change.request, self._cell)
+            text = describe_gains(self._gains)
+            change.reply(Reply(accepted=True, text=text, gains=self._gains))
+        for path in self._paths.take_all():
+            path.reply(self._follow_path(path.request))
 
     def _start(
         self,
@@ -219,21 +243,36 @@ class Regulator:
         robot: Reading[RobotState],
     ) -> Reply:
         arbiter = self._arbiter.read(now_ns).fresh
-        refused = self._refusal(wanted, arbiter, wrench if wrench.fault else robot)
+        worse: Reading[Any] = wrench if wrench.fault else robot
+        refused = refused_start(wanted, self._cell, arbiter, worse)
         if refused is not None or robot.fresh is None or arbiter is None:
             return refused or refusal(robot.code, robot.fault)
+        if wanted.preset is not None:
+            self._gains = tune(self._cell, wanted.preset).gains
+        T_measured = pose_of(robot.fresh) * self._T_flange_tcp
+        guide = guiding.begin(T_measured) if wanted.law == "guide" else None
         running = self._session
         if running is not None and running.wanted.host == wanted.host and not running.failure:
             memory = self._memory(wanted, running.law.T_base_tcp, robot.fresh, running.memory)
-            self._session = replace(running, wanted=wanted, watch=Watch(), memory=memory)
+            running = replace(running, wanted=wanted, watch=Watch(), memory=memory)
+            guide = guide and (running.guide or guide)
+            self._session = replace(running, guide=guide, route=None)
             return Reply(accepted=True, text=f"{wanted.mode}, set point {wanted.setpoint_N:g} N")
-        law = start_at(pose_of(robot.fresh) * self._T_flange_tcp)
+        law = start_at(T_measured)
         stamp_ns = wrench.header.stamp_ns if wrench.header else now_ns
         memory = self._memory(wanted, law.T_base_tcp, robot.fresh, None)
         self._session = Session(
-            wanted, 0.0, law, stamp_ns, arbiter.lease, Watch(), self._gains, memory
+            wanted, 0.0, law, stamp_ns, arbiter.lease, Watch(), self._gains, memory, guide
         )
         return Reply(accepted=True, text=f"{wanted.mode}, set point {wanted.setpoint_N:g} N")
+
+    def _follow_path(self, wanted: PathRequest) -> Reply:
+        session = self._session
+        refused = refused_path(wanted, session, self._cell)
+        if refused is not None or session is None:
+            return refused or refusal("not_armed", "no force feedback is running")
+        self._session = replace(session, route=next_route(session, wanted))
+        return Reply(accepted=True, text=f"{len(wanted.points_m)} points")
 
     def _memory(
         self,
@@ -243,33 +282,10 @@ class Regulator:
         running: Adaptive | None,
     ) -> Adaptive | None:
         """Return what the adaptive law begins with, None for the plain law."""
-        if (wanted.law or self._cell.force.law) == "plain" or running is not None:
-            return running if (wanted.law or self._cell.force.law) == "adaptive" else None
+        if (wanted.law or self._cell.force.law) != "adaptive":
+            return None
+        if running is not None:
+            return running
         T_measured = pose_of(robot) * self._T_flange_tcp
         k = None if self._met is None else self._met.still(T_measured)
         return adaptive.begin(T_command, T_measured, self._tools.adaptive, k)
-
-    def _refusal(
-        self, wanted: ForceStartRequest, arbiter: ArbiterStatus | None, worse: Reading[Any]
-    ) -> Reply | None:
-        largest_N = self._cell.force.setpoint_max_N
-        if wanted.host not in self._cell.robot.hosts:
-            text = (
-                f"host {wanted.host} needs a cell with a controller that can run force feedback; "
-                f"this cell offers {', '.join(self._cell.robot.hosts)}"
-            )
-            return refusal("host", text)
-        if wanted.host == "controller" and not all(wanted.axes):
-            return refusal("host", "axes: the controller cannot hold axes of its own, the PC can")
-        if wanted.setpoint_N > largest_N:
-            text = "set point above force.setpoint_max_N"
-            return refusal("setpoint", text, value=wanted.setpoint_N, limit=largest_N)
-        if arbiter is None or not arbiter.goes_on:
-            state = "silent" if arbiter is None else arbiter.state
-            return refusal("not_armed", f"the arbiter is {state}: arm first")
-        if arbiter.armed_for == "jog":
-            return refusal("not_armed", "armed for jog alone: hold, then arm for all")
-        if who := mover(arbiter):
-            text = f"the {who} commands the arm: wait for the move to end, or hold"
-            return refusal("busy", text)
-        return refusal(worse.code, worse.fault) if worse.fault else None

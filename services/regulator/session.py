@@ -1,17 +1,20 @@
 """One session of force feedback: what is wanted, what is remembered, what ends it. Pure."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
 from common.endpoints import Reading
+from common.frames import Array
 from common.messages import ArbiterStatus, Gains
-from common.requests import ForceStartRequest
+from common.requests import ForceStartRequest, PathRequest
 from services.regulator.adaptive import Adaptive
 from services.regulator.guards import Seen, Watch
+from services.regulator.guiding import Guide
 from services.regulator.law import LawInput, LawState
+from services.regulator.route import Route, go, left_m, routed
 
 MOVERS = ("operator", "program")  # while one of them moves the arm, nothing is proposed
 
@@ -35,6 +38,8 @@ class Session:
     watch: Watch
     gains: Gains  # ramped
     memory: Adaptive | None = None  # of the adaptive law, if that one runs
+    guide: Guide | None = None  # of hand guiding, if that runs
+    route: Route | None = None  # across the tool's axis, if there is one
     sent: Gains | None = None  # to the controller, from the stiffness that is met
     failure: Failure | None = None  # latched: an input failed, or a guard gave up
 
@@ -49,8 +54,8 @@ def seen_by(
     law: LawState, sample: LawInput, T_base_tcp: pin.SE3, memory: Adaptive | None = None
 ) -> Seen:
     """Return what the guards watch of one sample; no contact is sought in mode orientation."""
-    error_N = np.zeros(3) if law.error_force_N is None else law.error_force_N
-    error_Nm = np.zeros(3) if law.error_torque_Nm is None else law.error_torque_Nm
+    error_N = _free(law.error_force_N, sample, 0)
+    error_Nm = _free(law.error_torque_Nm, sample, 3)
     moves, turns = sample.mode != "orientation", sample.mode != "position"
     return Seen(
         force_N=sample.force_N,
@@ -64,6 +69,58 @@ def seen_by(
     )
 
 
+def _free(error: Array | None, sample: LawInput, first: int) -> Array:
+    """Return what of an error lies along axes that may move: the others' is none of the loop's."""
+    if error is None:
+        return np.zeros(3)
+    R = np.eye(3) if sample.R_base_task is None else sample.R_base_task
+    return np.asarray(R @ (np.array(sample.axes[first : first + 3]) * (R.T @ error)))
+
+
 def failure_of(reading: Reading[Any]) -> Failure | None:
     """Return why an input cannot be used, if it cannot."""
     return Failure(reading.code, reading.fault) if reading.fault else None
+
+
+def next_route(session: Session, wanted: PathRequest) -> Route:
+    """Return the way that a session goes from now on."""
+    ahead = session.route if wanted.append else None
+    route = routed(
+        ahead,
+        tuple(np.array(point) for point in wanted.points_m),
+        speed_m_s=wanted.speed_m_s,
+        accel_m_s2=wanted.accel_m_s2,
+        in_contact=wanted.in_contact,
+    )
+    return replace(route, now_m_s=session.route.now_m_s if session.route else 0.0)
+
+
+def along(
+    before: LawState, law: LawState, route: Route | None, *, dt_s: float, speed_max_m_s: float
+) -> tuple[LawState, Route | None]:
+    """Return the state with one period of the way, and what is left of that.
+
+    Force and way together are no faster than the regulator's limit.
+    """
+    if route is None:
+        return law, None
+    if route.in_contact and law.contact != "contact":
+        return law, replace(route, now_m_s=0.0)
+    T = law.T_base_tcp
+    route, shift_m = go(
+        route,
+        T.translation,
+        T.rotation[:, 2],
+        dt_s=dt_s,
+        pushed_m=T.translation - before.T_base_tcp.translation,
+        most_m=speed_max_m_s * dt_s,
+    )
+    return replace(law, T_base_tcp=pin.SE3(T.rotation, T.translation + shift_m)), route
+
+
+def way_left(session: Session) -> float | None:
+    """Return how far it is to the last point [m], None without any."""
+    if session.route is None:
+        return None
+    T = session.law.T_base_tcp
+    return left_m(session.route, T.translation, T.rotation[:, 2])

@@ -6,6 +6,7 @@ from common.cell import Cell
 from common.messages import Gains
 from common.requests import GainsRequest
 from services.regulator.law import LawSettings, PiGains
+from services.regulator.tuning import tune
 
 PROBE_N = 5.0  # the first touch shows whether the signs are right: it must stay gentle
 INERTIA_SHARE = 0.1  # of the touch force, at most, comes from speeding the tool up
@@ -39,9 +40,11 @@ def pi_gains(gains: Gains) -> PiGains:
     )
 
 
-def merged_gains(gains: Gains, change: GainsRequest) -> Gains:
-    """Return the gains with what the request names replaced."""
-    return gains.model_copy(update=change.model_dump(exclude_none=True))
+def merged_gains(gains: Gains, change: GainsRequest, cell: Cell) -> Gains:
+    """Return the gains with what the request names replaced, a preset before single ones."""
+    if change.preset is not None:
+        gains = tune(cell, change.preset).gains
+    return gains.model_copy(update=change.model_dump(exclude_none=True, exclude={"preset"}))
 
 
 def describe_gains(gains: Gains) -> str:

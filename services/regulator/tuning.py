@@ -9,9 +9,10 @@ makes the force feedback positive above the robot's bandwidth: Ki < 1 / (m w_b),
 from dataclasses import dataclass
 
 from common.cell import Cell
-from common.messages import Gains
+from common.messages import Gains, Preset
 
 LOOP_GAIN = 0.45  # k Ki tau
+LOOP_GAINS: dict[Preset, float] = {"gentle": 0.2, "normal": LOOP_GAIN, "stiff": 0.6}
 INERTIA_MARGIN = 0.5  # of 1 / (m w_b)
 
 
@@ -33,18 +34,23 @@ class Tuning:
         )
 
 
-def tune(cell: Cell) -> Tuning:
-    """Apply the gain rule to a cell."""
-    tau_s = loop_delay_s(cell)
+def tune(cell: Cell, preset: Preset = "normal") -> Tuning:
+    """Apply the gain rule to a cell.
+
+    `gentle` takes twice as long and never overshoots; `stiff` gains a quarter of the time for some
+    5 % of overshoot, where inertia leaves room for it.
+    """
+    tau_s, loop_gain = loop_delay_s(cell), LOOP_GAINS[preset]
+    inertia = INERTIA_MARGIN * min(1.0, loop_gain / LOOP_GAIN)
     bandwidth = cell.robot.bandwidth_rad_s
     contact = cell.contact
     force = min(
-        LOOP_GAIN / (contact.stiffness_N_m * tau_s),
-        INERTIA_MARGIN / (contact.inertia_kg * bandwidth),
+        loop_gain / (contact.stiffness_N_m * tau_s),
+        inertia / (contact.inertia_kg * bandwidth),
     )
     torque = min(
-        LOOP_GAIN / (contact.tilt_stiffness_Nm_rad * tau_s),
-        INERTIA_MARGIN / (contact.inertia_kg_m2 * bandwidth),
+        loop_gain / (contact.tilt_stiffness_Nm_rad * tau_s),
+        inertia / (contact.inertia_kg_m2 * bandwidth),
     )
     return Tuning(tau_s, force, torque)
 

@@ -1,0 +1,252 @@
+"""What the skills need of the regulator: hand guiding, a way across the tool's axis, presets."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from common import topics
+from common.convert import pose_of
+from common.messages import Preset
+from common.requests import ForceStartRequest, GainsRequest, PathRequest
+from services.regulator import guiding
+from services.regulator.guiding import GuideSettings
+from services.regulator.law import LawInput, start_at
+from services.regulator.route import go, left_m, routed
+from services.regulator.settings import law_settings, pi_gains
+from services.regulator.tuning import LOOP_GAINS, tune
+from tests.fakes.arbiter_world import T_START
+from tests.fakes.bench import CELL
+from tests.fakes.regulator_bench import PERIOD_S, T_FLANGE_TCP, RegulatorBench
+
+DOWN = (T_START * T_FLANGE_TCP).rotation[:, 2]
+SETTINGS, PLAIN, GAINS = GuideSettings.of(CELL), law_settings(CELL), pi_gains(tune(CELL).gains)
+PRESS = ForceStartRequest(mode="position", setpoint_N=5.0, axes=(False, False, True) * 2)
+coordinates = st.floats(-0.05, 0.05).map(lambda x: round(x, 4))
+points = st.lists(st.tuples(*[coordinates] * 3).map(np.array), min_size=1, max_size=6)
+
+
+class Obedient(RegulatorBench):
+    """A regulator whose arm is at once where it is told to be."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.way_m: list[float] = []
+        self.pass_s(0.1)
+
+    def live(self, seconds: float) -> None:
+        """Let time pass and obey."""
+        for _ in range(round(seconds / PERIOD_S)):
+            self.step()
+
+    def step(self, periods: int = 1) -> None:
+        """Let periods pass and obey."""
+        for _ in range(periods):
+            super().step()
+            said = self.said()
+            if said.valid and said.pose is not None:
+                before = self.p
+                self.robot = self.robot.model_copy(update=said.pose.model_dump())
+                self.way_m.append(float(np.linalg.norm(self.p - before)))
+
+    @property
+    def p(self) -> np.ndarray:
+        """Where the TCP is."""
+        return np.array((pose_of(self.robot) * T_FLANGE_TCP).translation)
+
+
+# --- hand guiding ---------------------------------------------------------------------------------
+
+
+def guided(force_N, seconds: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return the way and the last speed under a force, told at each period, base axes."""
+    law, memory = start_at(T_START), guiding.begin(T_START)
+    for number in range(round(seconds / PERIOD_S)):
+        sample = LawInput(
+            np.array(force_N(number * PERIOD_S)), np.zeros(3), 0.0, "position", PERIOD_S
+        )
+        before = law.T_base_tcp.translation
+        law, memory = guiding.advance(
+            law, memory, sample, law.T_base_tcp, gains=GAINS, plain=PLAIN, settings=SETTINGS
+        )
+    speed = (law.T_base_tcp.translation - before) / PERIOD_S
+    return law.T_base_tcp.translation - T_START.translation, speed
+
+
+@settings(max_examples=8)
+@given(st.tuples(*[st.floats(-1.0, 1.0)] * 3), st.floats(0.0, 1.0))
+def test_what_may_be_left_in_free_space_never_moves_a_tool_that_nobody_guides(way, share) -> None:
+    """A bias as large as the preflight lets pass: at rest nothing moves; after a push it stops."""
+    length = max(float(np.linalg.norm(way)), 1e-9)
+    bias_N = np.array(way) / length * CELL.force.idle_max_N * share * 0.999
+    assert np.linalg.norm(guided(lambda _: bias_N, 0.5)[0]) < 1e-12
+    pushed = guided(lambda t: bias_N + (20.0 if t < 0.2 else 0.0) * np.array(way) / length, 4.0)
+    assert np.linalg.norm(pushed[1]) < 1e-4
+
+
+def test_it_gives_way_more_to_a_hand_than_the_gain_rule_and_never_too_fast() -> None:
+    """At 10 N several times the plain law's speed; at 100 N the cell's speed limit."""
+    _, speed = guided(lambda _: (0.0, 10.0, 0.0), 1.0)
+    assert speed[1] > 3.0 * tune(CELL).force_i_m_per_Ns * 10.0 or speed[1] >= 0.99 * SPEED
+    _, fastest = guided(lambda _: (60.0, 80.0, 0.0), 1.0)
+    assert np.linalg.norm(fastest) == pytest.approx(SPEED, rel=1e-6)
+    assert fastest[1] / fastest[0] == pytest.approx(80.0 / 60.0, rel=1e-6)
+
+
+SPEED = CELL.force.speed_max_m_s
+
+
+@pytest.mark.parametrize("stiffness_N_m", [2e3, 2e4])
+def test_what_opposes_more_than_a_hand_damps_it_at_once(stiffness_N_m: float) -> None:
+    """Pushed with 10 N into a wall through the loop's delay: it comes to rest, it does not hop."""
+    late = round((CELL.loop_delay_s - CELL.filter.lowpass_s) / PERIOD_S)
+    law, memory = start_at(T_START), guiding.begin(T_START)
+    places = [T_START.copy()] * (late + 1)
+    forces = []
+    for number in range(800):
+        deep_m = max(0.0, float(T_START.translation[2] - 0.002 - places[0].translation[2]))
+        forces.append(stiffness_N_m * deep_m)
+        felt = np.array([0.0, 0.0, forces[-1] - (10.0 if number < 600 else 0.0)])
+        sample = LawInput(felt, np.zeros(3), 0.0, "position", PERIOD_S)
+        law, memory = guiding.advance(
+            law, memory, sample, places[0], gains=GAINS, plain=PLAIN, settings=SETTINGS
+        )
+        places = [*places[1:], law.T_base_tcp]
+    resting = np.array(forces[400:600])
+    assert resting.std() < 0.5
+    assert resting.mean() == pytest.approx(10.0, abs=SETTINGS.deadband_N + 0.5)
+
+
+def test_guiding_is_asked_for_by_its_law_and_changes_over_without_a_jump() -> None:
+    """From guiding to pressing and back while pushed: no step beyond one period's limit."""
+    bench = Obedient()
+    guide = ForceStartRequest(mode="both", law="guide")
+    for wanted in (guide, PRESS, guide, ForceStartRequest(mode="orientation", law="adaptive")):
+        bench.push((3.0, -25.0, 12.0), (0.3, 0.0, -0.4))
+        assert bench.start(wanted).accepted
+        bench.live(0.3)
+    assert max(bench.way_m) <= SPEED * PERIOD_S * (1 + 1e-6)
+    assert max(bench.way_m) > 0.9 * SPEED * PERIOD_S
+    refused = bench.start(ForceStartRequest(mode="position", law="guide", setpoint_N=5.0))
+    assert (refused.accepted, refused.code) == (False, "setpoint")
+    refused = bench.start(ForceStartRequest(mode="position", law="guide", host="controller"))
+    assert (refused.accepted, refused.code) == (False, "host")
+
+
+# --- a way ----------------------------------------------------------------------------------------
+
+
+@settings(max_examples=20)
+@given(points, st.floats(0.005, 0.2), st.floats(0.1, 2.0))
+def test_a_route_visits_its_points_across_the_axis_at_no_more_than_its_speed(
+    way, speed_m_s, accel_m_s2
+) -> None:
+    """Every point is passed within a period's way, the axis is never moved along, then it rests."""
+    axis, p = np.array([0.0, 0.6, 0.8]), np.zeros(3)
+    route = routed(None, tuple(way), speed_m_s=speed_m_s, accel_m_s2=accel_m_s2, in_contact=False)
+    still, seen, speeds = np.zeros(3), [p], [0.0]
+    expected_s = left_m(route, p, axis) / speed_m_s + len(way) * speed_m_s / accel_m_s2 + 1.0
+    for _ in range(round(3.0 * expected_s / PERIOD_S)):
+        route, shift = go(route, p, axis, dt_s=PERIOD_S, pushed_m=still, most_m=1.0)
+        p = p + shift
+        seen.append(p)
+        speeds.append(route.now_m_s)
+        assert np.linalg.norm(shift) <= route.now_m_s * PERIOD_S * (1 + 1e-9)
+        assert abs(float(shift @ axis)) < 1e-12
+    assert not route.points
+    assert max(speeds) <= speed_m_s * (1 + 1e-9)
+    rises = [b - a for a, b in pairwise(speeds)]
+    assert max(rises) <= accel_m_s2 * PERIOD_S * (1 + 1e-9)
+    for point in way:
+        across = np.array(seen) - point
+        across -= np.outer(across @ axis, axis)
+        assert np.linalg.norm(across, axis=1).min() < max(1e-5, speed_m_s * PERIOD_S)
+
+
+@given(st.tuples(*[st.floats(-1.0, 1.0)] * 3), st.floats(0.0, 1.0))
+def test_force_and_way_together_are_no_faster_than_the_limit(way, share) -> None:
+    """Whatever the force has moved already: the way takes what is left of the period's motion."""
+    pushed_m = 2e-4 * share * np.array(way) / max(1.0, float(np.linalg.norm(way)))
+    axis = np.array([0.0, 0.0, 1.0])
+    route = routed(
+        None, (np.array([0.1, 0.0, 0.0]),), speed_m_s=0.2, accel_m_s2=100.0, in_contact=False
+    )
+    _, shift = go(route, np.zeros(3), axis, dt_s=PERIOD_S, pushed_m=pushed_m, most_m=2e-4)
+    assert np.linalg.norm(pushed_m + shift) <= 2e-4 * (1 + 1e-9)
+
+
+def test_a_pressed_tool_goes_along_points_and_stops_where_contact_ends() -> None:
+    """It says how far it has to go, waits without contact, and stands when told to."""
+    bench = Obedient()
+    asked = PathRequest(points_m=((0.1, 0.1, 0.0),))
+    assert bench.ask(topics.FORCE_PATH, asked).code == "not_armed"
+    bench.push((0.0, 0.0, 5.0))
+    bench.start(PRESS)
+    bench.live(0.1)
+    start = bench.p
+    ahead = tuple(tuple(start + np.array([x, 0.0, 0.3])) for x in (0.01, 0.02))
+    assert bench.ask(topics.FORCE_PATH, PathRequest(points_m=ahead, speed_m_s=0.04)).accepted
+    bench.live(0.2)
+    halfway = bench.p
+    assert 0.002 < halfway[0] - start[0] < 0.01
+    assert bench.said().path_left_m == pytest.approx(0.02 - (halfway - start)[0], abs=1e-4)
+    bench.push()
+    bench.live(0.2)
+    stood = bench.p
+    bench.live(0.2)
+    assert bench.p[:2] == pytest.approx(stood[:2], abs=1e-9)
+    bench.push((0.0, 0.0, 5.0))
+    bench.live(1.0)
+    assert bench.p[:2] == pytest.approx((start + np.array([0.02, 0.0, 0.0]))[:2], abs=1e-6)
+    assert bench.said().path_left_m == 0.0
+    more = PathRequest(points_m=(tuple(start),), append=True)
+    assert bench.ask(topics.FORCE_PATH, more).accepted
+    bench.live(0.3)
+    assert bench.ask(topics.FORCE_PATH, PathRequest()).accepted
+    bench.live(0.1)
+    stood = bench.p
+    bench.live(0.3)
+    assert bench.p == pytest.approx(stood, abs=1e-9)
+    fast = bench.ask(topics.FORCE_PATH, PathRequest(points_m=ahead, speed_m_s=0.2))
+    assert (fast.code, fast.limit) == ("setpoint", SPEED)
+
+
+# --- presets --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("preset", LOOP_GAINS)
+def test_a_preset_is_a_loop_gain_and_never_beyond_what_inertia_allows(preset: Preset) -> None:
+    """The loop gain is the preset's, or the gain is the inertia's; single gains go before it."""
+    bench = Obedient()
+    reply = bench.ask(topics.GAINS, GainsRequest(preset=preset, force_i_m_per_Ns=(0.0, 0.0, 1e-6)))
+    assert reply.gains is not None
+    assert reply.gains.force_i_m_per_Ns == (0.0, 0.0, 1e-6)
+    assert reply.gains.torque_i_rad_per_Nms == tune(CELL, preset).gains.torque_i_rad_per_Nms
+    tuned, contact = tune(CELL, preset), CELL.contact
+    loop = tuned.force_i_m_per_Ns * contact.stiffness_N_m * tuned.tau_s
+    cap = 0.5 / (contact.inertia_kg * CELL.robot.bandwidth_rad_s)
+    assert loop == pytest.approx(LOOP_GAINS[preset]) or tuned.force_i_m_per_Ns == cap
+    assert bench.start(ForceStartRequest(mode="position", preset=preset)).accepted
+    after = bench.ask(topics.GAINS, GainsRequest()).gains
+    assert after == tuned.gains
+
+
+@settings(max_examples=10)
+@given(st.lists(st.sampled_from(sorted(LOOP_GAINS)), min_size=2, max_size=5))
+def test_a_preset_changed_while_it_works_makes_no_step_beyond_one_periods_limit(changes) -> None:
+    """Through the bus, pushed hard: every command is within the tick, and speed does not jump."""
+    bench = Obedient()
+    bench.push((0.0, 8.0, 20.0))
+    bench.start()
+    bench.live(0.2)
+    before = len(bench.way_m)
+    for preset in changes:
+        assert bench.ask(topics.GAINS, GainsRequest(preset=preset)).accepted
+        bench.live(0.08)
+    steps = np.array(bench.way_m[before - 1 :])
+    assert steps.max() <= SPEED * PERIOD_S * (1 + 1e-6)
+    widest = max(LOOP_GAINS.values()) - min(LOOP_GAINS.values())
+    largest = steps.max() * widest / min(LOOP_GAINS.values()) * PERIOD_S / 0.1
+    assert np.abs(np.diff(steps)).max() <= 2.0 * largest

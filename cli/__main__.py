@@ -4,12 +4,22 @@ from typing import Annotated
 
 import typer
 
-from cli import payload, pki, verbs_force, verbs_motion, verbs_read, verbs_run, verbs_watch
+from cli import (
+    payload,
+    pki,
+    verbs_force,
+    verbs_motion,
+    verbs_move,
+    verbs_read,
+    verbs_run,
+    verbs_watch,
+)
 from cli.calibrate import calibrate
 from cli.check_axes import check
 from cli.context import EXIT_CODES
 from cli.demo import demo
 from cli.doctor import doctor
+from cli.numbers import NEGATIVE_NUMBERS
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -32,7 +42,8 @@ app.command(rich_help_panel=LOOK)(verbs_watch.watch)
 app.command(rich_help_panel=MOVE)(verbs_motion.arm)
 app.command(rich_help_panel=MOVE)(verbs_motion.hold)
 app.command(rich_help_panel=MOVE)(verbs_motion.clear)
-app.add_typer(verbs_motion.move, name="move", rich_help_panel=MOVE)
+app.add_typer(verbs_move.move, name="move", rich_help_panel=MOVE)
+app.command(rich_help_panel=MOVE, context_settings=NEGATIVE_NUMBERS)(verbs_move.jog)
 app.command(rich_help_panel=MOVE)(verbs_motion.speed)
 app.add_typer(verbs_force.force, name="force", rich_help_panel=FORCE)
 app.command(rich_help_panel=FORCE)(verbs_force.tare)

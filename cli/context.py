@@ -8,7 +8,10 @@ from typing import TYPE_CHECKING, Annotated, NoReturn, TypeVar
 import typer
 
 if TYPE_CHECKING:
-    from common.cell import Cell
+    from rich.status import Status
+
+    from common.cell import Cell as CellFile
+    from common.client import Cell
     from common.endpoints import Bus
     from common.messages import Record
     from common.requests import Reply
@@ -92,34 +95,42 @@ def fail(text: str, code: int) -> NoReturn:
 
 
 @contextmanager
-def client_of(named: Path | None) -> "Iterator[tuple[Cell, Bus]]":
-    """Connect to the cell that a verb is about; errors become one line and an exit code."""
-    from common.bus import open_bus
-    from common.config import load_cell
-    from common.topics import CLIENT
+def cell_of(named: Path | None) -> "Iterator[Cell]":
+    """Connect a person to the cell that a verb is about; an error becomes one line and a code."""
+    from common.client import Cell
 
-    with one_line_errors():
-        cell = load_cell(find_cell_file(named))
-        with open_bus(cell, CLIENT, patience_s=PATIENCE_S) as bus:
-            yield cell, bus
+    with (
+        one_line_errors(),
+        Cell(find_cell_file(named), commander="operator", patience_s=PATIENCE_S) as cell,
+    ):
+        yield cell
+
+
+def tell(reply: "Reply") -> None:
+    """Print what a service answered."""
+    typer.echo(reply.text or "accepted")
+
+
+@contextmanager
+def waiting(text: str) -> "Iterator[Status]":
+    """Show on standard error, where it is a terminal, that something takes its time."""
+    from rich.console import Console
+
+    with Console(stderr=True).status(text) as live:
+        yield live
+
+
+@contextmanager
+def client_of(named: Path | None) -> "Iterator[tuple[CellFile, Bus]]":
+    """Connect as `cell_of` does; for verbs that speak to the bus itself."""
+    with cell_of(named) as cell:
+        yield cell.config, cell.session.bus
 
 
 def ask(bus: "Bus", request: "Request[Q]", message: Q) -> "Reply":
     """Send a request and print the answer. Raise RefusedError when it is refused."""
-    from common.errors import RefusedError
+    from common.client.asking import ask as ask_once
 
-    reply = bus.ask(request, message)
-    if not reply.accepted:
-        raise RefusedError(reply.code, reply.text + numbers_of(reply))
-    typer.echo(reply.text or "accepted")
+    reply = ask_once(bus, request, message)
+    tell(reply)
     return reply
-
-
-def numbers_of(reply: "Reply") -> str:
-    """Return the number that broke a rule and its limit, as far as the reply names them."""
-    parts = []
-    if reply.value is not None:
-        parts.append(f"value {reply.value:.6g}")
-    if reply.limit is not None:
-        parts.append(f"limit {reply.limit:.6g}")
-    return f" [{', '.join(parts)}]" if parts else ""

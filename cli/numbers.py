@@ -32,7 +32,7 @@ def parse_vector(text: str, names: Names) -> tuple[float, ...]:
             f"{len(names.names)} numbers are needed, {names}, without spaces; "
             f"found {len(parts)}: {text!r}"
         )
-    return tuple(_parse_number(part, name) for part, name in zip(parts, names.names, strict=True))
+    return tuple(parse_number(part, name) for part, name in zip(parts, names.names, strict=True))
 
 
 def parse_gain(text: str | None, unit: str) -> tuple[float, float, float] | None:
@@ -47,7 +47,8 @@ def parse_gain(text: str | None, unit: str) -> tuple[float, float, float] | None
     return (x, y, z)
 
 
-def _parse_number(text: str, name: str) -> float:
+def parse_number(text: str, name: str) -> float:
+    """Return a finite number. Raise typer.BadParameter, by its name, for anything else."""
     try:
         number = float(text)
     except ValueError:

@@ -96,7 +96,15 @@ class Force:
             torque_p_rad_per_Nm=torque_p_rad_per_Nm,
             torque_i_rad_per_Nms=torque_i_rad_per_Nms,
         )
-        return gains_in(self._session.ask(topics.GAINS, request).text)
+        return self.set_gains(request)
+
+    def set_gains(self, request: GainsRequest) -> Gains:
+        """Set gains as a whole request says it; return all of them."""
+        return gains_in(self.ask_gains(request).text)
+
+    def ask_gains(self, request: GainsRequest) -> Reply:
+        """Set gains as a whole request says it; return the answer."""
+        return self._session.ask(topics.GAINS, request)
 
     def press(
         self,

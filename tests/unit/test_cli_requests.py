@@ -3,6 +3,7 @@
 import json
 import socket
 import threading
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from common import topics
 from common.bus import ENDPOINT_VARIABLE, open_hub
 from common.cell import Cell
 from common.config import dump_cell, load_cell
+from common.faults import FAULTS
 from common.messages import (
     ArbiterStatus,
     GoalReport,
@@ -71,7 +73,7 @@ class StandIn:
 
     def __init__(self, cell: Cell) -> None:
         self.asked: list[object] = []
-        self.reply = Reply(accepted=True, text="as you like")
+        self.reply = Reply(accepted=True, text="as you like", value=7.0)
         self.goal = GoalReport()
         self.state = "ARMED"
         self._cell = cell
@@ -119,7 +121,8 @@ def test_every_request_verb_prints_the_answer_or_the_refusal(services: StandIn) 
     for words in REQUESTS:
         done = run(*words)
         assert (done.exit_code, words) == (REFUSED, words)
-        assert done.stderr == "refused (busy): not now [value 1.5, limit 1]\n"
+        remedy = FAULTS["busy"].remedy
+        assert done.stderr == f"refused (busy): not now [value 1.5, limit 1] -> {remedy}\n"
         assert done.stdout == ""
 
 
@@ -157,9 +160,16 @@ def test_a_move_to_a_pose_is_sent_in_si(services: StandIn) -> None:
     assert [abs(q) for q in request.pose.orientation_xyzw] == pytest.approx([0, 1, 0, 0], abs=1e-9)
 
 
-def after_a_moment(change: Callable[[], None]) -> threading.Thread:
-    """Do something from another thread while a verb waits."""
-    thread = threading.Timer(0.2, change)
+def after_a_moment(services: StandIn, change: Callable[[], None]) -> threading.Thread:
+    """Do something from another thread a moment after a verb has asked for a move."""
+
+    def run_later() -> None:
+        while not services.asked:
+            time.sleep(0.01)
+        time.sleep(0.3)
+        change()
+
+    thread = threading.Thread(target=run_later)
     thread.start()
     return thread
 
@@ -168,7 +178,9 @@ def test_a_move_waits_until_its_own_goal_is_done(services: StandIn) -> None:
     """The report of an older goal does not count."""
     services.reply = Reply(accepted=True, text="goal 8", value=8.0)
     services.goal = GoalReport(id=7, state="done")
-    waiting = after_a_moment(lambda: setattr(services, "goal", GoalReport(id=8, state="done")))
+    waiting = after_a_moment(
+        services, lambda: setattr(services, "goal", GoalReport(id=8, state="done"))
+    )
     done = run("move", "by", "1,0,0,0,0,0")
     assert not waiting.is_alive()
     assert done.exit_code == OK
@@ -180,7 +192,10 @@ def test_a_move_that_the_robot_refuses_is_a_refusal(services: StandIn) -> None:
     services.reply = Reply(accepted=True, value=8.0)
     services.goal = GoalReport(id=8, state="refused", reason="out of reach")
     done = run("move", "by", "1,0,0,0,0,0")
-    assert (done.exit_code, done.stderr) == (REFUSED, "refused (goal): out of reach\n")
+    assert done.exit_code == REFUSED
+    assert done.stderr == (
+        f"refused (goal_refused): out of reach -> {FAULTS['goal_refused'].remedy}\n"
+    )
 
 
 def test_a_move_that_the_robot_breaks_off_is_not_done(services: StandIn) -> None:
@@ -188,7 +203,7 @@ def test_a_move_that_the_robot_breaks_off_is_not_done(services: StandIn) -> None
     services.reply = Reply(accepted=True, value=8.0)
     services.goal = GoalReport(id=8, state="running")
     broken_off = GoalReport(id=8, state="refused", reason="permission is stale")
-    after_a_moment(lambda: setattr(services, "goal", broken_off))
+    after_a_moment(services, lambda: setattr(services, "goal", broken_off))
     done = run("move", "by", "1,0,0,0,0,0")
     assert done.exit_code == NOT_WELL
     assert done.stderr == "the move ended before its goal: permission is stale\n"

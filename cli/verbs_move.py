@@ -1,0 +1,172 @@
+"""Verbs that move the arm and wait until it is there: move to, move joints, move by, jog."""
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from cli.context import USAGE, CellOption, cell_of, fail, waiting
+from cli.numbers import JOINTS, NEGATIVE_NUMBERS, POSE, parse_number, parse_vector
+from cli.verbs_motion import INTERRUPTED
+
+if TYPE_CHECKING:
+    from common.client import Cell, Move
+    from common.messages import RobotState, Vec3, Vec6
+    from common.requests import MoveRequest
+
+move = typer.Typer(
+    no_args_is_help=True, help="Move the flange or the joints; waits until it is there."
+)
+
+JOG_AXES = ("x", "y", "z", "rx", "ry", "rz", "j1", "j2", "j3", "j4", "j5", "j6")
+
+SpeedOption = Annotated[
+    float | None,
+    typer.Option("--speed", min=0.001, max=5000.0, help="Speed [mm/s]; else that of `speed`."),
+]
+AskerOption = Annotated[
+    Literal["operator", "program"],
+    typer.Option("--as", help="Who asks: a person takes the arm from a program."),
+]
+NoWait = Annotated[bool, typer.Option("--no-wait", help="Do not wait until it is there.")]
+
+
+@move.command("to", context_settings=NEGATIVE_NUMBERS)
+def move_to(
+    pose: Annotated[str, typer.Argument(metavar="X,Y,Z,O,A,T", help="Flange, mm and degrees.")],
+    *,
+    speed: SpeedOption = None,
+    asker: AskerOption = "operator",
+    no_wait: NoWait = False,
+    cell: CellOption = None,
+) -> None:
+    """Move the flange to a pose in base: position [mm], Kawasaki's O, A, T [degrees]."""
+    x, y, z, o, a, t = parse_vector(pose, POSE)
+    from common.client.turning import of_oat_deg
+    from common.messages import PoseRecord
+    from common.requests import MoveRequest
+
+    record = PoseRecord(
+        position_m=(x / 1e3, y / 1e3, z / 1e3), orientation_xyzw=of_oat_deg((o, a, t))
+    )
+    request = MoveRequest(kind="pose", pose=record, speed_m_s=_m_s(speed), commander=asker)
+    _move(request, no_wait, cell)
+
+
+@move.command("joints", context_settings=NEGATIVE_NUMBERS)
+def move_joints(
+    joints: Annotated[str, typer.Argument(metavar="J1,..,J6", help="Joint angles [degrees].")],
+    *,
+    speed: SpeedOption = None,
+    asker: AskerOption = "operator",
+    no_wait: NoWait = False,
+    cell: CellOption = None,
+) -> None:
+    """Move the joints to angles [degrees]."""
+    joint_rad = _radians(joints)
+    from common.requests import MoveRequest
+
+    request = MoveRequest(
+        kind="joints", joint_rad=joint_rad, speed_m_s=_m_s(speed), commander=asker
+    )
+    _move(request, no_wait, cell)
+
+
+@move.command("by", context_settings=NEGATIVE_NUMBERS)
+def move_by(
+    joints: Annotated[str, typer.Argument(metavar="J1,..,J6", help="Joint angles [degrees].")],
+    *,
+    speed: SpeedOption = None,
+    asker: AskerOption = "operator",
+    no_wait: NoWait = False,
+    cell: CellOption = None,
+) -> None:
+    """Move the joints by angles [degrees] from where they are."""
+    joint_rad = _radians(joints)
+    from common.requests import MoveRequest
+
+    request = MoveRequest(kind="by", joint_rad=joint_rad, speed_m_s=_m_s(speed), commander=asker)
+    _move(request, no_wait, cell)
+
+
+def jog(
+    axis: Annotated[
+        str, typer.Argument(metavar="AXIS", help="x, y, z, rx, ry, rz, or a joint: j1 to j6.")
+    ],
+    by: Annotated[str, typer.Argument(metavar="BY", help="How far: mm, or degrees.")],
+    *,
+    frame: Annotated[
+        Literal["base", "tool"], typer.Option(help="Whose axes x, y, z are; it turns at the TCP.")
+    ] = "base",
+    speed: SpeedOption = None,
+    cell: CellOption = None,
+) -> None:
+    """Move a little along or about one axis, or by one joint, and wait until it is there."""
+    if axis not in JOG_AXES:
+        fail(f"no axis is called {axis!r}: there are {', '.join(JOG_AXES)}", USAGE)
+    far = parse_number(by, "BY")
+    from common.messages import ZERO3
+    from common.requests import MoveRequest
+
+    with cell_of(cell) as client:
+        if axis.startswith("j"):
+            angles = [math.radians(far) if f"j{i}" == axis else 0.0 for i in range(1, 7)]
+            request = MoveRequest(kind="by", joint_rad=_six(angles), speed_m_s=_m_s(speed))
+        else:
+            turn, shift = ZERO3, ZERO3
+            if axis.startswith("r"):
+                turn = _along(axis[1], math.radians(far))
+            else:
+                shift = _along(axis, far / 1e3)
+            pose = client.move.jogged(shift, turn, axes=frame)
+            request = MoveRequest(kind="pose", pose=pose, speed_m_s=_m_s(speed))
+        _follow(client, client.move.begin(request))
+
+
+def _along(axis: str, value: float) -> "Vec3":
+    x, y, z = (value if name == axis else 0.0 for name in "xyz")
+    return (x, y, z)
+
+
+def _six(angles: list[float]) -> "Vec6":
+    a, b, c, d, e, f = angles
+    return (a, b, c, d, e, f)
+
+
+def _radians(text: str) -> "Vec6":
+    return _six([math.radians(angle) for angle in parse_vector(text, JOINTS)])
+
+
+def _m_s(speed_mm_s: float | None) -> float | None:
+    return None if speed_mm_s is None else speed_mm_s / 1e3
+
+
+def _move(request: "MoveRequest", no_wait: bool, cell: Path | None) -> None:
+    """Ask for a move and wait until it is done; Ctrl-C while waiting asks for a hold."""
+    with cell_of(cell) as client:
+        going = client.move.begin(request)
+        typer.echo(f"goal {going.id}")
+        if not no_wait:
+            _follow(client, going)
+
+
+def _follow(client: "Cell", going: "Move") -> None:
+    began_ns = client.session.clock.now_ns()
+    with waiting(f"goal {going.id}") as live:
+
+        def show(robot: "RobotState") -> None:
+            live.update(f"goal {going.id}: flange at {_position(robot, 1)}")
+
+        try:
+            robot = going.wait(timeout_s=float("inf"), progress=show)
+        except KeyboardInterrupt:
+            typer.echo("interrupted: the arm was asked to hold", err=True)
+            raise typer.Exit(INTERRUPTED) from None
+    took_s = (client.session.clock.now_ns() - began_ns) / 1e9
+    typer.echo(f"done in {took_s:.2f} s: flange at {_position(robot, 2)}")
+
+
+def _position(robot: "RobotState", digits: int) -> str:
+    x, y, z = (1e3 * value for value in robot.position_m)
+    return f"{x:.{digits}f}, {y:.{digits}f}, {z:.{digits}f} mm"

@@ -4,13 +4,22 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from cli.context import USAGE, CellOption, ask, client_of, fail
+from cli.context import USAGE, CellOption, JsonOption, cell_of, fail, tell, waiting
 from cli.numbers import NEGATIVE_NUMBERS, parse_gain
 
 force = typer.Typer(no_args_is_help=True, help="Force feedback: start, stop, gains.")
 
 
 AXES = ("x", "y", "z", "rx", "ry", "rz")
+
+
+PresetOption = Annotated[
+    Literal["gentle", "normal", "stiff"] | None,
+    typer.Option(
+        help="Gains: gentle never overshoots and takes twice as long, stiff overshoots by 5 %.",
+        show_default=False,
+    ),
+]
 
 
 def _axes(text: str) -> tuple[bool, bool, bool, bool, bool, bool]:
@@ -40,9 +49,13 @@ def force_start(
         Literal["pc", "controller"], typer.Option(help="Where the regulator runs.")
     ] = "pc",
     law: Annotated[
-        Literal["plain", "adaptive"] | None,
-        typer.Option(help="Of the regulator; without it the cell file's.", show_default=False),
+        Literal["plain", "adaptive", "guide"] | None,
+        typer.Option(
+            help="Of the regulator; without it the cell file's. guide: give way to a hand.",
+            show_default=False,
+        ),
     ] = None,
+    preset: PresetOption = None,
     axes: Annotated[
         str, typer.Option(help="What may move: of x, y, z, and rx, ry, rz about them, by commas.")
     ] = ",".join(AXES),
@@ -50,24 +63,26 @@ def force_start(
     cell: CellOption = None,
 ) -> None:
     """Start force feedback; in free space it approaches along the tool's axis until it touches."""
-    from common import topics
     from common.requests import ForceStartRequest
 
     request = ForceStartRequest(
-        mode=mode, host=host, setpoint_N=setpoint, law=law, axes=_axes(axes), frame=frame
+        mode=mode,
+        host=host,
+        setpoint_N=setpoint,
+        law=law,
+        preset=preset,
+        axes=_axes(axes),
+        frame=frame,
     )
-    with client_of(cell) as (_, bus):
-        ask(bus, topics.FORCE_START, request)
+    with cell_of(cell) as client:
+        tell(client.force.begin(request))
 
 
 @force.command("stop")
 def force_stop(cell: CellOption = None) -> None:
     """Stop force feedback; the arm stays where it is."""
-    from common import topics
-    from common.requests import Empty
-
-    with client_of(cell) as (_, bus):
-        ask(bus, topics.FORCE_STOP, Empty())
+    with cell_of(cell) as client:
+        tell(client.force.stop())
 
 
 @force.command("gains", context_settings=NEGATIVE_NUMBERS)
@@ -77,29 +92,33 @@ def force_gains(
     force_i: Annotated[str | None, _gain("m/(N s)")] = None,
     torque_p: Annotated[str | None, _gain("rad/(N m)")] = None,
     torque_i: Annotated[str | None, _gain("rad/(N m s)")] = None,
+    preset: PresetOption = None,
+    as_json: JsonOption = False,
     cell: CellOption = None,
 ) -> None:
     """Set gains about the base axes x,y,z, or one number for all three; print them all.
 
-    What is left out keeps its value, so without options the present gains are printed.
+    What is left out keeps its value, or takes the preset's; without options the present gains are
+    printed. Where force feedback runs, gains change on a ramp.
     """
-    from common import topics
     from common.requests import GainsRequest
 
     request = GainsRequest(
+        preset=preset,
         force_p_m_per_N=parse_gain(force_p, "m/N"),
         force_i_m_per_Ns=parse_gain(force_i, "m/(N s)"),
         torque_p_rad_per_Nm=parse_gain(torque_p, "rad/(N m)"),
         torque_i_rad_per_Nms=parse_gain(torque_i, "rad/(N m s)"),
     )
-    with client_of(cell) as (_, bus):
-        ask(bus, topics.GAINS, request)
+    with cell_of(cell) as client:
+        reply = client.force.ask_gains(request)
+    if as_json and reply.gains is not None:
+        print(reply.gains.model_dump_json())
+    else:
+        tell(reply)
 
 
 def tare(cell: CellOption = None) -> None:
     """Take the present reading as zero force; refused in motion or contact."""
-    from common import topics
-    from common.requests import Empty
-
-    with client_of(cell) as (_, bus):
-        ask(bus, topics.TARE, Empty())
+    with cell_of(cell) as client, waiting("taring, at rest and free"):
+        tell(client.tare())

@@ -1,6 +1,5 @@
 """Force feedback: start, stop, set point, gains, and pressing until the force is there."""
 
-import re
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -10,8 +9,18 @@ from common.client.asking import stopped
 from common.client.session import Session
 from common.clock import NS_PER_S
 from common.errors import ForcemeshError, NotReachedError
-from common.messages import Gain3, Gains, Host, Law, Mode, RobotState, WrenchAtTcp
-from common.requests import Empty, ForceStartRequest, GainsRequest, Reply
+from common.messages import (
+    Gain3,
+    Gains,
+    Host,
+    Mode,
+    Preset,
+    RobotState,
+    StartLaw,
+    Vec3,
+    WrenchAtTcp,
+)
+from common.requests import Empty, ForceStartRequest, GainsRequest, PathRequest, Reply
 
 POLL_S = 0.01
 STARTED_WITHIN_S = 0.5  # a mode that the regulator names after that is the one that was asked for
@@ -45,16 +54,18 @@ class Force:
         *,
         mode: Mode = "position",
         host: Host = "pc",
-        law: Law | None = None,
+        law: StartLaw | None = None,
+        preset: Preset | None = None,
         axes: tuple[bool, bool, bool, bool, bool, bool] = ALL,
     ) -> Reply:
         """Start force feedback, or change what runs; `ForceStartRequest` says what each one means.
 
         Raises RefusedError and LostError, as everything here does.
         """
-        return self.begin(
-            ForceStartRequest(mode=mode, host=host, setpoint_N=setpoint_N, law=law, axes=axes)
+        request = ForceStartRequest(
+            mode=mode, host=host, setpoint_N=setpoint_N, law=law, preset=preset, axes=axes
         )
+        return self.begin(request)
 
     def begin(self, request: ForceStartRequest) -> Reply:
         """Start force feedback as a whole request says it."""
@@ -78,8 +89,23 @@ class Force:
         self._wanted = None
         return self._session.ask(topics.FORCE_STOP, Empty())
 
+    def path(
+        self,
+        points_m: tuple[Vec3, ...],
+        *,
+        speed_m_s: float = 0.02,
+        append: bool = False,
+        in_contact: bool = True,
+    ) -> Reply:
+        """Go along points of the TCP in base axes while force feedback runs; none: stand."""
+        request = PathRequest(
+            points_m=points_m, speed_m_s=speed_m_s, append=append, in_contact=in_contact
+        )
+        return self._session.ask(topics.FORCE_PATH, request)
+
     def gains(
         self,
+        preset: Preset | None = None,
         *,
         force_p_m_per_N: Gain3 | None = None,
         force_i_m_per_Ns: Gain3 | None = None,
@@ -88,22 +114,23 @@ class Force:
     ) -> Gains:
         """Set gains about the base axes x, y, z and return all of them; they ramp while it runs.
 
-        What is left out keeps its value, so without arguments the present gains are returned.
+        What is left out keeps its value, or takes that of the preset, so without arguments the
+        present gains are returned.
         """
         request = GainsRequest(
+            preset=preset,
             force_p_m_per_N=force_p_m_per_N,
             force_i_m_per_Ns=force_i_m_per_Ns,
             torque_p_rad_per_Nm=torque_p_rad_per_Nm,
             torque_i_rad_per_Nms=torque_i_rad_per_Nms,
         )
-        return self.set_gains(request)
-
-    def set_gains(self, request: GainsRequest) -> Gains:
-        """Set gains as a whole request says it; return all of them."""
-        return gains_in(self.ask_gains(request).text)
+        gains = self.ask_gains(request).gains
+        if gains is None:
+            raise ForcemeshError("the regulator's answer does not name its gains")
+        return gains
 
     def ask_gains(self, request: GainsRequest) -> Reply:
-        """Set gains as a whole request says it; return the answer."""
+        """Set gains as a whole request says it; the answer holds all of them."""
         return self._session.ask(topics.GAINS, request)
 
     def press(
@@ -184,15 +211,3 @@ class Force:
         q_base_flange = turning.unit(robot.orientation_xyzw)
         axis = turning.turned(q_base_flange, self._axis_in_flange)
         return -sum(f * a for f, a in zip(wrench.force_N, axis, strict=True))
-
-
-def gains_in(text: str) -> Gains:
-    """Return the gains that the regulator's answer lists."""
-    found = {
-        name: tuple(float(part) for part in numbers.split(","))
-        for name, numbers in re.findall(r"(\w+) \[([^\]]+)\]", text)
-        if name in Gains.model_fields
-    }
-    if set(found) != set(Gains.model_fields):
-        raise ForcemeshError(f"the regulator's answer does not list its gains: {text[:200]}")
-    return Gains.model_validate(found)

@@ -1,0 +1,51 @@
+"""The panel: a cockpit in the browser, a client of its cell: it asks, and shows the answer."""
+
+import argparse
+import os
+import sys
+import webbrowser
+from pathlib import Path
+
+from common.config import load_cell
+from common.service import exit_on_error, stop_on_signals
+from services.panel.door import door_of
+
+NICE = 10  # whatever it draws may come late; what moves the arm may not
+
+
+def main(words: list[str] | None = None) -> None:
+    """Serve the page until SIGTERM or SIGINT."""
+    parser = argparse.ArgumentParser(prog="panel", description="The cockpit of a forcemesh cell.")
+    parser.add_argument("--cell", required=True, metavar="FILE", type=Path, help="the cell file")
+    parser.add_argument("--host", help="where to listen; without it panel.host of the cell file")
+    parser.add_argument("--port", type=int, help="without it panel.port of the cell file")
+    parser.add_argument("--view-only", action="store_true", help="nobody may act on this page")
+    parser.add_argument("--open", action="store_true", help="open it in this machine's browser")
+    asked = parser.parse_args(words)
+    stop = stop_on_signals()
+    with exit_on_error("panel"):
+        cell = load_cell(asked.cell)
+        door = door_of(
+            cell.panel, os.environ, host=asked.host, port=asked.port, view_only=asked.view_only
+        )
+        _be_nice()
+        from services.panel.page import Page  # noqa: PLC0415 - seconds of imports, after the checks
+
+        page = Page(cell, asked.cell, door)
+    try:
+        address = f"http://{'127.0.0.1' if door.host == '0.0.0.0' else door.host}:{door.port}"  # noqa: S104
+        sys.stdout.write(f"panel: {address}\n")
+        sys.stdout.flush()
+        if asked.open:
+            webbrowser.open(address + (f"/?token={door.token}" if door.token else ""))
+        page.run(stop)
+    finally:
+        page.close()
+
+
+def _be_nice() -> None:
+    os.nice(max(0, NICE - os.nice(0)))
+
+
+if __name__ == "__main__":
+    main()

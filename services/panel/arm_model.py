@@ -1,0 +1,149 @@
+"""The arm as it is drawn: the RS007L's model with this cell's sensor, tool and simulated plate.
+
+Nothing here moves the arm, and no physics is stepped: joint angles in, poses of bodies out.
+"""
+
+import math
+import os
+from pathlib import Path
+
+import numpy as np
+
+from common.cell import Cell
+from common.frames import Array, quaternion_from_R
+
+_ASKED = os.environ.get("MUJOCO_GL")
+os.environ["MUJOCO_GL"] = (
+    "disable"  # the browser draws; MuJoCo looks for a graphics library at once
+)
+import mujoco  # noqa: E402 - the line above must come first
+
+if _ASKED is None:
+    del os.environ["MUJOCO_GL"]
+else:
+    os.environ["MUJOCO_GL"] = _ASKED
+
+# Read as data, not imported: a service knows nothing of the simulation.
+MODEL = Path(__file__).resolve().parents[2] / "sim" / "models" / "rs007l.xml"
+JOINTS = 6
+HOME_DEG = (0.0, 0.0, -90.0, 0.0, -90.0, 0.0)  # where the simulated arm begins, above its plate
+FLOOR_Z_M = -0.36
+PLATE_HALF_M = (0.08, 0.08, 0.008)
+SENSOR_RADIUS_M = 0.040
+LIMIT_SLACK_RAD = math.radians(0.5)
+
+BLUE, STEEL, DARK = [0.10, 0.36, 0.80, 1.0], [0.72, 0.74, 0.77, 1.0], [0.17, 0.18, 0.20, 1.0]
+ORANGE, GREEN = [0.93, 0.55, 0.13, 1.0], [0.20, 0.58, 0.34, 1.0]
+CYLINDER, BOX = mujoco.mjtGeom.mjGEOM_CYLINDER, mujoco.mjtGeom.mjGEOM_BOX
+
+
+def is_known(cell: Cell) -> bool:
+    """Tell whether the cell's arm is the one whose model we have: by its joint limits."""
+    joints = mujoco.MjModel.from_xml_path(str(MODEL)).jnt_range[:JOINTS]
+    limits = np.radians([cell.robot.joint_min_deg, cell.robot.joint_max_deg]).T
+    return bool(np.allclose(limits, joints, atol=LIMIT_SLACK_RAD))
+
+
+class ArmModel:
+    """Where every body is at some joint angles."""
+
+    def __init__(self, cell: Cell) -> None:
+        """Build the model once."""
+        spec = mujoco.MjSpec.from_file(str(MODEL))
+        _add_tool(spec, cell)
+        if cell.sim is not None:
+            _add_plate(spec, cell, _tcp_at_home(cell))
+        self.model = spec.compile()
+        self.data = mujoco.MjData(self.model)
+        self.move(np.radians(HOME_DEG))
+
+    def move(self, joint_rad: Array) -> None:
+        """Put the arm at joint angles [rad]. Shape (6,)."""
+        self.data.qpos[:JOINTS] = joint_rad
+        mujoco.mj_kinematics(self.model, self.data)
+
+
+def _tcp_at_home(cell: Cell) -> Array:
+    """Return where the TCP is while the simulated arm is at home, in base [m]. Shape (3,)."""
+    model = mujoco.MjModel.from_xml_path(str(MODEL))
+    data = mujoco.MjData(model)
+    data.qpos[:JOINTS] = np.radians(HOME_DEG)
+    mujoco.mj_kinematics(model, data)
+    flange = data.site("flange")
+    p_flange_tcp = np.array(cell.tool.T_flange_tcp.pose.translation)
+    return np.asarray(flange.xpos + flange.xmat.reshape(3, 3) @ p_flange_tcp)
+
+
+def _add_tool(spec: mujoco.MjSpec, cell: Cell) -> None:
+    """Hang sensor and tool below the flange, as the cell file's frames say."""
+    T_flange_sensor = cell.sensor.T_flange_sensor.pose
+    T_sensor_tcp = T_flange_sensor.inverse() * cell.tool.T_flange_tcp.pose
+    flange = spec.body("link6")
+    height = max(0.012, float(T_flange_sensor.translation[2]))
+    _show(flange, CYLINDER, [SENSOR_RADIUS_M, height / 2, 0], pos=[0, 0, height / 2], rgba=BLUE)
+    tool = flange.add_body(name="tool", pos=T_flange_sensor.translation)
+    tool.quat = _wxyz(T_flange_sensor.rotation)
+    tool.mass, tool.inertia, tool.explicitinertial = 1.0, [0.01] * 3, True  # nothing is moved by it
+    length = float(np.linalg.norm(T_sensor_tcp.translation))
+    direction = np.asarray(T_sensor_tcp.translation) / max(length, 1e-6)
+    radius = 0.025 if cell.sim is None else cell.sim.disc_radius_m
+    along = _wxyz(_R_with_z(direction))
+    rod = max(0.01, length - 0.02)
+    middle = direction * (0.01 + rod / 2)
+    _show(
+        tool, CYLINDER, [SENSOR_RADIUS_M, 0.005, 0], pos=direction * 0.005, rgba=STEEL, quat=along
+    )
+    _show(tool, CYLINDER, [0.012, rod / 2, 0], pos=middle, rgba=STEEL, quat=along)
+    face = T_sensor_tcp.act(np.array([0.0, 0.0, -0.005]))
+    _show(
+        tool, CYLINDER, [radius, 0.005, 0], pos=face, rgba=ORANGE, quat=_wxyz(T_sensor_tcp.rotation)
+    )
+
+
+def _add_plate(spec: mujoco.MjSpec, cell: Cell, p_tcp_m: Array) -> None:
+    """Draw the simulated plate below the tool's home, and what it stands on."""
+    if cell.sim is None:
+        return
+    tilt = math.radians(cell.sim.tilt_deg)
+    rim_m = cell.sim.disc_radius_m * math.tan(tilt)
+    x, y, z = (float(v) for v in p_tcp_m - np.array([0.0, 0.0, cell.sim.gap_m + rim_m]))
+    quat = [math.cos(tilt / 2), math.sin(tilt / 2), 0.0, 0.0]
+    thick = PLATE_HALF_M[2]
+    middle = [x, y + thick * math.sin(tilt), z - thick * math.cos(tilt)]
+    world, top = spec.worldbody, z - 0.085
+    _show(world, BOX, [*PLATE_HALF_M], pos=middle, rgba=GREEN, quat=quat)
+    for sx in (-0.05, 0.05):
+        for sy in (-0.05, 0.05):
+            spring = [x + sx, y + sy, (top + z - 0.016) / 2]
+            _show(world, CYLINDER, [0.009, (z - 0.016 - top) / 2, 0], pos=spring, rgba=STEEL)
+    height = top - FLOOR_Z_M
+    _show(world, BOX, [0.09, 0.09, 0.010], pos=[x, y, top - 0.010], rgba=DARK)
+    _show(world, BOX, [0.035, 0.035, height / 2], pos=[x, y, FLOOR_Z_M + height / 2], rgba=STEEL)
+    _show(world, BOX, [0.11, 0.11, 0.010], pos=[x, y, FLOOR_Z_M + 0.010], rgba=DARK)
+
+
+def _show(
+    body: mujoco.MjsBody,
+    kind: mujoco.mjtGeom,
+    size: list[float],
+    *,
+    pos: list[float] | Array,
+    rgba: list[float],
+    quat: list[float] | None = None,
+) -> None:
+    geom = body.add_geom(type=kind, size=size, pos=pos, rgba=rgba)
+    geom.quat = quat or [1.0, 0.0, 0.0, 0.0]
+    geom.contype, geom.conaffinity, geom.group = 0, 0, 1
+
+
+def _R_with_z(z: Array) -> Array:
+    """Return any rotation whose z axis points along a unit vector. Shape (3, 3)."""
+    helper = np.array([1.0, 0.0, 0.0]) if abs(z[0]) < 0.9 else np.array([0.0, 1.0, 0.0])
+    x = np.cross(helper, z)
+    x /= np.linalg.norm(x)
+    return np.column_stack([x, np.cross(z, x), z])
+
+
+def _wxyz(R: Array) -> list[float]:
+    x, y, z, w = quaternion_from_R(R)
+    return [w, x, y, z]

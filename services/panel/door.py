@@ -1,0 +1,126 @@
+"""Who may open the panel: every request for the page or its websocket is judged here. Pure.
+
+A browser sends what any page asks it to: also a page of the internet, to this machine's own
+address. So the door looks at `Host` (a name that was bent to this address is refused), at `Origin`
+(only the panel's own page may talk to the panel), and, where others can reach it, at a token.
+"""
+
+import hmac
+import ipaddress
+from collections.abc import Mapping
+from dataclasses import dataclass
+from http.cookies import CookieError, SimpleCookie
+from typing import Literal
+from urllib.parse import parse_qs, urlsplit
+
+from common.cell_panel import SHORTEST_TOKEN, PanelSection
+from common.errors import ForcemeshError
+
+Rights = Literal["operate", "view"]
+
+TOKEN_VARIABLE = "FORCEMESH_PANEL_TOKEN"  # noqa: S105 - the name of a variable
+ASKED_BY_US = "X-Forcemesh"  # no other page can send this header here: browsers ask first
+HERE = ("localhost", "127.0.0.1", "::1")
+
+
+@dataclass(frozen=True, slots=True)
+class Door:
+    """Where the panel listens and whom it lets in."""
+
+    host: str
+    port: int
+    token: str = ""
+    view_token: str = ""
+    view_only: bool = False
+
+    def __post_init__(self) -> None:
+        """Raise ForcemeshError where others could walk in."""
+        if not self.token and not stays_here(self.host):
+            raise ForcemeshError(
+                f"refused: on {self.host} anybody in reach could move the arm: set panel.token in "
+                f"the cell file or {TOKEN_VARIABLE}, or let the panel listen on 127.0.0.1"
+            )
+        for token in (self.token, self.view_token):
+            if token and len(token) < SHORTEST_TOKEN:
+                raise ForcemeshError(
+                    f"refused: a token of {len(token)} characters can be guessed: take at least "
+                    f"{SHORTEST_TOKEN}, `openssl rand -hex 16` makes one"
+                )
+
+    @property
+    def cookie(self) -> str:
+        """Name of the cookie: a browser has one jar for all ports of a machine."""
+        return f"forcemesh_panel_{self.port}"
+
+    def rights(self, path: str, headers: Mapping[str, str]) -> Rights | None:
+        """Return what whoever asks may do, None when nothing without a token."""
+        if not self.token:
+            return "view" if self.view_only else "operate"
+        shown = token_in(path) or cookie_in(headers, self.cookie)
+        if same(shown, self.token):
+            return "view" if self.view_only else "operate"
+        return "view" if self.view_token and same(shown, self.view_token) else None
+
+    def stranger(self, headers: Mapping[str, str]) -> str:
+        """Say why a request is not of the panel's own page, empty when it is."""
+        asked = headers.get("Host", "")
+        if not self.token and name_of(asked) not in {*HERE, self.host}:
+            return f"this panel is not called {asked!r}: open it by the address that it has printed"
+        origin = headers.get("Origin")
+        if origin is not None and urlsplit(origin).netloc.lower() != asked.lower():
+            return f"a page of {origin} may not talk to this panel"
+        return ""
+
+
+def door_of(
+    section: PanelSection,
+    environment: Mapping[str, str],
+    *,
+    host: str | None = None,
+    port: int | None = None,
+    view_only: bool = False,
+) -> Door:
+    """Return the door that a cell file asks for; what is named here goes before it.
+
+    Raises:
+        ForcemeshError: Others could reach it and there is no token.
+    """
+    return Door(
+        host=host or section.host,
+        port=section.port if port is None else port,
+        token=environment.get(TOKEN_VARIABLE) or section.token,
+        view_token=section.view_token,
+        view_only=view_only,
+    )
+
+
+def same(shown: str, token: str) -> bool:
+    """Compare without telling by the time it takes how much of it was right."""
+    return hmac.compare_digest(shown.encode(), token.encode())
+
+
+def stays_here(host: str) -> bool:
+    """Tell whether nobody outside this machine reaches an address."""
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"
+
+
+def name_of(netloc: str) -> str:
+    """Return the name in `name:port`, lower case, without brackets."""
+    return (urlsplit(f"//{netloc}").hostname or "").lower()
+
+
+def token_in(path: str) -> str:
+    """Return the token in an address, empty when there is none."""
+    return parse_qs(urlsplit(path).query).get("token", [""])[0]
+
+
+def cookie_in(headers: Mapping[str, str], name: str) -> str:
+    """Return a cookie's value, empty when there is none."""
+    try:
+        jar = SimpleCookie(headers.get("Cookie", ""))
+    except CookieError:
+        return ""
+    return jar[name].value if name in jar else ""

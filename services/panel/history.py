@@ -1,0 +1,52 @@
+"""The last seconds of what is plotted: fixed memory, fixed number of points. Pure."""
+
+from collections.abc import Mapping
+
+import numpy as np
+import numpy.typing as npt
+
+Series = npt.NDArray[np.float64]
+
+WINDOW_S = 20.0
+POINTS = 400  # what a plot is given at most; one each 50 ms
+
+
+class History:
+    """A ring of samples of some named numbers; what is not known is a gap."""
+
+    def __init__(self, names: tuple[str, ...], points: int = POINTS) -> None:
+        """Begin empty."""
+        self._column = {name: column for column, name in enumerate(names)}
+        self._time_s = np.full(points, np.nan)
+        self._values = np.full((points, len(names)), np.nan)
+        self._next = 0
+        self._count = 0
+
+    def __len__(self) -> int:
+        return self._count
+
+    def add(self, time_s: float, values: Mapping[str, float]) -> None:
+        """Take a sample; the oldest one goes when there is no room. Names it lacks are gaps."""
+        row = self._next
+        self._time_s[row] = time_s
+        self._values[row] = np.nan
+        for name, value in values.items():
+            self._values[row, self._column[name]] = value
+        self._next = (row + 1) % len(self._time_s)
+        self._count = min(self._count + 1, len(self._time_s))
+
+    def series(self, names: tuple[str, ...], now_s: float) -> tuple[Series, ...]:
+        """Return times before now [s], oldest first, and the named numbers; each of one length.
+
+        There are two samples at least, since a plot needs two: gaps where there were none.
+        """
+        order = (self._next - self._count + np.arange(self._count)) % len(self._time_s)
+        if self._count < 2:
+            edge = np.array([-WINDOW_S, 0.0])
+            return (edge, *(np.full(2, np.nan) for _ in names))
+        values = self._values[order]
+        return (self._time_s[order] - now_s, *(values[:, self._column[name]] for name in names))
+
+    def clear(self) -> None:
+        """Forget everything: what was before a pause is not what comes after it."""
+        self._next = self._count = 0

@@ -1,0 +1,158 @@
+"""The whole page: scene and plots for all who look, forms for who may operate; and its loop."""
+
+import asyncio
+import threading
+import time
+from contextlib import suppress
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import viser
+
+from common.cell import Cell
+from common.clock import NS_PER_S
+from services.panel.door import Door, Rights
+from services.panel.faultlog import FaultLog
+from services.panel.history import History
+from services.panel.plots import PERIOD_S as PLOTS_S
+from services.panel.plots import Plots
+from services.panel.readout import NAMES, Readout
+from services.panel.scene import Scene
+from services.panel.server import RIGHTS, Gate, close_server, open_server
+from services.panel.strip import may_stop, strip
+from services.panel.tabs import Refresh, all_tabs
+from services.panel.viewer import Viewer, ask, put
+from services.panel.watch import Snapshot, Watch
+
+PERIOD_S = 0.05  # of the scene, and of what the plots are made of
+FORMS_S = 0.25
+IDLE_S = 0.25  # so often an empty room is looked into
+LEFT_S = 3.0  # a page that is loaded anew is away for a moment
+DARK_KEY = "forcemesh dark"
+REMEMBERS_S = 20.0
+
+
+class Page:
+    """The panel of one cell, from its start to its end."""
+
+    def __init__(self, cell: Cell, cell_file: Path, door: Door) -> None:
+        """Start the server; its page works as soon as this returns.
+
+        Raises:
+            ForcemeshError: The port is taken, or the door did not take effect.
+        """
+        self._cell, self._cell_file = cell, cell_file
+        self._watch = Watch(cell)
+        self._readout, self._history = Readout(cell), History(NAMES)
+        self._log = FaultLog(lambda: datetime.now().astimezone().strftime("%H:%M:%S"))
+        self._forms: dict[int, tuple[Viewer, list[Refresh]]] = {}
+        self._heard = Snapshot()
+        self._seen_ns = 0
+        gate = Gate(door, f"forcemesh {cell.cell}")
+        gate.routes = {"/state": self._state, "/stop": self._stop}
+        self.server = open_server(gate, door)
+        self.server.gui.configure_theme(show_logo=False, show_share_button=False)
+        self.server.gui.set_panel_label(f"forcemesh · {cell.cell}")
+        self.server.gui.main_panel.dock_right()
+        self.server.gui.main_panel.set_width(400)
+        self._scene = Scene(self.server, cell)
+        self._plots = Plots(self.server, self._history)
+        self.server.on_client_connect(self._came)
+        self.server.on_client_disconnect(self._left)
+        gate.ready = True
+
+    def run(self, stop: threading.Event) -> None:
+        """Draw while somebody looks; wait while nobody does."""
+        plots_ns = forms_ns = 0
+        while not stop.wait(PERIOD_S if self._is_watched() else IDLE_S):
+            if not self._is_watched():
+                self._watch.leave()
+                self._history.clear()
+                continue
+            self._watch.join()
+            self._heard = heard = self._watch.look()
+            self._log.saw(heard.arbiter.fresh)
+            self._history.add(heard.now_ns / NS_PER_S, self._readout.numbers(heard))
+            if not self.server.get_clients():
+                continue
+            self._scene.draw(heard)
+            if heard.now_ns - plots_ns >= PLOTS_S * NS_PER_S:
+                plots_ns = heard.now_ns
+                self._plots.draw(heard.now_ns / NS_PER_S)
+            if heard.now_ns - forms_ns >= FORMS_S * NS_PER_S:
+                forms_ns = heard.now_ns
+                self._refresh_forms(heard)
+
+    def close(self) -> None:
+        """Leave the bus, then close the page."""
+        self._watch.leave()
+        close_server(self.server)
+
+    # --- what the bar asks ------------------------------------------------------------------------
+
+    async def _state(self, rights: Rights) -> dict[str, Any]:
+        self._seen_ns = time.monotonic_ns()
+        return strip(self._cell, self._heard, rights)
+
+    async def _stop(self, rights: Rights) -> dict[str, Any]:
+        if not may_stop(self._cell, rights):
+            return {"text": "refused: this page may only look"}
+        reason = "Stop motion was pressed in the panel"
+        answer = await asyncio.to_thread(ask, self._watch, lambda cell: cell.hold(reason).text)
+        return {"text": answer.text if answer.word == "done" else f"{answer.word}: {answer.text}"}
+
+    # --- who looks --------------------------------------------------------------------------------
+
+    def _is_watched(self) -> bool:
+        if self.server.get_clients():
+            self._seen_ns = time.monotonic_ns()
+        return bool(self._seen_ns) and time.monotonic_ns() - self._seen_ns < LEFT_S * NS_PER_S
+
+    async def _came(self, client: viser.ClientHandle) -> None:
+        """Give who comes forms of their own, if they may operate."""
+        await asyncio.to_thread(self._build, client, RIGHTS.get())
+
+    async def _left(self, client: viser.ClientHandle) -> None:
+        self._forms.pop(client.client_id, None)
+
+    def _build(self, client: viser.ClientHandle, rights: Rights) -> None:
+        gui = client.gui
+        _let_choose_the_light(client)
+        if rights == "view":
+            gui.add_markdown("This page only looks. Who has the operator's address may act.")
+            return
+        viewer = Viewer(client, self._watch, self._cell, self._cell_file, self._log)
+        viewer.keep_answers_in(gui.add_markdown("What you ask for is answered here."))
+        refreshes = []
+        tabs = gui.add_tab_group()
+        for tab in all_tabs():
+            with tabs.add_tab(tab.label, tab.icon):
+                if (refresh := tab.build(viewer)) is not None:
+                    refreshes.append(refresh)
+        self._forms[client.client_id] = (viewer, refreshes)
+
+    def _refresh_forms(self, heard: Snapshot) -> None:
+        for _, refreshes in list(self._forms.values()):
+            for refresh in refreshes:
+                refresh(heard)
+
+
+def _let_choose_the_light(client: viser.ClientHandle) -> None:
+    """Add the switch between light and dark, which the browser remembers."""
+    dark = client.gui.add_checkbox("Dark", initial_value=False, order=1000.0)
+
+    def show(*, remember: bool) -> None:
+        client.gui.configure_theme(show_logo=False, show_share_button=False, dark_mode=dark.value)
+        if remember:
+            client.local_storage.set_item(DARK_KEY, "yes" if dark.value else "no")
+
+    dark.on_update(lambda _event: show(remember=True))
+
+    def remember() -> None:
+        with suppress(TimeoutError):  # a browser that is busy drawing stays light
+            if client.local_storage.get_item(DARK_KEY, timeout=REMEMBERS_S) == "yes":
+                put(dark, value=True)
+                show(remember=False)
+
+    threading.Thread(target=remember, daemon=True).start()

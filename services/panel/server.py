@@ -1,0 +1,197 @@
+"""viser behind the panel's door: one port, one page with our bar in it, nothing from outside.
+
+viser itself listens everywhere and asks nobody who he is. It hands each connection to the library
+`websockets`; for the moment in which it does so, that call is ours: we give it a socket that is
+bound already and let the door judge every request first. `refuse_an_open_door` proves at each start
+that this took effect, so that another version of viser cannot quietly come without it.
+"""
+
+import contextlib
+import contextvars
+import http.client
+import io
+import json
+import socket
+from collections.abc import Awaitable, Callable, Iterator
+from http import HTTPStatus
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import viser
+import websockets.asyncio.server
+from websockets.asyncio.server import ServerConnection
+from websockets.datastructures import Headers
+from websockets.http11 import Request, Response
+
+from common.errors import ForcemeshError
+from services.panel.door import ASKED_BY_US, Door, Rights, token_in
+
+Reply = dict[str, Any]
+Route = Callable[[Rights], Awaitable[Reply]]
+Before = Callable[[ServerConnection, Request], Response | None]
+
+RIGHTS: contextvars.ContextVar[Rights] = contextvars.ContextVar("rights", default="view")
+# What a page may load and whom it may call: itself. The front end unpacks itself from one file.
+POLICY = (
+    "default-src 'self' data: blob:; script-src 'self' 'unsafe-inline' 'unsafe-eval' blob: data:; "
+    "style-src 'self' 'unsafe-inline'; connect-src 'self' data: blob: ws: wss:; "
+    "worker-src 'self' blob: data:; frame-ancestors 'none'; base-uri 'none'; form-action 'self'"
+)
+BACKLOG = 32
+SELF_TEST_S = 5.0
+
+
+class PanelServer(viser.ViserServer):
+    """viser without the tunnel that would show the panel to the internet."""
+
+    def request_share_url(self, verbose: bool = True) -> str | None:  # noqa: FBT001, FBT002 - theirs
+        """Never share: any client may ask for it."""
+        del verbose
+        return None
+
+
+class Gate:
+    """Answers what is not viser's own, and judges all before viser sees it."""
+
+    def __init__(self, door: Door, title: str) -> None:
+        """Read the page once; nothing is listened to yet."""
+        self._door = door
+        self._page = page(title)
+        self.routes: dict[str, Route] = {}  # what only our own page asks
+        self.alive: Callable[[], bool] = lambda: True
+        self.ready = False  # until then a page that waits to come back must wait
+
+    async def before(self, request: Request) -> Response | None:
+        """Return the answer, None to let viser go on with its websocket."""
+        path = request.path.partition("?")[0]
+        if path == "/alive":  # says nothing to anybody but that it works
+            alive = self.alive()
+            status = HTTPStatus.OK if alive else HTTPStatus.SERVICE_UNAVAILABLE
+            return answer(status, "alive" if alive else "the cell is not heard", "text/plain")
+        if why := self._door.stranger(request.headers):
+            return answer(HTTPStatus.FORBIDDEN, why, "text/plain")
+        rights = self._door.rights(request.path, request.headers)
+        if rights is None:
+            return answer(HTTPStatus.UNAUTHORIZED, resource("token.html"), "text/html")
+        if request.headers.get("Upgrade", "").lower() == "websocket":
+            if not self.ready:
+                return answer(HTTPStatus.SERVICE_UNAVAILABLE, "in a moment", "text/plain")
+            RIGHTS.set(rights)
+            return None
+        if self._door.token and (shown := token_in(request.path)):
+            return self._take(shown)
+        if path in {"/", "/index.html"}:
+            return answer(HTTPStatus.OK, self._page, "text/html")
+        if path in self.routes and request.headers.get(ASKED_BY_US):
+            said = await self.routes[path](rights)
+            return answer(HTTPStatus.OK, json.dumps(said), "application/json")
+        return answer(HTTPStatus.NOT_FOUND, "there is no such page", "text/plain")
+
+    def _take(self, token: str) -> Response:
+        """Keep a good token in a cookie and out of the address that people copy."""
+        kept = f"{self._door.cookie}={token}; Path=/; HttpOnly; SameSite=Lax; Max-Age=2592000"
+        return answer(HTTPStatus.SEE_OTHER, "", "text/plain", Location="/", Set_Cookie=kept)
+
+    @contextlib.contextmanager
+    def in_front(self, listening: socket.socket) -> Iterator[None]:
+        """Let the server that is started meanwhile use this socket and ask us first."""
+        serve = websockets.asyncio.server.serve
+
+        def serving(handler: Any, _host: Any, _port: Any, **options: Any) -> Any:
+            async def process(_connection: ServerConnection, request: Request) -> Response | None:
+                return await self.before(request)
+
+            options["process_request"] = process
+            return serve(handler, sock=listening, **options)
+
+        websockets.asyncio.server.serve = serving  # type: ignore[misc, assignment]
+        try:
+            yield
+        finally:
+            websockets.asyncio.server.serve = serve  # type: ignore[misc]
+
+
+def listen(host: str, port: int) -> socket.socket:
+    """Return a socket that listens. Raise ForcemeshError when somebody else has the port."""
+    try:
+        return socket.create_server((host, port), backlog=BACKLOG)
+    except OSError as error:
+        raise ForcemeshError(
+            f"cannot listen on {host}:{port} ({error.strerror}): panel.port in the cell file, or "
+            "--port, chooses another one"
+        ) from None
+
+
+def open_server(gate: Gate, door: Door) -> PanelServer:
+    """Start the page's server behind the door.
+
+    Raises:
+        ForcemeshError: The port is taken, or the door did not take effect.
+    """
+    listening = listen(door.host, door.port)
+    with gate.in_front(listening), contextlib.redirect_stdout(io.StringIO()):
+        server = PanelServer(host=door.host, port=door.port, verbose=False)
+    try:
+        refuse_an_open_door(*listening.getsockname()[:2])
+    except ForcemeshError:
+        close_server(server)
+        raise
+    return server
+
+
+def close_server(server: viser.ViserServer) -> None:
+    """Stop it, without its word on standard output."""
+    with contextlib.redirect_stdout(io.StringIO()):
+        server.stop()
+
+
+def refuse_an_open_door(host: str, port: int) -> None:
+    """Come as a page of somebody else would; whoever is let in has found no door."""
+    name = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(host, host)  # noqa: S104 - not bound here
+    asking = http.client.HTTPConnection(name, port, timeout=SELF_TEST_S)
+    try:
+        asking.request("GET", "/", headers={"Origin": "http://stranger.example"})
+        status = asking.getresponse().status
+    except OSError as error:
+        raise ForcemeshError(f"the panel does not answer on {host}:{port}: {error}") from None
+    finally:
+        asking.close()
+    if status != HTTPStatus.FORBIDDEN:
+        raise ForcemeshError(
+            "refused: this version of viser goes round the panel's door; use one that "
+            "pyproject.toml names"
+        )
+
+
+def answer(status: HTTPStatus, body: str, kind: str, **more: str) -> Response:
+    """Return a whole answer."""
+    data = body.encode()
+    headers = Headers(
+        {
+            "Content-Type": f"{kind}; charset=utf-8",
+            "Content-Length": str(len(data)),
+            "Cache-Control": "no-store",
+            "Content-Security-Policy": POLICY,
+            "X-Content-Type-Options": "nosniff",
+            "Referrer-Policy": "no-referrer",
+        }
+    )
+    for name, value in more.items():
+        headers[name.replace("_", "-")] = value
+    return Response(status.value, status.phrase, headers, data)
+
+
+def page(title: str) -> str:
+    """Return viser's page with our title, and our bar at its end."""
+    client = Path(viser.__file__).parent / "client" / "build" / "index.html"
+    text = client.read_text(encoding="utf-8").replace(
+        "<title>Viser</title>", f"<title>{title}</title>"
+    )
+    head, _, tail = text.rpartition("</body>")
+    return f"{head}{resource('bar.html')}</body>{tail}"
+
+
+def resource(name: str) -> str:
+    """Return a file that lies beside this one."""
+    return files("services.panel").joinpath(name).read_text(encoding="utf-8")

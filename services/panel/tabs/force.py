@@ -1,0 +1,170 @@
+"""Force feedback: arm, tare, press with a set point, gains while it runs."""
+
+from typing import Any, get_args
+
+import viser
+
+from common.client import Cell
+from common.messages import Gains, Mode, Preset, StartLaw
+from common.requests import ForceStartRequest
+from services.panel.tabs import Refresh, Tab
+from services.panel.viewer import Viewer, put
+from services.panel.watch import Snapshot
+
+GAIN_ROWS = (  # field, label, what one of the form's units is in SI
+    ("force_p_m_per_N", "force P [µm/N]", 1e-6),
+    ("force_i_m_per_Ns", "force I [mm/(N s)]", 1e-3),
+    ("torque_p_rad_per_Nm", "torque P [mrad/(N m)]", 1e-3),
+    ("torque_i_rad_per_Nms", "torque I [rad/(N m s)]", 1.0),
+)
+ARM_TEXT = (
+    "The motors obey from now on. Is everybody out of reach, and a hand at the emergency stop?"
+)
+
+
+def build(viewer: Viewer) -> Refresh:
+    """Fill the tab."""
+    gui = viewer.gui
+    now = gui.add_markdown("…")
+    arm = gui.add_button("Arm", icon=viser.Icon.POWER, color="orange")
+    tare = gui.add_button(
+        "Tare", icon=viser.Icon.SCALE, hint="Take the present reading as zero; nothing may touch."
+    )
+
+    @arm.on_click
+    def _(_event: object) -> None:
+        viewer.confirm_and_do("Arm", ARM_TEXT, "Arm now", lambda cell: cell.arm().text)
+
+    @tare.on_click
+    def _(_event: object) -> None:
+        viewer.do("Tare", lambda cell: cell.tare().text)
+
+    with gui.add_folder("Press"):
+        form = _PressForm(viewer)
+    with gui.add_folder("Gains", expand_by_default=False):
+        _GainsForm(viewer)
+
+    def refresh(heard: Snapshot) -> None:
+        text = _now(heard)
+        if now.content != text:
+            now.content = text
+        form.refresh(heard)
+
+    return refresh
+
+
+class _PressForm:
+    """What to press with; the same button starts and changes."""
+
+    def __init__(self, viewer: Viewer) -> None:
+        gui, self._viewer, config = viewer.gui, viewer, viewer.cell
+        most_N = config.force.setpoint_max_N
+        self._setpoint = gui.add_slider(
+            "Set point [N]", min=0.0, max=most_N, step=0.5, initial_value=min(15.0, most_N)
+        )
+        self._mode = gui.add_dropdown("Mode", get_args(Mode))
+        self._host = gui.add_dropdown("Host", config.robot.hosts, hint="Where the regulator runs.")
+        self._law = gui.add_dropdown("Law", get_args(StartLaw), initial_value=config.force.law)
+        self._start = gui.add_button("Start pressing", icon=viser.Icon.PLAYER_PLAY, color="orange")
+        self._change = gui.add_button(
+            "Change set point", icon=viser.Icon.ADJUSTMENTS, visible=False
+        )
+        self._stop = gui.add_button(
+            "Stop force feedback", icon=viser.Icon.PLAYER_STOP, color="gray", visible=False
+        )
+        self._start.on_click(self._on_start)
+        self._change.on_click(lambda _event: viewer.do("Set point", self._begin))
+        self._stop.on_click(
+            lambda _event: viewer.do("Force feedback", lambda cell: cell.force.stop().text)
+        )
+
+    def refresh(self, heard: Snapshot) -> None:
+        """Offer what makes sense now."""
+        runs = heard.target.message is not None and heard.target.message.mode is not None
+        for handle, visible in ((self._start, not runs), (self._change, runs), (self._stop, runs)):
+            if handle.visible != visible:
+                handle.visible = visible
+
+    def _request(self) -> ForceStartRequest:
+        return ForceStartRequest(
+            mode=self._mode.value,
+            host=self._host.value,
+            law=self._law.value,
+            setpoint_N=float(self._setpoint.value),
+        )
+
+    def _begin(self, cell: Cell) -> str:
+        return cell.force.begin(self._request()).text
+
+    def _on_start(self, _event: object) -> None:
+        wanted = self._request()
+        text = (
+            f"The tool moves along its own z axis until it touches, then presses with "
+            f"**{wanted.setpoint_N:g} N** (mode {wanted.mode}, on the {wanted.host}). It gives up "
+            f"after {1e3 * self._viewer.cell.force.search_m:.0f} mm without contact."
+        )
+        self._viewer.confirm_and_do("Start pressing", text, "Press now", self._begin)
+
+
+class _GainsForm:
+    """The regulator's gains; it ramps to new ones by itself, also while it presses."""
+
+    def __init__(self, viewer: Viewer) -> None:
+        gui = viewer.gui
+        preset = gui.add_button_group(
+            "Preset", get_args(Preset), hint="Of the gain rule for this cell's stiffest contact."
+        )
+        self._rows = {
+            field: gui.add_vector3(label, (0.0, 0.0, 0.0), min=(0.0, 0.0, 0.0), step=0.001)
+            for field, label, _ in GAIN_ROWS
+        }
+        read = gui.add_button("Read", icon=viser.Icon.REFRESH, color="gray")
+        apply = gui.add_button("Apply", icon=viser.Icon.CHECK, hint="About base x, y, z.")
+        self._are_read = False
+        preset.on_click(
+            lambda _event: viewer.do(
+                f"Gains {preset.value}", lambda cell: self._set(cell, {"preset": preset.value})
+            )
+        )
+        read.on_click(lambda _event: viewer.do("Gains", self._read))
+        apply.on_click(lambda _event: viewer.do("Gains", self._apply))
+
+    def _read(self, cell: Cell) -> str:
+        self._show(cell.force.gains())
+        return "these are the regulator's gains"
+
+    def _apply(self, cell: Cell) -> str:
+        if not self._are_read:  # the form's zeros are nobody's wish
+            return f"{self._read(cell)}: change them, then apply"
+        wanted = {
+            field: tuple(float(part) * unit for part in self._rows[field].value)
+            for field, _, unit in GAIN_ROWS
+        }
+        return self._set(cell, wanted)
+
+    def _set(self, cell: Cell, wanted: dict[str, Any]) -> str:
+        self._show(cell.force.gains(**wanted))
+        return "set; the regulator ramps to them"
+
+    def _show(self, gains: Gains) -> None:
+        self._are_read = True
+        for field, _, unit in GAIN_ROWS:
+            x, y, z = (part / unit for part in getattr(gains, field))
+            put(self._rows[field], (x, y, z))
+
+
+def _now(heard: Snapshot) -> str:
+    """Return one line about what runs now."""
+    target, wrench, status = heard.target.message, heard.wrench.fresh, heard.arbiter.fresh
+    if wrench is None:
+        return f"⚠ no wrench: {heard.hub_fault or heard.wrench.fault}"
+    force = sum(part * part for part in wrench.force_N) ** 0.5
+    doing = "force feedback is off"
+    if target is not None and target.mode is not None:
+        doing = f"**{target.mode}** on the {target.host}, {target.contact}"
+    calibrated = "" if wrench.calibrated else f"  \n⚠ not calibrated: {wrench.calibration_fault}"
+    armed = "" if status is None or status.goes_on else "  \nnot armed"
+    return f"**{force:.1f} N** · {doing}{armed}{calibrated}"
+
+
+TAB = Tab(10, "Force", viser.Icon.ARROW_BAR_TO_DOWN, build)

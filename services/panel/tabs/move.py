@@ -1,0 +1,255 @@
+"""Moves: jog in base or tool axes, joints, go to a pose, speed; each is confirmed or unlocked."""
+
+import math
+import threading
+from collections.abc import Callable
+from typing import Literal
+
+import numpy as np
+import viser
+
+from common.client import Cell
+from common.convert import pose_of, record_of, vec6
+from common.frames import Oat, R_from_oat, oat_from_R, pose
+from common.messages import RobotState, Vec3
+from common.requests import MoveRequest
+from services.panel.tabs import Refresh, Tab
+from services.panel.viewer import Answer, Viewer, ask, put
+from services.panel.watch import Snapshot
+
+STEPS_MM = ("1", "5", "10", "50")
+UNLOCKED_S = 60.0
+USUAL_MM_S = 50.0
+ARROWS = ("−x", "+x", "−y", "+y", "−z", "+z")
+JOG_TEXT = (
+    "For a minute after the last jog, **each click moves the arm at once**, without asking again. "
+    "Is everybody out of reach, and a hand at the emergency stop?"
+)
+ARM_TEXT = "Arm for moves alone: also without calibration and in contact. Nothing presses."
+
+
+def build(viewer: Viewer) -> Refresh:
+    """Fill the tab."""
+    gui = viewer.gui
+    where = gui.add_markdown("…")
+    arm = gui.add_button("Arm for jog", icon=viser.Icon.POWER, color="orange")
+    arm.on_click(
+        lambda _event: viewer.confirm_and_do(
+            "Arm for jog", ARM_TEXT, "Arm now", lambda cell: cell.arm("jog").text
+        )
+    )
+    most_mm_s = 1e3 * viewer.cell.limits.speed_m_s
+    speed = gui.add_slider(
+        "Speed [mm/s]", min=1.0, max=most_mm_s, step=1.0, initial_value=min(USUAL_MM_S, most_mm_s)
+    )
+    mover = Mover(viewer, lambda: float(speed.value) / 1e3)
+    with gui.add_folder("Jog"):
+        jog = _Jog(viewer, mover)
+    with gui.add_folder("Joints", expand_by_default=False):
+        _Joints(viewer, mover)
+    with gui.add_folder("Go to a pose", expand_by_default=False):
+        _GoTo(viewer, mover)
+
+    def refresh(heard: Snapshot) -> None:
+        text = where_text(heard)
+        if where.content != text:
+            where.content = text
+        jog.refresh()
+
+    return refresh
+
+
+class Mover:
+    """Asks for a move, says that it was taken, and later what became of it."""
+
+    def __init__(self, viewer: Viewer, speed_m_s: Callable[[], float]) -> None:
+        self._viewer = viewer
+        self._speed_m_s = speed_m_s
+
+    def begin(self, what: str, request: Callable[[Cell], MoveRequest]) -> None:
+        """Ask; the rest is followed by a thread of its own, so that a click never waits for it."""
+        watch, found = self._viewer.watch, []
+
+        def begin(cell: Cell) -> str:
+            wanted = request(cell).model_copy(update={"speed_m_s": self._speed_m_s()})
+            found.append(cell.move.begin(wanted))
+            return "on its way"
+
+        answer = ask(watch, begin)
+        if not found:
+            self._viewer.show(what, answer)
+            return
+
+        def follow() -> None:
+            ended: Answer = ask(watch, lambda _cell: _arrived(found[0].wait()))
+            self._viewer.show(what, ended)
+
+        threading.Thread(target=follow, daemon=True).start()
+
+    def state(self) -> RobotState | None:
+        """Return where the arm is."""
+        return self._viewer.watch.look().robot.fresh
+
+
+class _Jog:
+    """Steps along axes. One question unlocks the buttons for a while, for this person alone."""
+
+    def __init__(self, viewer: Viewer, mover: Mover) -> None:
+        gui, self._viewer, self._mover = viewer.gui, viewer, mover
+        self._until_ns = 0
+        self._unlock = gui.add_button("Unlock jogging", icon=viser.Icon.LOCK, color="orange")
+        self._axes = gui.add_dropdown("Axes of", ("base", "tool"))
+        self._step = gui.add_dropdown("Step [mm, degrees]", STEPS_MM, initial_value="5")
+        self._shift = gui.add_button_group("Shift", ARROWS, disabled=True)
+        self._turn = gui.add_button_group("Turn", ARROWS, disabled=True)
+        self._joint = gui.add_dropdown("Joint", tuple(f"J{n}" for n in range(1, 7)))
+        self._by = gui.add_button_group("Joint by", ("−", "+"), disabled=True)
+        self._unlock.on_click(
+            lambda _event: viewer.confirm("Unlock jogging", JOG_TEXT, "Unlock", self._open)
+        )
+        self._shift.on_click(lambda _event: self._jog(self._shift.value, turning=False))
+        self._turn.on_click(lambda _event: self._jog(self._turn.value, turning=True))
+        self._by.on_click(lambda _event: self._jog_joint())
+
+    def refresh(self) -> None:
+        """Lock again when nobody has jogged for a while."""
+        if self._until_ns and not self._is_open():
+            self._set_open(open_=False)
+
+    def _open(self) -> None:
+        self._until_ns = self._viewer.watch.clock.now_ns() + round(UNLOCKED_S * 1e9)
+        self._set_open(open_=True)
+
+    def _set_open(self, *, open_: bool) -> None:
+        self._until_ns = self._until_ns if open_ else 0
+        self._unlock.visible = not open_
+        for handle in (self._shift, self._turn, self._by):
+            handle.disabled = not open_
+
+    def _is_open(self) -> bool:
+        return self._viewer.watch.clock.now_ns() < self._until_ns
+
+    def _jog(self, arrow: str, *, turning: bool) -> None:
+        if not self._is_open():
+            return
+        self._open()
+        step = float(self._step.value) * (-1.0 if arrow.startswith("−") else 1.0)
+        amount = math.radians(step) if turning else step / 1e3
+        along = vector("xyz".index(arrow[1:]), amount)
+        still: Vec3 = (0.0, 0.0, 0.0)
+        axes: Literal["base", "tool"] = "tool" if self._axes.value == "tool" else "base"
+        unit = "degrees about" if turning else "mm along"
+
+        def request(cell: Cell) -> MoveRequest:
+            shift, turn = (still, along) if turning else (along, still)
+            return MoveRequest(kind="pose", pose=cell.move.jogged(shift, turn, axes=axes))
+
+        self._mover.begin(f"Jog {step:+g} {unit} {arrow[1:]} of the {axes}", request)
+
+    def _jog_joint(self) -> None:
+        if not self._is_open():
+            return
+        self._open()
+        step_deg = float(self._step.value) * (-1.0 if self._by.value == "−" else 1.0)
+        by = np.zeros(6)
+        by[int(self._joint.value[1:]) - 1] = math.radians(step_deg)
+        request = MoveRequest(kind="by", joint_rad=vec6(by))
+        self._mover.begin(f"{self._joint.value} by {step_deg:+g} degrees", lambda _cell: request)
+
+
+class _Joints:
+    """All six joints to angles."""
+
+    def __init__(self, viewer: Viewer, mover: Mover) -> None:
+        gui, self._viewer, self._mover = viewer.gui, viewer, mover
+        low, high = viewer.cell.robot.joint_min_deg, viewer.cell.robot.joint_max_deg
+        self._angles = [
+            gui.add_number(f"J{n + 1} [deg]", 0.0, min=low[n], max=high[n], step=0.1)
+            for n in range(6)
+        ]
+        take = gui.add_button("Take the present ones", color="gray")
+        go = gui.add_button("Move the joints", icon=viser.Icon.PLAYER_PLAY, color="orange")
+        take.on_click(lambda _event: self._take())
+        go.on_click(lambda _event: self._go())
+
+    def _take(self) -> None:
+        state = self._mover.state()
+        if state is not None:
+            for handle, angle in zip(self._angles, state.joint_rad, strict=True):
+                put(handle, round(math.degrees(angle), 2))
+
+    def _go(self) -> None:
+        angles = [float(handle.value) for handle in self._angles]
+        request = MoveRequest(kind="joints", joint_rad=vec6(np.radians(angles)))
+        text = "All joints move to " + ", ".join(f"{angle:g}" for angle in angles) + " degrees."
+        self._viewer.confirm(
+            "Move the joints",
+            text,
+            "Move now",
+            lambda: self._mover.begin("Move the joints", lambda _cell: request),
+        )
+
+
+class _GoTo:
+    """The flange to a pose, as on the pendant."""
+
+    def __init__(self, viewer: Viewer, mover: Mover) -> None:
+        gui, self._viewer, self._mover = viewer.gui, viewer, mover
+        self._place = gui.add_vector3("X, Y, Z [mm]", (0.0, 0.0, 0.0), step=0.1)
+        self._oat = gui.add_vector3("O, A, T [deg]", (0.0, 0.0, 0.0), step=0.1)
+        take = gui.add_button("Take the present one", color="gray")
+        go = gui.add_button("Move there", icon=viser.Icon.PLAYER_PLAY, color="orange")
+        take.on_click(lambda _event: self._take())
+        go.on_click(lambda _event: self._go())
+
+    def _take(self) -> None:
+        state = self._mover.state()
+        if state is not None:
+            T = pose_of(state)
+            x, y, z = (round(1e3 * float(part), 2) for part in T.translation)
+            put(self._place, (x, y, z))
+            o, a, t = (round(math.degrees(angle), 3) for angle in oat_from_R(T.rotation))
+            put(self._oat, (o, a, t))
+
+    def _go(self) -> None:
+        place, angles = self._place.value, self._oat.value
+        position_m = tuple(part / 1e3 for part in place)
+        R = R_from_oat(Oat(*(math.radians(angle) for angle in angles)))
+        request = MoveRequest(kind="pose", pose=record_of(pose(position_m, R)))
+        x, y, z = place
+        text = f"The flange moves to {x:g}, {y:g}, {z:g} mm, on the way that the controller takes."
+        self._viewer.confirm(
+            "Move to a pose",
+            text,
+            "Move now",
+            lambda: self._mover.begin("Move to a pose", lambda _cell: request),
+        )
+
+
+def vector(axis: int, amount: float) -> Vec3:
+    """Return a vector along one axis."""
+    x, y, z = (amount if axis == other else 0.0 for other in range(3))
+    return (x, y, z)
+
+
+def where_text(heard: Snapshot) -> str:
+    """Return where the flange is, as on the pendant."""
+    robot = heard.robot.fresh
+    if robot is None:
+        return f"⚠ {heard.hub_fault or heard.robot.fault}"
+    T = pose_of(robot)
+    x, y, z = (1e3 * float(part) for part in T.translation)
+    o, a, t = (math.degrees(angle) for angle in oat_from_R(T.rotation))
+    joints = ", ".join(f"{math.degrees(angle):.1f}" for angle in robot.joint_rad)
+    return (
+        f"flange **{x:.1f}, {y:.1f}, {z:.1f}** mm · O A T {o:.1f}, {a:.1f}, {t:.1f}°  \n"
+        f"joints {joints}°"
+    )
+
+
+def _arrived(state: RobotState) -> str:
+    x, y, z = (1e3 * part for part in state.position_m)
+    return f"there: flange at {x:.1f}, {y:.1f}, {z:.1f} mm"
+
+
+TAB = Tab(20, "Move", viser.Icon.ARROWS_MOVE, build)

@@ -1,0 +1,117 @@
+"""What the panel hears of its cell. While nobody looks it hears nothing, and costs nothing."""
+
+import threading
+from dataclasses import dataclass, field
+from typing import Any, TypeVar
+
+from common import topics
+from common.cell import Cell as CellFile
+from common.client import Cell
+from common.clock import NS_PER_S, Clock, MonotonicClock
+from common.endpoints import Reading
+from common.errors import BusError
+from common.messages import (
+    ArbiterStatus,
+    Health,
+    Message,
+    RegulatorTarget,
+    RobotCommand,
+    RobotState,
+    SensorWrench,
+    WrenchAtTcp,
+)
+from common.topics import Topic
+
+M = TypeVar("M", bound=Message)
+
+AGAIN_S = 1.0  # between two tries to find the hub
+
+
+def unheard(topic: Topic[M]) -> Reading[M]:
+    """Return what is known of a topic that nobody listens to."""
+    return Reading(None, None, float("inf"), f"{topic.key} missing", silent=True, code="missing")
+
+
+@dataclass(frozen=True, slots=True)
+class Snapshot:
+    """The newest of every topic, judged at one moment."""
+
+    now_ns: int = 0
+    hub_fault: str = "nobody has looked yet"
+    robot: Reading[RobotState] = field(default_factory=lambda: unheard(topics.ROBOT_STATE))
+    wrench: Reading[WrenchAtTcp] = field(default_factory=lambda: unheard(topics.WRENCH))
+    sensor: Reading[SensorWrench] = field(default_factory=lambda: unheard(topics.SENSOR_WRENCH))
+    target: Reading[RegulatorTarget] = field(
+        default_factory=lambda: unheard(topics.REGULATOR_TARGET)
+    )
+    command: Reading[RobotCommand] = field(default_factory=lambda: unheard(topics.ROBOT_COMMAND))
+    arbiter: Reading[ArbiterStatus] = field(default_factory=lambda: unheard(topics.ARBITER_STATUS))
+    health: dict[str, Reading[Health] | Reading[SensorWrench]] = field(default_factory=dict)
+
+
+class Watch:
+    """A client of the cell while one is wanted; one thread joins and leaves, any may ask."""
+
+    def __init__(self, cell: CellFile, clock: Clock | None = None) -> None:
+        """Prepare; no session is opened."""
+        self.cell = cell
+        self.clock = clock or MonotonicClock()
+        self._client: Cell | None = None
+        self._lock = threading.Lock()
+        self._try_at_ns = 0
+        self._fault = Snapshot().hub_fault
+
+    def join(self) -> None:
+        """Be on the bus, or try again to get there."""
+        if self._client is None and self.clock.now_ns() >= self._try_at_ns:
+            self._open()
+
+    def leave(self) -> None:
+        """Leave the bus."""
+        with self._lock:
+            client, self._client = self._client, None
+        if client is not None:
+            client.close()
+
+    def look(self) -> Snapshot:
+        """Return the newest of everything."""
+        now_ns, client = self.clock.now_ns(), self._client
+        if client is None:
+            return Snapshot(now_ns=now_ns, hub_fault=self._fault)
+        return Snapshot(
+            now_ns=now_ns,
+            hub_fault="",
+            robot=client.state.reading(),
+            wrench=client.wrench.reading(),
+            sensor=client.sensor.reading(),
+            target=client.target.reading(),
+            command=client.command.reading(),
+            arbiter=client.status.reading(),
+            health={role: client.health(role).reading() for role in topics.ROLES},
+        )
+
+    @property
+    def client(self) -> Cell:
+        """The cell to ask. Raises BusError when it is not reached."""
+        client = self._client
+        if client is None:
+            raise BusError(self._fault)
+        return client
+
+    def _open(self) -> None:
+        try:
+            client = Cell(self.cell, commander="operator", patience_s=0.0)
+        except BusError as error:
+            self._fault = str(error)
+            self._try_at_ns = self.clock.now_ns() + round(AGAIN_S * NS_PER_S)
+            return
+        with self._lock:
+            self._client = client
+
+
+def age_text(reading: Reading[Any]) -> str:
+    """Return the age of a message in words as short as they can be."""
+    if reading.message is None:
+        return "never heard"
+    age_ms = 1e3 * reading.age_s
+    return f"{age_ms:.0f} ms" if age_ms < 1000 else f"{reading.age_s:.1f} s"

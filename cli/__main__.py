@@ -20,6 +20,7 @@ from cli.context import EXIT_CODES
 from cli.demo import demo
 from cli.doctor import doctor
 from cli.numbers import NEGATIVE_NUMBERS
+from cli.skills import verbs as skills
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -46,6 +47,7 @@ app.add_typer(verbs_move.move, name="move", rich_help_panel=MOVE)
 app.command(rich_help_panel=MOVE, context_settings=NEGATIVE_NUMBERS)(verbs_move.jog)
 app.command(rich_help_panel=MOVE)(verbs_motion.speed)
 app.add_typer(verbs_force.force, name="force", rich_help_panel=FORCE)
+skills.add_to(app, "Skills")
 app.command(rich_help_panel=FORCE)(verbs_force.tare)
 app.command(rich_help_panel=FORCE)(calibrate)
 app.add_typer(check, name="check", rich_help_panel=FORCE)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from common import topics
 from common.convert import pose_of
-from common.messages import Preset
+from common.messages import Preset, RobotState
 from common.requests import ForceStartRequest, GainsRequest, PathRequest
 from services.regulator import guiding
 from services.regulator.guiding import GuideSettings
@@ -33,6 +33,7 @@ class Obedient(RegulatorBench):
 
     def __init__(self) -> None:
         super().__init__()
+        self.robot: RobotState
         self.way_m: list[float] = []
         self.pass_s(0.1)
 
@@ -63,6 +64,7 @@ class Obedient(RegulatorBench):
 def guided(force_N, seconds: float) -> tuple[np.ndarray, np.ndarray]:
     """Return the way and the last speed under a force, told at each period, base axes."""
     law, memory = start_at(T_START), guiding.begin(T_START)
+    before = T_START.translation
     for number in range(round(seconds / PERIOD_S)):
         sample = LawInput(
             np.array(force_N(number * PERIOD_S)), np.zeros(3), 0.0, "position", PERIOD_S

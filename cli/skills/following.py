@@ -1,0 +1,149 @@
+"""A constant force along a path: press where the tool is, then go across with that force."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from cli.skills.feel import Feeler, Felt, Steady, Tell, force_ends, silent
+from cli.skills.pressing import BAND_N, STEADY_S, How
+from common import topics
+from common.client import Cell
+from common.errors import DataError
+from common.frames import Array
+from common.messages import Vec3
+from common.requests import ForceStartRequest, PathRequest
+
+CHUNK = 50  # points in one request
+AHEAD = 250  # points that the regulator has at most, beside those of one request
+ALONG, FLAT = (False, False, True, False, False, False), (False, False, True, True, True, False)
+START_WITHIN_M = 0.02  # across: farther away it is no start but a way nobody asked for
+BEGINNING_S = 1.0  # of the way: not counted in the mean error
+STANDS_S = 0.2
+DONE_M = 1e-5
+
+
+@dataclass(frozen=True, slots=True)
+class Followed:
+    """How well a force was held along a path."""
+
+    length_mm: float
+    took_s: float
+    setpoint_N: float
+    mean_error_N: float  # mean of the size, after the first second
+    peak_error_N: float
+    contacts_lost: int
+    height_mm: float  # by which the surface rose and fell
+
+
+@dataclass(frozen=True, slots=True)
+class Way:
+    """How the path is to be gone."""
+
+    force_N: float
+    speed_m_s: float
+    from_here: bool = False  # shift the path so that it begins where the tool is
+    flat: bool = False  # turn with the surface
+
+
+def follow(
+    cell: Cell, points: Sequence[Array], way: Way, *, how: How, within_s: float, tell: Tell = silent
+) -> Followed:
+    """Press, then go along points across the tool's axis while the force is held.
+
+    Args:
+        cell: An armed cell.
+        points: Of the TCP in base [m], each of shape (3,); their height does not count.
+        way: Force and speed.
+        how: Law and gains; the adaptive law unless another one is named.
+        within_s: Longest time until the force is there.
+        tell: Told how it goes.
+
+    Raises:
+        DataError: The path begins somewhere else than the tool is.
+        NotReachedError: The force was not there in time.
+        RefusedError, ArmStoppedError, LostError: As the client raises them.
+    """
+    feeler = Feeler(cell)
+    start = feeler.here()
+    placed = _placed(points, start.translation, start.rotation[:, 2], way)
+    length_m = sum(float(np.linalg.norm(b - a)) for a, b in pairwise(placed))
+    request = ForceStartRequest(
+        mode="both" if way.flat else "position",
+        setpoint_N=way.force_N,
+        law=how.law or "adaptive",
+        preset=how.preset,
+        axes=FLAT if way.flat else ALONG,
+        frame="tool",
+    )
+    with force_ends(cell):
+        cell.force.begin(request)
+        there = Steady(lambda felt: abs(felt.press_N - way.force_N) <= BAND_N, STEADY_S)
+        feeler.until(there, within_s=within_s, what="pressing", tell=tell)
+        felt = _go(cell, feeler, placed, way=way, length_m=length_m, tell=tell)
+    return _judged(felt, way, length_m)
+
+
+def _placed(points: Sequence[Array], here: Array, axis: Array, way: Way) -> list[Array]:
+    """Return the points where they are meant. Raises DataError."""
+    if way.from_here:
+        return [point - points[0] + here for point in points]
+    off = points[0] - here
+    off_m = float(np.linalg.norm(off - (off @ axis) * axis))
+    if off_m > START_WITHIN_M:
+        text = f"the path begins {1e3 * off_m:.0f} mm beside the tool"
+        raise DataError(f"{text}: move there first, or let it begin here with --from-here")
+    return list(points)
+
+
+def _go(
+    cell: Cell, feeler: Feeler, points: list[Array], *, way: Way, length_m: float, tell: Tell
+) -> list[Felt]:
+    """Send the points bit by bit until all have been gone to; return what was felt."""
+    to_go = [length_m]
+    for a, b in pairwise(points):
+        to_go.append(to_go[-1] - float(np.linalg.norm(b - a)))
+    sent, behind, felt, done = 0, 0, [feeler.next()], Steady(_has_arrived, STANDS_S)
+    while True:
+        left_m = length_m
+        if sent and felt[-1].left_m is not None:
+            left_m = felt[-1].left_m + to_go[min(sent, len(points)) - 1]
+        while behind < len(points) - 1 and to_go[behind] > left_m:
+            behind += 1
+        if sent < len(points) and sent - behind < AHEAD:
+            _send(cell, points[sent : sent + CHUNK], way, append=sent > 0)
+            sent += CHUNK
+        felt.append(feeler.next())
+        tell(length_m - left_m, length_m, f"following: {felt[-1].press_N:.1f} N")
+        if done(felt[-1]) and sent >= len(points):
+            return felt
+
+
+def _send(cell: Cell, points: list[Array], way: Way, *, append: bool) -> None:
+    asked: list[Vec3] = [(float(p[0]), float(p[1]), float(p[2])) for p in points]
+    request = PathRequest(points_m=tuple(asked), append=append, speed_m_s=way.speed_m_s)
+    cell.ask(topics.FORCE_PATH, request)
+
+
+def _has_arrived(felt: Felt) -> bool:
+    return felt.left_m is not None and felt.left_m <= DONE_M
+
+
+def _judged(felt: list[Felt], way: Way, length_m: float) -> Followed:
+    began_s = felt[0].t_s
+    errors_N = np.array([abs(f.press_N - way.force_N) for f in felt])
+    late = np.array([f.t_s - began_s > BEGINNING_S for f in felt])
+    counted = errors_N[late] if late.any() else errors_N
+    touching = [f.contact == "contact" for f in felt]
+    axis = felt[0].T_base_tcp.rotation[:, 2]
+    heights_m = [float(f.T_base_tcp.translation @ axis) for f in felt]
+    return Followed(
+        length_mm=1e3 * length_m,
+        took_s=felt[-1].t_s - began_s,
+        setpoint_N=way.force_N,
+        mean_error_N=float(counted.mean()),
+        peak_error_N=float(errors_N.max()),
+        contacts_lost=sum(a and not b for a, b in pairwise(touching)),
+        height_mm=1e3 * (max(heights_m) - min(heights_m)),
+    )

@@ -1,0 +1,96 @@
+"""Hand guiding: the tool follows a hand, the way is written down, and gone again."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+
+from cli.skills.feel import Feeler, Felt, Tell, force_ends, silent
+from cli.skills.path_file import read_poses, thinned, write_poses
+from common.client import Cell
+from common.convert import record_of
+from common.messages import Mode
+from common.requests import ForceStartRequest, MoveRequest
+
+RECORD_S = 0.02
+
+
+@dataclass(slots=True)
+class Recording:
+    """Where the flange was, in base; it grows while the hand guides."""
+
+    times_s: list[float] = field(default_factory=list)
+    poses: list[pin.SE3] = field(default_factory=list)
+    peak_N: float = 0.0
+
+    @property
+    def way_mm(self) -> float:
+        """Length of the way of the flange."""
+        places = np.array([T.translation for T in self.poses]).reshape(-1, 3)
+        return 1e3 * float(np.linalg.norm(np.diff(places, axis=0), axis=1).sum())
+
+    def save(self, path: Path) -> None:
+        """Write it. Raises DataError when the file cannot be written."""
+        write_poses(path, self.times_s, self.poses)
+
+
+def guide(
+    cell: Cell,
+    recording: Recording,
+    *,
+    mode: Mode,
+    seconds: float,
+    enough: Callable[[], bool],
+    tell: Tell = silent,
+) -> None:
+    """Let the tool give way to a hand for a while, or until it is enough.
+
+    Args:
+        cell: An armed cell; nothing touches the tool when it begins.
+        recording: What happens is written into it, however it ends.
+        mode: What the hand may move: `position`, `orientation` or both.
+        seconds: Longest time.
+        enough: Asked at each sample.
+        tell: Told how it goes.
+
+    Raises:
+        RefusedError, ArmStoppedError, LostError: As the client raises them.
+    """
+    feeler = Feeler(cell)
+    T_tcp_flange = cell.config.tool.T_flange_tcp.pose.inverse()
+
+    def see(felt: Felt) -> bool:
+        if not recording.times_s or felt.t_s - recording.times_s[-1] >= RECORD_S:
+            recording.times_s.append(felt.t_s)
+            recording.poses.append(felt.T_base_tcp * T_tcp_flange)
+        recording.peak_N = max(recording.peak_N, float(np.linalg.norm(felt.force_N)))
+        return felt.t_s >= seconds or enough()
+
+    with force_ends(cell):
+        cell.force.begin(ForceStartRequest(mode=mode, law="guide"))
+        feeler.until(see, within_s=seconds + 1.0, what="guided", tell=tell)
+
+
+def play_back(
+    cell: Cell, path: Path, *, tolerance_m: float, speed_m_s: float | None, tell: Tell = silent
+) -> tuple[int, int]:
+    """Go along a recorded way, from pose to pose; rests at each. Returns poses gone to, and read.
+
+    Nothing is felt: it is an ordinary move, and the arbiter's limits alone stop it.
+
+    Raises:
+        DataError: The file cannot be used.
+        RefusedError, ArmStoppedError, NotReachedError, LostError: As a move raises them.
+    """
+    read = read_poses(path)
+    poses = thinned(read, tolerance_m)
+    for number, T in enumerate(poses):
+        tell(float(number), float(len(poses)), f"pose {number + 1} of {len(poses)}")
+        record = record_of(T)
+        asked = MoveRequest(
+            kind="pose", pose=record, speed_m_s=speed_m_s, commander=cell.session.commander
+        )
+        cell.move.begin(asked).wait()
+    return len(poses), len(read)

@@ -1,0 +1,116 @@
+"""Paths in CSV files: points of the TCP, or poses of the flange, millimetres and degrees. Pure.
+
+    x_mm,y_mm,z_mm                          points of the TCP, base axes: `forcemesh follow`
+    t_s,x_mm,y_mm,z_mm,o_deg,a_deg,t_deg    poses of the flange in base: `forcemesh guide`
+
+Lines that begin with # are skipped; columns beside these too.
+"""
+
+import csv
+from collections.abc import Iterable, Sequence
+from math import degrees, isfinite, radians
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+
+from common.errors import DataError
+from common.frames import Array, Oat, R_from_oat, oat_from_R, pose, rotation_between
+
+POINT = ("x_mm", "y_mm", "z_mm")
+POSE = (*POINT, "o_deg", "a_deg", "t_deg")
+MOST_ROWS = 100_000
+ARM_M = 0.1  # a turn counts as the way of a point so far away
+
+
+def read_points(path: Path) -> list[Array]:
+    """Return points of the TCP in base [m], each of shape (3,). Raises DataError."""
+    return [np.array(row) / 1e3 for row in _rows(path, POINT)]
+
+
+def read_poses(path: Path) -> list[pin.SE3]:
+    """Return poses of the flange in base. Raises DataError."""
+    return [
+        pose(np.array(row[:3]) / 1e3, R_from_oat(Oat(*(radians(angle) for angle in row[3:]))))
+        for row in _rows(path, POSE)
+    ]
+
+
+def write_poses(path: Path, times_s: Sequence[float], poses: Sequence[pin.SE3]) -> None:
+    """Write poses of the flange in base. Raises DataError when the file cannot be written."""
+    before: Oat | None = None
+    lines = [",".join(("t_s", *POSE))]
+    for t_s, T in zip(times_s, poses, strict=True):
+        before = oat_from_R(T.rotation, before)
+        numbers = [1e3 * float(part) for part in T.translation]
+        numbers += [degrees(angle) for angle in before]
+        lines.append(",".join([f"{t_s:.3f}", *(f"{number:.4f}" for number in numbers)]))
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    except OSError as error:
+        raise DataError(f"{path}: cannot be written: {error.strerror}") from error
+
+
+def thinned(poses: Sequence[pin.SE3], tolerance_m: float) -> list[pin.SE3]:
+    """Return the poses that are needed: straight between them, no other is farther off than so.
+
+    A turn counts as the way that it gives a point 100 mm away.
+    """
+    if len(poses) < 3:
+        return list(poses)
+    kept, spans = {0, len(poses) - 1}, [(0, len(poses) - 1)]
+    while spans:
+        first, last = spans.pop()
+        offs = [(_off_m(poses, first, last, at), at) for at in range(first + 1, last)]
+        worst_m, at = max(offs, default=(0.0, first))
+        if worst_m > tolerance_m:
+            kept.add(at)
+            spans += [(first, at), (at, last)]
+    return [poses[at] for at in sorted(kept)]
+
+
+def _off_m(poses: Sequence[pin.SE3], first: int, last: int, at: int) -> float:
+    """Return how far a pose is from the straight way between two others [m]."""
+    a, b, T = poses[first], poses[last], poses[at]
+    way_m = b.translation - a.translation
+    turn = rotation_between(a.rotation, b.rotation)
+    way = np.concatenate((way_m, ARM_M * turn))
+    seen_m = T.translation - a.translation
+    seen = np.concatenate((seen_m, ARM_M * rotation_between(a.rotation, T.rotation)))
+    length = float(way @ way)
+    share = min(max(float(seen @ way) / length, 0.0), 1.0) if length > 0.0 else 0.0
+    return float(np.linalg.norm(seen - share * way))
+
+
+def _rows(path: Path, names: tuple[str, ...]) -> list[tuple[float, ...]]:
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        why = error.strerror if isinstance(error, OSError) else "it is no text"
+        raise DataError(f"{path}: cannot be read: {why}") from error
+    rows = list(_numbers(path, [line for line in lines if not line.startswith("#")], names))
+    if not rows:
+        raise DataError(f"{path}: no rows: columns {','.join(names)}, then one row for each place")
+    if len(rows) > MOST_ROWS:
+        raise DataError(f"{path}: {len(rows)} rows, at most {MOST_ROWS} are read")
+    return rows
+
+
+def _numbers(
+    path: Path, lines: Sequence[str], names: tuple[str, ...]
+) -> Iterable[tuple[float, ...]]:
+    reader = csv.DictReader(lines)
+    found = [name.strip() for name in reader.fieldnames or []]
+    missing = [name for name in names if name not in found]
+    if missing:
+        raise DataError(f"{path}: no column {', '.join(missing)}; found {', '.join(found) or '-'}")
+    reader.fieldnames = found
+    for number, row in enumerate(reader, start=2):
+        try:
+            values = tuple(float(row[name]) for name in names)
+        except (TypeError, ValueError):
+            raise DataError(f"{path}, row {number}: not {len(names)} numbers") from None
+        if not all(isfinite(value) for value in values):
+            raise DataError(f"{path}, row {number}: a number is not finite")
+        yield values

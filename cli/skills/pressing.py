@@ -1,0 +1,168 @@
+"""Three skills: touch, press, lay flat. They are clients of the cell like any other."""
+
+from dataclasses import dataclass
+from math import degrees
+
+import numpy as np
+import pinocchio as pin
+
+from cli.skills.feel import Feeler, Felt, Steady, Tell, force_ends, silent
+from common.client import Cell
+from common.errors import NotReachedError
+from common.frames import rotation_between
+from common.messages import Mode, Preset, StartLaw, Vec3
+from common.requests import ForceStartRequest
+
+BAND_N, BAND_NM = 1.0, 0.1
+STEADY_S = 0.3
+TOUCH_S = 120.0
+BACK_M_S = 0.02
+
+
+@dataclass(frozen=True, slots=True)
+class How:
+    """How force feedback is to work."""
+
+    law: StartLaw | None = None  # without it the cell file's
+    preset: Preset | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Touched:
+    """Where something was touched."""
+
+    tcp_mm: Vec3  # base axes
+    way_mm: float  # that the tool went to it
+    peak_N: float
+
+
+@dataclass(frozen=True, slots=True)
+class Held:
+    """How well a force was held."""
+
+    setpoint_N: float
+    reached_s: float  # from the first contact until it stayed within 1 N
+    mean_N: float
+    ripple_N: float  # standard deviation
+    peak_N: float  # of all
+
+
+@dataclass(frozen=True, slots=True)
+class Aligned:
+    """How a face was laid flat."""
+
+    turned_deg: float
+    reached_s: float  # from the first contact
+    force_N: float
+    torque_Nm: float
+
+
+def touch(
+    cell: Cell, *, force_N: float, within_m: float | None, back_m: float, tell: Tell = silent
+) -> Touched:
+    """Approach along the tool's axis until something pushes back, stop there, or a way before.
+
+    Args:
+        cell: An armed cell.
+        force_N: The most that the approach would press with, if it went on.
+        within_m: Longest way; without it the cell's force.search_m.
+        back_m: Way to go back after the touch; 0: stay.
+        tell: Told how it goes.
+
+    Raises:
+        NotReachedError: Nothing within the way.
+        RefusedError, ArmStoppedError, LostError: As the client raises them.
+    """
+    feeler = Feeler(cell)
+    start = feeler.here()
+    most_m = cell.config.force.search_m if within_m is None else within_m
+
+    def is_there(felt: Felt) -> bool:
+        way_m = _along(start, felt)
+        if way_m > most_m:
+            raise NotReachedError(f"nothing was touched within {1e3 * most_m:g} mm")
+        return felt.contact == "contact"
+
+    with force_ends(cell):
+        cell.force.begin(ForceStartRequest(mode="position", setpoint_N=force_N))
+        felt = feeler.until(is_there, within_s=TOUCH_S, what="approaching", tell=tell)
+    last = felt[-1]
+    if back_m > 0.0:
+        cell.jog(shift_m=(0.0, 0.0, -back_m), axes="tool", speed_m_s=_back_m_s(cell))
+    x, y, z = (1e3 * float(part) for part in last.T_base_tcp.translation)
+    return Touched((x, y, z), 1e3 * _along(start, last), max(f.press_N for f in felt))
+
+
+def press(
+    cell: Cell,
+    *,
+    force_N: float,
+    hold_s: float,
+    within_s: float,
+    how: How,
+    tell: Tell = silent,
+) -> Held:
+    """Press along the tool's axis until the force is there, and hold it for a while.
+
+    Raises NotReachedError when it is not there within `within_s`, else as `touch`.
+    """
+    feeler = Feeler(cell)
+    with force_ends(cell):
+        cell.force.begin(_start(force_N, "position", how))
+        there = Steady(lambda felt: abs(felt.press_N - force_N) <= BAND_N, STEADY_S)
+        felt = feeler.until(there, within_s=within_s, what="pressing", tell=tell)
+        since_s = there.since_s or 0.0
+        kept = feeler.until(
+            Steady(lambda _: True, hold_s), within_s=hold_s + 1.0, what="holding", tell=tell
+        )
+    forces = np.array([sample.press_N for sample in kept])
+    return Held(
+        setpoint_N=force_N,
+        reached_s=max(0.0, since_s - _first_contact_s(felt)),
+        mean_N=float(forces.mean()),
+        ripple_N=float(forces.std()),
+        peak_N=max(sample.press_N for sample in felt + kept),
+    )
+
+
+def align(cell: Cell, *, force_N: float, within_s: float, how: How, tell: Tell = silent) -> Aligned:
+    """Press and turn about the TCP until no torque is left: a face comes to lie flat.
+
+    Raises as `press`.
+    """
+    feeler = Feeler(cell)
+    start = feeler.here()
+
+    def is_flat(felt: Felt) -> bool:
+        rests = float(np.linalg.norm(felt.torque_Nm)) <= BAND_NM
+        return rests and abs(felt.press_N - force_N) <= BAND_N
+
+    with force_ends(cell):
+        cell.force.begin(_start(force_N, "both", how))
+        there = Steady(is_flat, STEADY_S)
+        felt = feeler.until(there, within_s=within_s, what="laying flat", tell=tell)
+    turned = rotation_between(start.rotation, felt[-1].T_base_tcp.rotation)
+    return Aligned(
+        turned_deg=degrees(float(np.linalg.norm(turned))),
+        reached_s=max(0.0, (there.since_s or 0.0) - _first_contact_s(felt)),
+        force_N=felt[-1].press_N,
+        torque_Nm=float(np.linalg.norm(felt[-1].torque_Nm)),
+    )
+
+
+def _start(force_N: float, mode: Mode, how: How) -> ForceStartRequest:
+    return ForceStartRequest(mode=mode, setpoint_N=force_N, law=how.law, preset=how.preset)
+
+
+def _first_contact_s(felt: list[Felt]) -> float:
+    return next((sample.t_s for sample in felt if sample.contact == "contact"), felt[0].t_s)
+
+
+def _along(start: pin.SE3, felt: Felt) -> float:
+    """Return the way of the TCP along the tool's axis since the start [m]."""
+    way_m = felt.T_base_tcp.translation - start.translation
+    return float(way_m @ start.rotation[:, 2])
+
+
+def _back_m_s(cell: Cell) -> float:
+    return min(BACK_M_S, cell.config.limits.speed_m_s)

@@ -1,0 +1,243 @@
+"""The verbs of the skills: touch, press, follow, align, guide. The arm must be armed."""
+
+import json
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import typer
+
+from cli.context import USAGE, CellOption, JsonOption, cell_of, fail
+from cli.verbs_force import PresetOption
+
+if TYPE_CHECKING:
+    from cli.skills.feel import Tell
+    from common.client import Cell
+
+INTERRUPTED = 130
+NO_HAND = 600.0
+
+Setpoint = Annotated[float, typer.Argument(metavar="NEWTON", min=0.5, help="Force to press with.")]
+LawOption = Annotated[
+    Literal["plain", "adaptive"] | None,
+    typer.Option(help="Of the regulator; without it the cell file's.", show_default=False),
+]
+WithinOption = Annotated[
+    float, typer.Option("--timeout", min=1.0, help="Longest time until the force is there [s].")
+]
+
+
+def add_to(app: typer.Typer, panel: str) -> None:
+    """Give the command line these verbs."""
+    for verb in (touch, press, follow, align, guide):
+        app.command(rich_help_panel=panel)(verb)
+
+
+@contextmanager
+def _at_work(named: Path | None) -> "Iterator[tuple[Cell, Tell]]":
+    """Connect and show a bar; Ctrl-C, a closed terminal and a request to end hold the arm."""
+    from cli.calibration.screen import screen
+    from cli.skills.feel import like_ctrl_c
+
+    try:
+        with cell_of(named) as cell, screen(with_time=False) as bar, like_ctrl_c():
+            yield cell, bar.progress
+    except KeyboardInterrupt:
+        typer.echo("interrupted: the arm holds", err=True)
+        raise typer.Exit(INTERRUPTED) from None
+
+
+def _say(as_json: bool, result: Any, text: str) -> None:
+    typer.echo(json.dumps(asdict(result)) if as_json else text)
+
+
+def touch(
+    *,
+    force: Annotated[
+        float, typer.Option(min=0.5, help="Force that the approach would go on to [N].")
+    ] = 5.0,
+    within: Annotated[
+        float | None,
+        typer.Option(
+            min=0.1, help="Longest way [mm]; else force.search_m of the cell.", show_default=False
+        ),
+    ] = None,
+    back: Annotated[
+        float, typer.Option(min=0.0, max=100.0, help="Way to go back afterwards [mm].")
+    ] = 0.0,
+    as_json: JsonOption = False,
+    cell: CellOption = None,
+) -> None:
+    """Approach along the tool's axis until something pushes back; say where that is."""
+    with _at_work(cell) as (client, tell):
+        from cli.skills import pressing
+
+        most_mm = 1e3 * client.config.force.search_m
+        if within is not None and within > most_mm:
+            fail(f"--within {within:g}: force.search_m allows {most_mm:g} mm", USAGE)
+        found = pressing.touch(
+            client,
+            force_N=force,
+            within_m=None if within is None else within / 1e3,
+            back_m=back / 1e3,
+            tell=tell,
+        )
+    x, y, z = found.tcp_mm
+    text = f"touched with the TCP at {x:.2f}, {y:.2f}, {z:.2f} mm after {found.way_mm:.2f} mm"
+    _say(as_json, found, f"{text}, with {found.peak_N:.1f} N at most")
+
+
+def press(
+    force: Setpoint,
+    *,
+    seconds: Annotated[float, typer.Option(min=0.0, help="Hold it for so long [s].")] = 2.0,
+    timeout: WithinOption = 30.0,
+    law: LawOption = None,
+    preset: PresetOption = None,
+    as_json: JsonOption = False,
+    cell: CellOption = None,
+) -> None:
+    """Press with a force along the tool's axis, hold it for a while, say how well."""
+    with _at_work(cell) as (client, tell):
+        from cli.skills import pressing
+
+        how = pressing.How(law, preset)
+        held = pressing.press(
+            client, force_N=force, hold_s=seconds, within_s=timeout, how=how, tell=tell
+        )
+    text = f"{held.mean_N:.2f} N held, ripple {held.ripple_N:.2f} N, peak {held.peak_N:.1f} N"
+    _say(as_json, held, f"{text}; there {held.reached_s:.2f} s after the first contact")
+
+
+def align(
+    *,
+    force: Annotated[float, typer.Option(min=5.0, help="Force to press with [N].")] = 10.0,
+    timeout: WithinOption = 30.0,
+    law: LawOption = None,
+    preset: PresetOption = None,
+    as_json: JsonOption = False,
+    cell: CellOption = None,
+) -> None:
+    """Lay the tool's face flat: press and turn about the TCP until no torque is left."""
+    with _at_work(cell) as (client, tell):
+        from cli.skills import pressing
+
+        how = pressing.How(law, preset)
+        flat = pressing.align(client, force_N=force, within_s=timeout, how=how, tell=tell)
+    text = f"turned by {flat.turned_deg:.2f} degrees in {flat.reached_s:.2f} s of contact"
+    _say(as_json, flat, f"{text}; {flat.force_N:.1f} N and {flat.torque_Nm:.3f} N m are left")
+
+
+def follow(
+    path: Annotated[Path, typer.Argument(metavar="PATH.csv", help="Columns x_mm,y_mm,z_mm: TCP.")],
+    *,
+    force: Annotated[float, typer.Option(min=0.5, help="Force to hold [N].")] = 10.0,
+    speed: Annotated[float, typer.Option(min=0.1, help="Speed along the path [mm/s].")] = 20.0,
+    from_here: Annotated[
+        bool, typer.Option("--from-here", help="Begin where the tool is, not where the file says.")
+    ] = False,
+    flat: Annotated[
+        bool, typer.Option("--flat", help="Turn with the surface, so that the face lies flat.")
+    ] = False,
+    timeout: WithinOption = 30.0,
+    law: LawOption = None,
+    preset: PresetOption = None,
+    as_json: JsonOption = False,
+    cell: CellOption = None,
+) -> None:
+    """Go along a path with a constant force along the tool's axis; adaptive law unless named."""
+    with _at_work(cell) as (client, tell):
+        from cli.skills import following, path_file, pressing
+
+        most_mm_s = 1e3 * client.config.force.speed_max_m_s
+        if speed > most_mm_s:
+            fail(f"--speed {speed:g}: force.speed_max_m_s allows {most_mm_s:g} mm/s", USAGE)
+        way = following.Way(force, speed / 1e3, from_here, flat)
+        done = following.follow(
+            client,
+            _of_the_file(path_file.read_points, path),
+            way,
+            how=pressing.How(law, preset),
+            within_s=timeout,
+            tell=tell,
+        )
+    text = f"{done.length_mm:.0f} mm in {done.took_s:.1f} s with {done.setpoint_N:g} N: off by "
+    text += f"{done.mean_error_N:.2f} N in the mean, {done.peak_error_N:.1f} N at most"
+    lost = f"contact was lost {done.contacts_lost} times" if done.contacts_lost else "contact kept"
+    _say(as_json, done, f"{text}; {lost}; the surface rose and fell by {done.height_mm:.2f} mm")
+
+
+def guide(
+    *,
+    mode: Annotated[
+        Literal["position", "orientation", "both"], typer.Option(help="What the hand may move.")
+    ] = "position",
+    seconds: Annotated[
+        float, typer.Option(min=0.5, help="Longest time [s]; Enter ends it sooner.")
+    ] = NO_HAND,
+    record: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write the way of the flange there.")
+    ] = None,
+    playback: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Go a recorded way; nobody guides.")
+    ] = None,
+    speed: Annotated[
+        float | None, typer.Option(min=0.1, max=5000.0, help="Of the playback [mm/s].")
+    ] = None,
+    tolerance: Annotated[
+        float, typer.Option(min=0.05, help="A played way may be off by so much [mm].")
+    ] = 1.0,
+    cell: CellOption = None,
+) -> None:
+    """Lead the arm by hand: it follows a push on the tool; Enter ends that, Ctrl-C holds the arm.
+
+    Begin with nothing but air around the tool. This is not a safety function: nobody but the person
+    who guides may be within reach, with a hand at the emergency stop.
+    """
+    if playback is not None and record is not None:
+        fail("--record and --playback do not go together: choose one", USAGE)
+    if playback is None and speed is not None:
+        fail("--speed goes with --playback: a guided arm is as fast as the hand", USAGE)
+    with _at_work(cell) as (client, tell):
+        from cli.skills import guiding
+
+        if playback is not None:
+            speed_m_s = None if speed is None else speed / 1e3
+            gone, read = guiding.play_back(
+                client, playback, tolerance_m=tolerance / 1e3, speed_m_s=speed_m_s, tell=tell
+            )
+            typer.echo(f"{gone} poses gone to, of {read} recorded ones")
+            return
+        seen = guiding.Recording()
+        try:
+            guiding.guide(
+                client, seen, mode=mode, seconds=seconds, enough=_enter_pressed(), tell=tell
+            )
+        finally:
+            if record is not None and seen.poses:
+                seen.save(record)
+                typer.echo(f"{len(seen.poses)} poses written to {record}", err=True)
+    typer.echo(f"guided along {seen.way_mm:.0f} mm, with {seen.peak_N:.1f} N at most")
+
+
+def _enter_pressed() -> Callable[[], bool]:
+    """Return what tells whether a person has pressed Enter; never, where nobody types."""
+    from cli.calibration.screen import Keyboard
+
+    if not sys.stdin.isatty():
+        return lambda: False
+    keyboard = Keyboard()
+    return lambda: keyboard.poll() is not None
+
+
+def _of_the_file(read: Callable[[Path], Any], path: Path) -> Any:
+    """Return what is in a file; a wrong file is wrong usage."""
+    from common.errors import DataError
+
+    try:
+        return read(path)
+    except DataError as error:
+        fail(str(error), USAGE)

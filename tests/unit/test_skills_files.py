@@ -1,0 +1,98 @@
+"""Paths in files: what is written is read again, what is wrong is said in one sentence."""
+
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cli.skills.path_file import read_points, read_poses, thinned, write_poses
+from common.errors import DataError
+from common.frames import pose, rotation_between, rotation_from_vector
+
+small = st.floats(-1.0, 1.0)
+poses = st.builds(
+    lambda p, r: pose(np.array(p), rotation_from_vector(np.array(r))),
+    st.tuples(small, small, small),
+    st.tuples(small, small, small),
+)
+
+
+@settings(max_examples=30)
+@given(st.lists(poses, min_size=1, max_size=8))
+def test_poses_come_back_to_a_micrometre_and_a_millidegree(tmp_path_factory, recorded) -> None:
+    """Written in millimetres and degrees, read in metres and rotations."""
+    path = tmp_path_factory.mktemp("paths") / "way.csv"
+    write_poses(path, [0.02 * n for n in range(len(recorded))], recorded)
+    back = read_poses(path)
+    for there, here in zip(recorded, back, strict=True):
+        assert np.linalg.norm(there.translation - here.translation) < 1e-6
+        assert np.linalg.norm(rotation_between(there.rotation, here.rotation)) < 2e-5
+    points = read_points(path)
+    assert points[0] == pytest.approx(recorded[0].translation, abs=1e-6)
+
+
+@settings(max_examples=30)
+@given(st.lists(poses, min_size=2, max_size=25), st.floats(1e-4, 0.5))
+def test_a_thinned_way_keeps_its_ends_and_stays_near_every_pose(recorded, tolerance_m) -> None:
+    """Each pose left out is within the tolerance of a straight piece of what is kept."""
+    kept = thinned(recorded, tolerance_m)
+    assert kept[0] is recorded[0]
+    assert kept[-1] is recorded[-1]
+    at = [next(n for n, T in enumerate(recorded) if T is chosen) for chosen in kept]
+    assert at == sorted(at)
+    for first, last in pairwise(at):
+        a, b = recorded[first].translation, recorded[last].translation
+        for pose_between in recorded[first:last]:
+            share = np.linspace(0.0, 1.0, 400)[:, None]
+            off = np.linalg.norm(a + share * (b - a) - pose_between.translation, axis=1).min()
+            assert off <= tolerance_m + np.linalg.norm(b - a) / 399
+
+
+def test_a_straight_way_needs_its_ends_alone() -> None:
+    """A thousand poses on a line become two."""
+    line = [pose((0.001 * n, 0.0, 0.0), np.eye(3)) for n in range(1000)]
+    assert len(thinned(line, 1e-6)) == 2
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("", "no column x_mm, y_mm, z_mm"),
+        ("x_mm,y_mm\n1,2\n", "no column z_mm; found x_mm, y_mm"),
+        ("x_mm,y_mm,z_mm\n", "no rows"),
+        ("x_mm,y_mm,z_mm\n1,2\n", "row 2: not 3 numbers"),
+        ("x_mm,y_mm,z_mm\n1,2,3\n1,two,3\n", "row 3: not 3 numbers"),
+        ("x_mm,y_mm,z_mm\n1,2,nan\n", "row 2: a number is not finite"),
+    ],
+)
+def test_what_is_wrong_with_a_file_is_said_with_its_name(tmp_path: Path, text, says) -> None:
+    """One sentence with the file, the row and what would be right."""
+    path = tmp_path / "way.csv"
+    path.write_text(text)
+    with pytest.raises(DataError, match=says) as caught:
+        read_points(path)
+    assert str(path) in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_file_that_is_not_there_and_one_that_is_no_text(tmp_path: Path) -> None:
+    """Both are said, and neither is an accident of the program."""
+    with pytest.raises(DataError, match="cannot be read: No such file"):
+        read_points(tmp_path / "none.csv")
+    (tmp_path / "bytes.csv").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(DataError, match="it is no text"):
+        read_points(tmp_path / "bytes.csv")
+    with pytest.raises(DataError, match="cannot be written"):
+        write_poses(tmp_path, [0.0], [pose((0.0, 0.0, 0.0), np.eye(3))])
+
+
+def test_comments_spaces_and_other_columns_do_not_matter(tmp_path: Path) -> None:
+    """A spreadsheet's habits are borne."""
+    path = tmp_path / "way.csv"
+    path.write_text("# a comment\nname, x_mm ,y_mm,z_mm\na,1,2,3\n# another\nb,4,5,6\n")
+    assert np.array(read_points(path)) == pytest.approx(
+        np.array([[0.001, 0.002, 0.003], [0.004, 0.005, 0.006]])
+    )

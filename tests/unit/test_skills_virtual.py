@@ -1,0 +1,203 @@
+"""The skills on a whole cell in virtual time: they do what they say, and stop as they should."""
+
+import json
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from cli.__main__ import app
+from cli.context import one_line_errors
+from cli.skills import following, guiding, pressing, verbs
+from cli.skills.feel import silent
+from cli.skills.pressing import How
+from cli.virtual import VirtualCell
+from common.client import Cell
+from common.config import load_cell
+from common.convert import pose_of
+from common.errors import ArmStoppedError, DataError, NotReachedError
+from tests.fakes.bench import CELL
+
+CELL_FILE = Path(__file__).resolve().parents[2] / "cells" / "demo.yaml"
+assert CELL.sim is not None
+GAP_MM = 1e3 * CELL.sim.gap_m
+
+
+class Skilled:
+    """A cell in virtual time, armed, and the client that the skills are given."""
+
+    def __init__(self, **overrides) -> None:
+        config = load_cell(CELL_FILE, overrides)
+        self.world = VirtualCell(config)
+        self.client = Cell(config, bus=self.world.client, commander="operator")
+        self.client.wait_ready()
+        self.client.tare()
+        self.client.arm()
+        self.world.advance(0.05)
+
+    def p_tcp(self) -> np.ndarray:
+        """True place of the TCP."""
+        return np.array(self.world.arm.T_base_tcp.translation)
+
+
+@pytest.fixture
+def cell() -> Skilled:
+    """The demo's cell."""
+    return Skilled()
+
+
+def test_touch_finds_the_surface_and_goes_back(cell: Skilled) -> None:
+    """Where it says it touched is where the plate is; it never pressed harder than asked for."""
+    start = cell.p_tcp()
+    found = pressing.touch(cell.client, force_N=5.0, within_m=None, back_m=0.002)
+    assert found.way_mm == pytest.approx(GAP_MM, abs=0.3)
+    assert found.tcp_mm == pytest.approx(1e3 * (start - [0, 0, found.way_mm / 1e3]), abs=0.05)
+    assert found.peak_N < 5.0
+    assert 1e3 * (start - cell.p_tcp())[2] == pytest.approx(found.way_mm - 2.0, abs=0.3)
+    cell.world.advance(0.2)
+    target = cell.client.target.reading().message
+    assert target is not None
+    assert target.mode is None
+
+
+def test_touch_gives_up_after_the_way_that_was_allowed(cell: Skilled) -> None:
+    """The arm stays where it gave up, and force feedback is over; nothing was held."""
+    start = cell.p_tcp()
+    with pytest.raises(NotReachedError, match="nothing was touched within 2 mm"):
+        pressing.touch(cell.client, force_N=5.0, within_m=0.002, back_m=0.0)
+    cell.world.advance(0.2)
+    assert 1e3 * (start - cell.p_tcp())[2] == pytest.approx(2.0, abs=0.5)
+    assert cell.client.status().state == "ARMED"
+
+
+@pytest.mark.long
+def test_press_holds_a_force_and_align_then_lays_the_face_flat() -> None:
+    """On a tilted plate: 10 N held within the deadband, then turned by the tilt."""
+    tilted = Skilled(**{"sim.tilt_deg": 4.0})
+    held = pressing.press(
+        tilted.client, force_N=10.0, hold_s=0.5, within_s=20.0, how=How("adaptive", "gentle")
+    )
+    assert held.mean_N == pytest.approx(10.0, abs=0.5)
+    assert held.ripple_N < 0.2
+    flat = pressing.align(tilted.client, force_N=10.0, within_s=20.0, how=How())
+    assert flat.turned_deg == pytest.approx(4.0, abs=1.0)
+    assert flat.torque_Nm <= pressing.BAND_NM
+    tilted.world.advance(0.5)
+    assert tilted.client.status().state == "ARMED"
+
+
+@pytest.mark.long
+def test_follow_keeps_the_force_along_a_path(cell: Skilled) -> None:
+    """Twenty millimetres in 70 points, more than one request's: there, and pressed all the way."""
+    path = [np.array([0.0, y, 0.1]) for y in np.linspace(0.0, 0.02, 70)]
+    start = cell.p_tcp()
+    way = following.Way(8.0, 0.02, from_here=True)
+    done = following.follow(cell.client, path, way, how=How(), within_s=20.0)
+    moved = cell.p_tcp() - start
+    assert 1e3 * moved[:2] == pytest.approx([0.0, 20.0], abs=0.3)
+    assert done.length_mm == pytest.approx(20.0)
+    assert done.took_s == pytest.approx(1.0, abs=0.6)
+    assert done.contacts_lost == 0
+    assert done.mean_error_N < 0.5
+    far = [cell.p_tcp() + np.array([1.0, 0.0, 0.0])]
+    with pytest.raises(DataError, match="begins 1000 mm beside"):
+        following.follow(cell.client, far, following.Way(8.0, 0.02), how=How(), within_s=5.0)
+
+
+@pytest.mark.long
+def test_a_hand_leads_the_arm_and_its_way_is_gone_again(cell: Skilled, tmp_path) -> None:
+    """Pulled through a soft grip, written down, moved back, played: the end is where it was."""
+    client, arm = cell.client, cell.world.arm
+    client.jog(shift_m=(0.0, 0.0, -0.02), axes="tool")
+    start, tool = cell.p_tcp(), arm.model.body("tool").id
+    began_s = arm.data.time
+
+    def pull(felt_s, _total, _text) -> None:
+        goal = start + np.array([0.0, 0.03 * min(arm.data.time - began_s, 1.0), 0.0])
+        arm.data.xfrc_applied[tool][:3] = 500.0 * (goal - cell.p_tcp())
+
+    seen = guiding.Recording()
+    guiding.guide(client, seen, mode="position", seconds=1.6, enough=lambda: False, tell=pull)
+    arm.data.xfrc_applied[tool][:3] = 0.0
+    led = cell.p_tcp() - start
+    assert 1e3 * led == pytest.approx([0.0, 30.0, 0.0], abs=8.0)
+    assert seen.peak_N < 8.0
+    cell.world.advance(0.5)
+    assert np.linalg.norm(cell.p_tcp() - start - led) < 2e-3  # nobody pushes: it stays
+    end = pose_of(client.state()).translation
+    seen.save(tmp_path / "way.csv")
+    client.jog(shift_m=(0.0, 0.01, 0.0))
+    gone, read = guiding.play_back(client, tmp_path / "way.csv", tolerance_m=0.001, speed_m_s=0.1)
+    assert read == len(seen.poses)
+    assert gone < 10
+    assert pose_of(client.state()).translation == pytest.approx(end, abs=3e-3)
+
+
+def test_a_hold_by_somebody_else_ends_a_skill_with_its_reason(cell: Skilled) -> None:
+    """The skill says why, in the arbiter's words, and asks for nothing more."""
+
+    def tell(done, _total, _text) -> None:
+        if done > 0.2 and cell.client.status().goes_on:
+            cell.client.hold("somebody wanted it")
+
+    with pytest.raises(ArmStoppedError, match="somebody wanted it"):
+        pressing.press(cell.client, force_N=10.0, hold_s=1.0, within_s=20.0, how=How(), tell=tell)
+
+
+def test_ctrl_c_holds_the_arm(cell: Skilled, monkeypatch) -> None:
+    """In the middle of an approach: the verb ends with 130 and the arbiter is HOLDING."""
+
+    def interrupted(done, _total, _text) -> None:
+        if done > 0.2:
+            raise KeyboardInterrupt
+
+    done = said(monkeypatch, cell, interrupted, "touch")
+    assert (done.exit_code, done.stderr) == (verbs.INTERRUPTED, "interrupted: the arm holds\n")
+    cell.world.advance(0.1)
+    assert cell.client.status().state == "HOLDING"
+
+
+def test_the_verbs_print_a_line_or_an_object(cell: Skilled, monkeypatch, tmp_path) -> None:
+    """Both as they are typed; what is refused is one sentence and its exit code."""
+    touched = said(monkeypatch, cell, silent, "touch", "--json", "--back", "1")
+    assert touched.exit_code == 0
+    assert json.loads(touched.stdout)["way_mm"] == pytest.approx(GAP_MM, abs=0.3)
+    pressed = said(monkeypatch, cell, silent, "press", "8", "--seconds", "0.2")
+    assert pressed.exit_code == 0
+    assert "N held, ripple" in pressed.stdout
+    path = tmp_path / "way.csv"
+    path.write_text("x_mm,y_mm,z_mm\n0,0,0\n0,1,0\n")
+    for words, code, says in (
+        (("touch", "--within", "80"), 2, "--within 80: force.search_m allows 50 mm"),
+        (("follow", "none.csv"), 2, "none.csv: cannot be read: No such file or directory"),
+        (("follow", str(path), "--speed", "100"), 2, "force.speed_max_m_s allows 50 mm/s"),
+        (("follow", str(path)), 1, "beside the tool: move there first"),
+        (("press", "50"), 3, "refused (setpoint): set point above force.setpoint_max_N"),
+        (("guide", "--record", "a", "--playback", "b"), 2, "do not go together"),
+        (("guide", "--speed", "5"), 2, "--speed goes with --playback"),
+    ):
+        done = said(monkeypatch, cell, silent, *words)
+        assert (done.exit_code, done.stdout, done.stderr.count("\n")) == (code, "", 1), words
+        assert says in done.stderr
+
+
+def said(monkeypatch, cell: Skilled, tell, *words: str):
+    """Call a verb on the virtual cell."""
+
+    @contextmanager
+    def virtual(_named):
+        with one_line_errors():
+            yield cell.client
+
+    class Bar:
+        progress = staticmethod(tell)
+
+    @contextmanager
+    def bar(**_):
+        yield Bar
+
+    monkeypatch.setattr(verbs, "cell_of", virtual)
+    monkeypatch.setattr("cli.calibration.screen.screen", bar)
+    return CliRunner().invoke(app, list(words))

@@ -63,10 +63,11 @@ format: setup ## let ruff format and fix what it can
 	@$(BIN)/ruff format $(CODE)
 	@$(BIN)/ruff check --fix $(CODE)
 
-readme: setup ## write the bus table into README.md, docs/faults.md and docs/arbitration.md
+readme: setup ## write what is made from the code: the bus table in README.md, and pages in docs
 	@$(BIN)/python -m tools.readme
 	@$(BIN)/python -m tools.faults_page
 	@$(BIN)/python -m tools.arbitration_page
+	@$(BIN)/python -m tools.schema_page
 
 bench: setup ## measure what the README states
 	@$(BIN)/python -m bench $(ARGS)

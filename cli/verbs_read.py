@@ -52,8 +52,20 @@ def status(
     raise typer.Exit(OK if is_well(found) else NOT_WELL)
 
 
-def topics(as_json: JsonOption = False, cell: CellOption = None) -> None:
+def topics(
+    as_json: JsonOption = False,
+    schema: Annotated[
+        bool,
+        typer.Option("--schema", help="JSON Schema of every topic and request; needs no cell."),
+    ] = False,
+    cell: CellOption = None,
+) -> None:
     """Show the bus: every topic and request, who says it, how often, when it is stale."""
+    if schema:
+        from common.describe import describe
+
+        print(json.dumps(describe(), indent=2))
+        return
     with one_line_errors():
         from cli.bus_table import bus_table, print_bus_table
         from common.config import load_cell

@@ -1,4 +1,4 @@
-"""The verb `watch`: one topic, decoded, live."""
+"""The verb `watch`: one topic, decoded, live; or all of them with their rates and ages."""
 
 import json
 import sys
@@ -8,40 +8,58 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from cli.context import NO_ANSWER, USAGE, CellOption, client_of, fail
+from cli.context import USAGE, CellOption, cell_of, fail
 
 if TYPE_CHECKING:
-    from common.codec import Header
-    from common.endpoints import Reader
+    from common.client import Cell, Feed, Heard
     from common.messages import Message
     from common.topics import Topic
 
-POLL_S = 0.001
-SILENCE_S = 3.0  # the slowest topic comes once a second
+SILENCE_S = 3.0  # the slowest topic comes four times a second
 REFRESH_HZ = 10
+TABLE_S = 0.5  # between two tables of all topics
+FIRST_S = 1.0  # until the first one: a rate needs some messages
+
+
+def _topics(typed: str) -> list[str]:
+    """Return the topics that begin so, for the shell's completion."""
+    from common.topics import TOPICS
+
+    return [topic.key for topic in TOPICS if topic.key.startswith(typed)]
 
 
 def watch(
-    topic: Annotated[str, typer.Argument(metavar="TOPIC", help="As `forcemesh topics` lists it.")],
+    topic: Annotated[
+        str | None,
+        typer.Argument(
+            metavar="[TOPIC]",
+            help="As `forcemesh topics` lists it; without it all, with rate and age.",
+            autocompletion=_topics,
+            show_default=False,
+        ),
+    ] = None,
     count: Annotated[
-        int | None, typer.Option(min=1, help="End after so many messages.", show_default=False)
+        int | None,
+        typer.Option(min=1, help="End after so many messages, or tables.", show_default=False),
     ] = None,
     as_json: Annotated[
         bool, typer.Option("--json", help="One JSON object a line, header and message flat.")
     ] = False,
     cell: CellOption = None,
 ) -> None:
-    """Show what is said on a topic until Ctrl-C, or so many messages."""
-    row = find_topic(topic)
-    with client_of(cell) as (_, bus):
-        reader = bus.reader(row)
+    """Show what is said on a topic, or how all topics come, until Ctrl-C or so many times."""
+    row = None if topic is None else find_topic(topic)
+    with cell_of(cell) as client:
         try:
-            if as_json:
-                for header, message in messages(reader, count):
-                    sys.stdout.write(json.dumps(header.model_dump() | message.model_dump()) + "\n")
+            if row is None:
+                _watch_all(client, count, as_json)
+            elif as_json:
+                for heard in _messages(client.feed(row), count):
+                    fields = heard.header.model_dump() | heard.message.model_dump()
+                    sys.stdout.write(json.dumps(fields) + "\n")
                     sys.stdout.flush()
             else:
-                _show(reader, count)
+                _show(client.feed(row), count)
         except KeyboardInterrupt:
             raise typer.Exit(0) from None
 
@@ -60,23 +78,17 @@ def find_topic(name: str) -> "Topic[Message]":
     return rows[name]
 
 
-def messages(reader: "Reader[Message]", count: int | None) -> "Iterator[tuple[Header, Message]]":
-    """Yield each message that comes; end the verb after a silence."""
-    heard_s = time.monotonic()
-    last = 0
-    while count is None or last < count:
-        reading = reader.read(time.monotonic_ns())
-        if reader.counters.received > last and reading.header and reading.message:
-            last, heard_s = reader.counters.received, time.monotonic()
-            yield reading.header, reading.message
-        elif time.monotonic() - heard_s > SILENCE_S:
-            why = reader.counters.last_error or "is its writer alive?"
-            fail(f"nothing on {reader.topic.key} for {SILENCE_S:g} s: {why}", NO_ANSWER)
-        else:
-            time.sleep(POLL_S)
+def _messages(feed: "Feed[Message]", count: int | None) -> "Iterator[Heard[Message]]":
+    for number, heard in enumerate(feed.stream(silence_s=SILENCE_S), 1):
+        yield heard
+        if number == count:
+            return
 
 
-def _show(reader: "Reader[Message]", count: int | None) -> None:
+# --- one topic ------------------------------------------------------------------------------------
+
+
+def _show(feed: "Feed[Message]", count: int | None) -> None:
     """Keep one table up to date: fields, rate and age."""
     from rich.console import Console
     from rich.live import Live
@@ -84,24 +96,22 @@ def _show(reader: "Reader[Message]", count: int | None) -> None:
     started_s, seen, shown_s = time.monotonic(), 0, 0.0
     console = Console()
     with Live(console=console, auto_refresh=False) as live:
-        for header, message in messages(reader, count):
+        for heard in _messages(feed, count):
             seen, now_s = seen + 1, time.monotonic()
             if now_s - shown_s >= 1.0 / REFRESH_HZ or seen == count:
                 shown_s = now_s
                 rate_hz = (seen - 1) / (now_s - started_s) if seen > 1 else 0.0
-                table = _table(reader, header, message, rate_hz=rate_hz)
+                table = _table(feed, heard, rate_hz=rate_hz)
                 live.update(table, refresh=console.is_terminal or seen == count)
 
 
-def _table(
-    reader: "Reader[Message]", header: "Header", message: "Message", *, rate_hz: float
-) -> Any:
+def _table(feed: "Feed[Message]", heard: "Heard[Message]", *, rate_hz: float) -> Any:
     from rich.table import Table
 
-    age_ms = (time.monotonic_ns() - header.stamp_ns) / 1e6
-    caption = f"seq {header.seq}, {rate_hz:.1f} Hz, written {age_ms:.1f} ms ago"
-    table = Table("field", "value", title=reader.topic.key, caption=caption)
-    for name, value in message.model_dump().items():
+    age_ms = (time.monotonic_ns() - heard.header.stamp_ns) / 1e6
+    caption = f"seq {heard.header.seq}, {rate_hz:.1f} Hz, written {age_ms:.1f} ms ago"
+    table = Table("field", "value", title=feed.topic.key, caption=caption)
+    for name, value in heard.message.model_dump().items():
         table.add_row(name, _text(value))
     return table
 
@@ -114,3 +124,71 @@ def _text(value: object) -> str:
     if isinstance(value, dict):
         return "\n".join(f"{key}: {_text(item)}" for key, item in value.items())
     return str(value)
+
+
+# --- all topics -----------------------------------------------------------------------------------
+
+
+def _watch_all(client: "Cell", count: int | None, as_json: bool) -> None:
+    from rich.console import Console
+    from rich.live import Live
+
+    from common.topics import TOPICS
+
+    feeds = [client.feed(topic) for topic in TOPICS]
+    _look(client, feeds, FIRST_S)
+    console, shown = Console(), 0
+    with Live(console=console, auto_refresh=False) as live:
+        while count is None or shown < count:
+            rows, shown = [_row(client, feed) for feed in feeds], shown + 1
+            if as_json:
+                sys.stdout.write(json.dumps({"topics": rows}) + "\n")
+                sys.stdout.flush()
+            else:
+                live.update(_rows(client, rows), refresh=console.is_terminal or shown == count)
+            if shown != count:
+                _look(client, feeds, TABLE_S)
+
+
+def _look(client: "Cell", feeds: "list[Feed[Any]]", for_s: float) -> None:
+    """Take what comes for a moment: rates are judged by what was seen."""
+    clock = client.session.clock
+    end_ns = clock.now_ns() + round(for_s * 1e9)
+    while clock.now_ns() < end_ns:
+        for feed in feeds:
+            feed.reading()
+        clock.sleep_s(0.1)
+
+
+def _row(client: "Cell", feed: "Feed[Message]") -> dict[str, Any]:
+    reading = feed.reading()
+    rate_hz = feed.rate_hz
+    return {
+        "topic": feed.topic.key,
+        "writer": feed.topic.writer,
+        "rate_hz": None if rate_hz is None else round(rate_hz, 1),
+        "expected_hz": client.config.rate_hz(feed.topic),
+        "age_s": None if reading.message is None else round(reading.age_s, 4),
+        "stale_after_s": client.config.stale_after_s(feed.topic),
+        "seq": None if reading.header is None else reading.header.seq,
+        "fault": reading.fault,
+    }
+
+
+def _rows(client: "Cell", rows: list[dict[str, Any]]) -> Any:
+    from rich.table import Table
+
+    table = Table("topic", "writer", "rate", "of", "age", "stale", "fault")
+    table.title = f"cell {client.config.cell}"
+    for row in rows:
+        colour = "red" if row["fault"] else "green"
+        table.add_row(
+            f"[{colour}]{row['topic']}[/]",
+            row["writer"],
+            "-" if row["rate_hz"] is None else f"{row['rate_hz']:.1f} Hz",
+            f"{row['expected_hz']:g} Hz",
+            "-" if row["age_s"] is None else f"{1e3 * row['age_s']:.1f} ms",
+            f"{1e3 * row['stale_after_s']:.0f} ms",
+            row["fault"],
+        )
+    return table

@@ -10,13 +10,14 @@ from typing import Any
 
 from common.cell import Cell
 from common.tls import MONITOR, OPERATOR, common_name
-from common.topics import HEALTH, HOLD, REQUESTS, ROLES, TOPICS
+from common.topics import DESCRIBE, HEALTH, HOLD, REQUESTS, ROLES, TOPICS
 
 SELF_TEST = "self-test"  # may be heard by every role and said by nobody: proves that this is on
 # A flood ends at the hub. Streams are not counted: what was kept up comes in bunches, of which
 # nothing must be lost, and who reads a stream keeps the newest anyway.
 REPORT_ROOM = 20.0  # times the rate of a topic
 QUESTIONS_HZ = 100.0  # of one kind from one client; `hold` is never counted
+DESCRIPTIONS_HZ = 5.0  # they are long
 ANYBODY = "anybody"  # with a certificate of this authority; named, so that Zenoh logs what it tries
 INGRESS, EGRESS = "ingress", "egress"
 
@@ -83,6 +84,7 @@ def rate_limits(cell: Cell) -> list[dict[str, Any]]:
         for request in REQUESTS
         if request is not HOLD
     ]
+    questions.append({"key_expr": f"{cell.cell}/{DESCRIBE}", "freq": DESCRIPTIONS_HZ})
     return [
         {"id": "reports", "flows": [INGRESS], "messages": ["put"], "rules": reports},
         {"id": "questions", "flows": [INGRESS], "messages": ["query"], "rules": questions},
@@ -132,7 +134,11 @@ def _hears(keys: tuple[str, ...]) -> list[Rule]:
 
 
 def _person(cell: Cell, asked: Sequence[str]) -> list[Rule]:
-    """Return what a client may: hear every topic of these cells, ask its own for some things."""
+    """Return what a client may: hear every topic of these cells, ask its own for some things.
+
+    What is said on the bus at all, the hub itself tells everybody with a certificate.
+    """
+    asked = [*asked, DESCRIBE]
     cells = (cell.cell, *cell.bus.below)
     keys = tuple(key for name in cells for key in _keys(name, [topic.key for topic in TOPICS]))
     return [

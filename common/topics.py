@@ -20,6 +20,7 @@ Deadline = Literal["command", "sensor", "status", "health"]
 Qos = Literal["stream", "report"]  # stream: real-time priority; both drop when congested
 
 ROLES = ("hub", "robot", "sensor", "wrench", "regulator", "arbiter")
+DESCRIBE = "describe"  # the hub answers a query with all these tables and their JSON Schema
 CLIENT = "client"  # whoever watches: command line, panel, notebook, any Zenoh program
 
 

@@ -17,6 +17,7 @@ from common.client.moves import Moves
 from common.client.session import Session
 from common.clock import NS_PER_S
 from common.config import load_cell
+from common.describe import ask_for_description
 from common.endpoints import Bus
 from common.errors import NotReachedError
 from common.messages import (
@@ -186,6 +187,10 @@ class Cell:
             why = "; ".join([*status.not_ready, *(trip.text for trip in status.trips)])
             raise NotReachedError(f"not ready after {within_s:g} s, {status.state}: {why}")
         return self.status()
+
+    def describe(self) -> dict[str, Any]:
+        """Return what is said on this cell's bus, with JSON Schema, as its hub tells it."""
+        return ask_for_description(self.session.bus)
 
     # --- anything else ----------------------------------------------------------------------------
 

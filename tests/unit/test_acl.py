@@ -9,7 +9,7 @@ from common.acl import ANYBODY, SELF_TEST, access_control, names_of, rate_limits
 from common.cell import Cell
 from common.config import load_cell
 from common.tls import MONITOR, OPERATOR, common_name
-from common.topics import HOLD, REQUESTS, ROLES, TOPICS
+from common.topics import DESCRIBE, HOLD, REQUESTS, ROLES, TOPICS
 
 CELLS = Path(__file__).resolve().parents[2] / "cells"
 FILES = sorted(path.name for path in CELLS.glob("*.yaml"))
@@ -77,21 +77,22 @@ def test_a_role_answers_its_own_requests_and_asks_nothing(cell: Cell, role: str)
 
 
 def test_people_hear_everything_and_say_nothing(cell: Cell) -> None:
-    """Only an operator asks; neither person may write a single topic."""
+    """Only an operator asks for deeds, both what is said; neither may write a single topic."""
     for person in (OPERATOR, MONITOR):
         name = common_name(person, cell.cell)
         assert allowed(cell, name, "put", "ingress") == set()
         assert allowed(cell, name, "put", "egress") == keys(cell, TOPICS)
     asked = allowed(cell, common_name(OPERATOR, cell.cell), "query", "ingress")
-    assert asked == keys(cell, REQUESTS)
-    assert allowed(cell, common_name(MONITOR, cell.cell), "query", "ingress") == set()
+    described = {f"{cell.cell}/{DESCRIBE}"}
+    assert asked == keys(cell, REQUESTS) | described
+    assert allowed(cell, common_name(MONITOR, cell.cell), "query", "ingress") == described
 
 
 def test_a_monitor_may_hold_and_no_more_if_the_cell_says_so() -> None:
     """One word in the cell file gives a monitor one request."""
     cell = load_cell(CELLS / "demo.yaml", {"bus.monitor_may_hold": True})
     asked = allowed(cell, common_name(MONITOR, cell.cell), "query", "ingress")
-    assert asked == keys(cell, [HOLD])
+    assert asked == keys(cell, [HOLD]) | {f"{cell.cell}/{DESCRIBE}"}
 
 
 def test_who_shows_the_hubs_certificate_hears_its_health_and_no_more(cell: Cell) -> None:

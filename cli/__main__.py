@@ -5,6 +5,7 @@ from typing import Annotated
 import typer
 
 from cli import (
+    config_verbs,
     payload,
     pki,
     verbs_force,
@@ -34,7 +35,7 @@ RUN, LOOK, MOVE, FORCE = "Run a cell", "Look", "Move", "Force"
 
 app.command(rich_help_panel=RUN)(demo)
 app.command(rich_help_panel=RUN)(verbs_run.up)
-app.add_typer(verbs_run.config, name="config", rich_help_panel=RUN)
+app.add_typer(config_verbs.config, name="config", rich_help_panel=RUN)
 app.add_typer(pki.app, name="pki", rich_help_panel=RUN)
 app.command(rich_help_panel=LOOK)(verbs_read.status)
 app.command(rich_help_panel=LOOK)(doctor)

@@ -1,4 +1,4 @@
-"""Verbs that run a cell or look at its file: up, config check."""
+"""The verb that runs a cell: up."""
 
 import signal
 import threading
@@ -19,8 +19,6 @@ from cli.context import (
 if TYPE_CHECKING:
     from cli.processes import Supervisor
     from common.cell import Cell
-
-config = typer.Typer(no_args_is_help=True, help="Cell files.")
 
 POLL_S = 0.05
 SLOW_S = 15.0
@@ -68,21 +66,6 @@ def up(
     if supervisor.died:
         fail("; ".join(f"died: {died}" for died in supervisor.died), NOT_WELL)
     typer.echo(f"cell {loaded.cell} is down", err=True)
-
-
-@config.command("check")
-def config_check(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="The cell file.")],
-) -> None:
-    """Check a cell file: all its mistakes at once, each with its path."""
-    with one_line_errors():
-        from common.config import cell_hash, load_cell
-
-        cell = load_cell(file)
-        typer.echo(
-            f"{file}: cell {cell.cell}, robot {cell.roles.robot}, sensor {cell.roles.sensor}, "
-            f"configuration {cell_hash(cell)}: no mistakes"
-        )
 
 
 def _watch(supervisor: "Supervisor", cell: "Cell", path: Path, *, stop: threading.Event) -> None:

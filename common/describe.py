@@ -5,6 +5,7 @@ The hub answers a plain Zenoh query on `<cell>/describe` with it, docs/schema.js
 """
 
 import json
+from functools import cache
 from typing import Any, Literal
 
 from common.codec import SCHEMA_VERSION, Header, Version
@@ -103,12 +104,18 @@ def _request(request: Request[Any]) -> dict[str, Any]:
     }
 
 
+@cache
+def _answer() -> bytes:
+    """Return the description as the hub tells it: it cannot change while a process runs."""
+    return json.dumps(describe(), separators=(",", ":")).encode()
+
+
 class Describer:
     """Answers whoever asks what is said on this bus; the payload of the question is ignored."""
 
     def __init__(self, bus: Bus) -> None:
-        """Make the answer once: it cannot change while a process runs."""
-        self._answer = json.dumps(describe(), separators=(",", ":")).encode()
+        """Make the answer before there is anybody to wait for it."""
+        self._answer = _answer()
         self._calls: CallSource = bus.transport.serve(f"{bus.cell}/{DESCRIBE}")
 
     def step(self) -> None:

@@ -1,0 +1,127 @@
+"""Verbs about cell files: config check, config show, config init."""
+
+import json
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import typer
+
+from cli.context import USAGE, CellOption, JsonOption, fail, find_cell_file, one_line_errors
+
+if TYPE_CHECKING:
+    from common.cell import Cell
+
+config = typer.Typer(no_args_is_help=True, help="Cell files.")
+
+FOLDER = Path(__file__).resolve().parent.parent / "cells"
+TEMPLATES = {"sim": "demo.yaml", "tcp": "demo-tcp.yaml", "real": "rs007l-real.yaml"}
+
+
+@config.command("check")
+def check(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="The cell file.")],
+    as_json: JsonOption = False,
+) -> None:
+    """Check a cell file: all its mistakes at once, each with its path."""
+    with one_line_errors():
+        from common.config import cell_hash, load_cell
+        from common.errors import ConfigError
+
+        try:
+            cell = load_cell(file)
+        except ConfigError as error:
+            if as_json:
+                print(json.dumps({"file": str(file), "cell": None, "mistakes": error.mistakes}))
+                raise typer.Exit(USAGE) from None
+            raise
+    if as_json:
+        known = {"file": str(file), "cell": cell.cell, "configuration": cell_hash(cell)}
+        print(json.dumps({**known, "mistakes": []}))
+        return
+    typer.echo(
+        f"{file}: cell {cell.cell}, robot {cell.roles.robot}, sensor {cell.roles.sensor}, "
+        f"configuration {cell_hash(cell)}: no mistakes"
+    )
+
+
+@config.command("show")
+def show(as_json: JsonOption = False, cell: CellOption = None) -> None:
+    """Show what a cell file comes to: every value, and which of them are defaults."""
+    with one_line_errors():
+        from common.config import load_cell
+
+        path = find_cell_file(cell)
+        loaded = load_cell(path)
+    rows = _rows(loaded)
+    if as_json:
+        print(json.dumps({"file": str(path), "values": rows}))
+        return
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table("value of", "is", "from", title=f"cell {loaded.cell} ({path})")
+    for name, row in rows.items():
+        table.add_row(name, json.dumps(row["value"]), row["from"])
+    Console(highlight=False).print(table)
+
+
+@config.command("init")
+def init(
+    out: Annotated[Path, typer.Argument(metavar="FILE", help="The cell file to write.")],
+    kind: Annotated[
+        Literal["sim", "tcp", "real"],
+        typer.Option(
+            help="sim: a simulated arm; tcp: the same behind an emulated controller; real: RS007L."
+        ),
+    ] = "real",
+) -> None:
+    """Write a new cell file with comments, to be filled in; never over another file."""
+    from common.cell_bus import CELL_NAME
+
+    name = out.stem.lower()
+    if re.match(CELL_NAME, name) is None:
+        what = "letters, digits, - and _, and begins with a letter"
+        fail(f"the cell would be called {name!r}: name the file with {what}", USAGE)
+    if out.exists():
+        fail(f"{out} is there already: choose another name", USAGE)
+    try:
+        out.write_text(_filled_in(name, kind), encoding="utf-8")
+    except OSError as error:
+        fail(f"{error.filename}: {error.strerror}", USAGE)
+    typer.echo(f"{out} is written: fill it in, then `forcemesh config check {out}`")
+
+
+def _filled_in(name: str, kind: str) -> str:
+    """Return a template with the cell's name in its places."""
+    text = (FOLDER / TEMPLATES[kind]).read_text(encoding="utf-8")
+    text = re.sub(r"^cell:.*$", f"cell: {name}", text, flags=re.MULTILINE)
+    return re.sub(
+        r"^calibration:.*$", f"calibration: {name}-calibration.yaml", text, flags=re.MULTILINE
+    )
+
+
+def _rows(cell: "Cell") -> dict[str, dict[str, Any]]:
+    """Return every value by its dotted path, with where it comes from."""
+    rows: dict[str, dict[str, Any]] = {}
+
+    def walk(section: Any, path: str, inherited: str) -> None:
+        for name in type(section).model_fields:
+            value, where = getattr(section, name), f"{path}{name}"
+            source = inherited or ("file" if name in section.model_fields_set else "default")
+            if hasattr(type(value), "model_fields"):
+                walk(value, f"{where}.", _below(where, source))
+                continue
+            plain = section.model_dump(mode="json", include={name})[name]
+            is_secret = name.endswith("token") and plain
+            rows[where] = {"value": "(not shown)" if is_secret else plain, "from": source}
+
+    walk(cell, "", "")
+    return rows
+
+
+def _below(section: str, source: str) -> str:
+    """Return where all values of a section come from; empty when each one says for itself."""
+    if section == "calibration":
+        return "calibration file"
+    return "default" if source == "default" else ""

@@ -14,11 +14,13 @@ from cli.context import (
     JsonOption,
     find_cell_file,
     one_line_errors,
+    waiting,
 )
 
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from cli.doctor_bus import Overheard
     from cli.doctor_checks import Line
     from common.cell import Cell
 
@@ -28,10 +30,11 @@ NOBODY_THERE = ("address", "hello", "bus")
 
 
 def doctor(as_json: JsonOption = False, cell: CellOption = None) -> None:
-    """Check the way to the controller line by line, with a remedy for each trouble; moves nothing.
+    """Check this PC, sensor and controller line by line, with remedies; moves nothing.
 
-    It says hello, sends command 12 with a hold behind it, looks, and leaves the controller held.
-    While the cell is up it asks the bus instead: the controller takes one client only.
+    It looks at versions, clock, priority, ports and calibration and asks the sensor for its stream.
+    To the controller it says hello, sends command 12 with a hold behind it, looks, leaves it held.
+    While the cell is up it asks the bus instead: sensor and controller take one client only.
     """
     with one_line_errors():
         path = find_cell_file(cell)
@@ -39,7 +42,8 @@ def doctor(as_json: JsonOption = False, cell: CellOption = None) -> None:
         if loaded is not None:
             if not as_json:
                 typer.echo(f"cell {loaded.cell} ({path}): looking, a few seconds")
-            lines += _look(loaded)
+            with waiting("this PC, the sensor, the robot or the bus"):
+                lines += _look(loaded)
     code = exit_code(lines)
     if as_json:
         print(json.dumps(_as_object(loaded, path, lines, code)))
@@ -90,22 +94,41 @@ def _cell_line(path: "Path") -> "tuple[list[Line], Cell | None]":
 
 
 def _look(cell: "Cell") -> "list[Line]":
-    """Look at the bus when the cell is up, else at the link; say which and why."""
+    """Look at this PC and the sensor; then at the bus when the cell is up, else at the link."""
     from cli.doctor_bus import listen
+    from cli.doctor_machine import machine_lines
+    from cli.doctor_sensor import sensor_line
+    from cli.runfile import read_run
+
+    run, found = read_run(cell.cell), listen(cell)
+    is_up = (run is not None and run.live) or found is not None
+    lines = [*machine_lines(cell, is_up=is_up), _zenoh(cell, found), sensor_line(cell, is_up=is_up)]
+    return [*lines, *_look_at_robot(cell, found, has_run=run is not None and run.live)]
+
+
+def _zenoh(cell: "Cell", found: "Overheard | None") -> "Line":
+    """Tell whether the bus answers; a cell that is not up has none."""
+    from cli.doctor_checks import passed, skipped
+    from common.bus_settings import endpoint_of
+
+    where = endpoint_of(cell)
+    if found is None:
+        return skipped("zenoh", f"no hub answers at {where}: it comes with `forcemesh up`")
+    return passed("zenoh", f"the hub answers at {where}")
+
+
+def _look_at_robot(cell: "Cell", found: "Overheard | None", *, has_run: bool) -> "list[Line]":
+    """Look at the bus when the cell is up, else at the link; say which and why."""
     from cli.doctor_checks import skipped, trouble
     from cli.doctor_report import bus_lines, link_lines, unused_lines
-    from cli.runfile import read_run
     from services.gateway.scales import Scales
     from services.gateway.service import scales_of
 
     section = cell.gateway if cell.roles.robot == "gateway" else None
     scales = Scales() if section is None else scales_of(section)
-    run = read_run(cell.cell)
-    is_up = run is not None and run.live
-    found = listen(cell)
-    if found is not None and (is_up or found.robot is not None or section is None):
+    if found is not None and (has_run or found.robot is not None or section is None):
         return bus_lines(cell, scales, found)
-    if is_up:
+    if has_run:
         return [trouble("bus", "FAIL", "the cell is up, and its hub does not answer", "bus")]
     if section is None:
         nobody = trouble("bus", "FAIL", "no hub answers: the cell is not up", "bus.down")

@@ -109,4 +109,5 @@ def _role(cell: Cell, view: CellView, role: str) -> RoleHeard:
         rate_hz=message.rate_hz,
         fault=message.fault,
         same_config=message.config_hash == cell_hash(cell),
+        version=message.version,
     )

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Literal
 
 from cli.doctor_remedies import BITS, FAULTS, REMEDIES, Word
 from common.packet_table import PROTOCOL_VERSION, Status
+from common.version import forcemesh_version
 
 if TYPE_CHECKING:
     from common.packet import VecInt
@@ -190,6 +191,7 @@ class RoleHeard:
     rate_hz: float | None = None  # None: a sensor of somebody else's
     fault: str = ""
     same_config: bool = True
+    version: str = ""  # empty: not said
 
 
 def check_role(heard: RoleHeard) -> Line:
@@ -204,6 +206,9 @@ def check_role(heard: RoleHeard) -> Line:
         return trouble(check, "FAIL", found, "role.silent")
     if heard.fault:
         return trouble(check, "FAIL", heard.fault, "role.fault")
+    if heard.version and heard.version != forcemesh_version():
+        found += f", version {heard.version}, this is {forcemesh_version()}"
+        return trouble(check, "FAIL", found, "role.version")
     if not heard.same_config:
         return trouble(check, "WARN", found + ", not this cell file", "role.config")
     return passed(check, found)

@@ -1,5 +1,8 @@
 """The command line `forcemesh`: thin verbs, each of which imports what it needs when it runs."""
 
+import os
+import sys
+from types import TracebackType
 from typing import Annotated
 
 import typer
@@ -73,9 +76,23 @@ def _options(
     del version
 
 
+def _tell_in_one_line(
+    kind: type[BaseException], error: BaseException, trace: TracebackType | None
+) -> None:
+    """Say what went wrong in forcemesh itself without a page of code, unless that is asked for."""
+    if os.environ.get("FORCEMESH_TRACEBACK"):
+        sys.__excepthook__(kind, error, trace)
+        return
+    sys.stderr.write(
+        f"forcemesh: {kind.__name__}: {error}; a mistake in forcemesh itself: please report it "
+        "with what FORCEMESH_TRACEBACK=1 shows\n"
+    )
+
+
 def main() -> None:
     """Entry of the console script."""
-    app(prog_name="forcemesh")
+    sys.excepthook = _tell_in_one_line
+    typer.main.get_command(app)(prog_name="forcemesh")  # `app(...)` would bring typer's own hook
 
 
 if __name__ == "__main__":

@@ -19,12 +19,16 @@ if TYPE_CHECKING:
 
 Q = TypeVar("Q", bound="Record")
 
-OK, NOT_WELL, USAGE, REFUSED, NO_ANSWER = 0, 1, 2, 3, 4
-EXIT_CODES = (
-    "Exit codes: 0 done and well; 1 not well: a process died, a role is silent, a move did not "
-    "get there; 2 wrong usage or a wrong cell file; 3 refused, with the reason; 4 no answer: the "
-    "cell is not up, or does not say what was waited for."
-)
+OK, NOT_WELL, USAGE, REFUSED, NO_ANSWER, INTERRUPTED = 0, 1, 2, 3, 4, 130
+EXITS = {
+    OK: "done and well",
+    NOT_WELL: "not well: a process died, a role is silent, a move did not get there",
+    USAGE: "wrong usage or a wrong cell file",
+    REFUSED: "refused, with the reason",
+    NO_ANSWER: "no answer: the cell is not up, or does not say what was waited for",
+    INTERRUPTED: "interrupted; what moved was asked to hold",
+}
+EXIT_CODES = f"Exit codes: {'; '.join(f'{code} {meaning}' for code, meaning in EXITS.items())}."
 CELL_VARIABLE = "FORCEMESH_CELL"
 DEFAULT_CELL = Path("cells/demo.yaml")
 NEXT_STEP = "`forcemesh up` starts it, `forcemesh status` says what is missing."

@@ -6,8 +6,6 @@ import typer
 
 from cli.context import CellOption, JsonOption, cell_of, tell, waiting
 
-INTERRUPTED = 130
-
 Percent = Annotated[float | None, typer.Option(min=0.1, max=100.0, help="Percent.")]
 
 

@@ -6,9 +6,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from cli.context import USAGE, CellOption, cell_of, fail, waiting
+from cli.context import INTERRUPTED, USAGE, CellOption, cell_of, fail, waiting
 from cli.numbers import JOINTS, NEGATIVE_NUMBERS, POSE, parse_number, parse_vector
-from cli.verbs_motion import INTERRUPTED
 
 if TYPE_CHECKING:
     from common.client import Cell, Move

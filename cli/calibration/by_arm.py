@@ -19,9 +19,8 @@ from cli.calibration.screen import screen
 from cli.calibration.tell import Teller
 from cli.calibration.verdict import judge, left_in_use
 from cli.calibration.wizard import BOTH, Pace, Wizard, expected_s
-from cli.context import NOT_WELL, OK
+from cli.context import INTERRUPTED, NOT_WELL, OK
 from cli.doctor_pose import Frames, check_pose, model_of
-from cli.verbs_motion import INTERRUPTED
 from common.cell import Cell
 from common.convert import pose_of
 from common.endpoints import Bus

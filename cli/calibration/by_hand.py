@@ -14,8 +14,7 @@ from cli.calibration.installed import refuse_wrong_axes
 from cli.calibration.rows import Dwell, Purpose, of_purpose, samples_of
 from cli.calibration.screen import screen
 from cli.calibration.tell import Teller
-from cli.context import NOT_WELL
-from cli.verbs_motion import INTERRUPTED
+from cli.context import INTERRUPTED, NOT_WELL
 from common.cell import Cell
 from common.clock import NS_PER_S
 from common.endpoints import Bus

@@ -11,7 +11,7 @@ from cli.calibration.places import Places
 from cli.calibration.rows import of_purpose
 from cli.calibration.screen import Keyboard
 from cli.calibration.verdict import Bounds
-from cli.verbs_motion import INTERRUPTED
+from cli.context import INTERRUPTED
 from common import topics
 from common.calibration import CalibrationSection
 from common.clock import NS_PER_S

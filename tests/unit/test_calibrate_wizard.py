@@ -12,7 +12,7 @@ from cli.calibration.plan import Plan
 from cli.calibration.rows import of_purpose
 from cli.calibration.verdict import Bounds
 from cli.calibration.wizard import Pace, Wizard
-from cli.verbs_motion import INTERRUPTED
+from cli.context import INTERRUPTED
 from common import topics
 from common.config import load_cell
 from common.frames import R_from_quaternion

@@ -1,0 +1,100 @@
+"""Writes docs/cli.md from the command line itself: `python -m tools.cli_page`."""
+
+from collections.abc import Iterator
+from enum import Enum
+from pathlib import Path
+from typing import Any, Literal, get_args, get_origin
+
+import typer.main
+
+from cli.__main__ import app
+from cli.context import EXITS
+
+PAGE = Path(__file__).resolve().parent.parent / "docs" / "cli.md"
+HEAD = """# The command line
+
+`forcemesh --help` and `forcemesh VERB --help` say the same; `make readme` makes this page.
+
+- `--cell FILE` chooses the cell; without it the environment's `FORCEMESH_CELL`, else the cell that
+  is up, else `cells/demo.yaml`. `FORCEMESH_ENDPOINT` moves the hub.
+- `--json` prints JSON on standard output and nothing else there. Trouble goes to standard error, in
+  one sentence, with the remedy behind `->`.
+- `NO_COLOR=1` leaves colours out. Progress is shown on a terminal only.
+- `forcemesh --install-completion` lets bash, zsh, fish and PowerShell complete verbs, options and
+  topics.
+- Ctrl-C in a verb that moves the arm asks for a hold first.
+- None of this is a safety function.
+
+## Exit codes
+
+"""
+
+
+def page() -> str:
+    """Return the page."""
+    codes = "".join(f"| {code} | {meaning} |\n" for code, meaning in EXITS.items())
+    command = typer.main.get_command(app)
+    verbs = "\n".join(_section(name, verb) for name, verb in walk(command))
+    return f"{HEAD}| code | what it means |\n|---:|---|\n{codes}\n{verbs}"
+
+
+def walk(command: Any, name: str = "forcemesh") -> Iterator[tuple[str, Any]]:
+    """Yield every verb that can be called, by its whole name."""
+    below = getattr(command, "commands", None)
+    if below is None:
+        yield name, command
+        return
+    for word in sorted(below):
+        yield from walk(below[word], f"{name} {word}")
+
+
+def _section(name: str, verb: Any) -> str:
+    arguments = [each for each in verb.params if each.param_type_name == "argument"]
+    options = [each for each in verb.params if each.param_type_name == "option"]
+    words = " ".join(_argument(each) for each in arguments)
+    usage = " ".join(part for part in (name, "[OPTIONS]" if options else "", words) if part)
+    lines = [f"## {name.removeprefix('forcemesh ')}", "", f"`{usage}`", ""]
+    lines += [" ".join(part.split()) + "\n" for part in (verb.help or "").split("\n\n")]
+    rows = [_row(each) for each in (*arguments, *options) if each.name != "help"]
+    if rows:
+        lines += ["| | | |", "|---|---|---|", *rows, ""]
+    return "\n".join(lines)
+
+
+def _argument(parameter: Any) -> str:
+    return parameter.metavar or (parameter.name or "").upper()
+
+
+def _row(parameter: Any) -> str:
+    if parameter.param_type_name == "argument":
+        name = f"`{_argument(parameter)}`"
+    else:
+        name = ", ".join(f"`{word}`" for word in (*parameter.opts, *parameter.secondary_opts))
+    notes = [" ".join((getattr(parameter, "help", None) or "").split())]
+    default = parameter.default
+    if isinstance(default, str | float | int) and not isinstance(default, bool) and default != "":
+        notes.append(f"Default: `{getattr(default, 'value', default)}`.")
+    if variable := getattr(parameter, "envvar", None):
+        notes.append(f"Environment: `{variable}`.")
+    text = " ".join(note for note in notes if note).replace("|", "\\|")
+    return f"| {name} | {_kind(parameter)} | {text} |"
+
+
+def _kind(parameter: Any) -> str:
+    wanted = parameter.type_descriptor.annotation
+    if get_origin(wanted) is Literal:
+        return ", ".join(map(str, get_args(wanted)))
+    if isinstance(wanted, type) and issubclass(wanted, Enum):
+        return ", ".join(str(each.value) for each in wanted)
+    if getattr(parameter, "is_flag", False):
+        return ""
+    if parameter.min is not None and parameter.max is not None:
+        return f"{parameter.min:g} to {parameter.max:g}"
+    if parameter.min is not None:
+        return f"from {parameter.min:g}"
+    names = {float: "number", int: "whole number", str: "text", Path: "path"}
+    return names.get(wanted, str(wanted))
+
+
+if __name__ == "__main__":
+    PAGE.write_text(page(), encoding="utf-8")

@@ -1,0 +1,93 @@
+"""Margins are what they say: more delay or gain than they leave swings, less does not."""
+
+from math import inf, pi
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cli.tuning.margins import Loop, forecast, frequencies, margins, release, response
+
+loops = st.builds(
+    lambda k, delay, lag, low, c, m: Loop(k, 0.0, delay, lag, low, m).with_gain(
+        c / (k * (delay + lag + low))
+    ),
+    st.floats(3.0, 5.3).map(lambda x: 10.0**x),
+    st.floats(0.004, 0.1),
+    st.floats(0.004, 0.05),
+    st.floats(0.001, 0.02),
+    st.floats(0.1, 1.2),
+    st.floats(0.0, 2.0),
+)
+
+
+def swings(loop: Loop) -> bool:
+    """Tell by the model in time whether a release grows instead of dying out."""
+    t, force = release(loop, 150.0)
+    tail = np.abs(force[t > 0.8 * t[-1]]).max()
+    middle = np.abs(force[(t > 0.2 * t[-1]) & (t < 0.4 * t[-1])]).max()
+    return bool(tail > max(middle, 1e-6) or np.abs(force).max() > 10.0)
+
+
+@settings(max_examples=12)
+@given(loops)
+def test_the_delay_margin_is_the_delay_that_a_loop_bears(loop: Loop) -> None:
+    """By a model in time that knows no frequencies: four fifths die out, a quarter more swings."""
+    found = margins(loop)
+    if not found.stable:
+        assert swings(loop)
+        return
+    less = Loop(**{**fields(loop), "delay_s": loop.delay_s + 0.8 * found.delay_s})
+    more = Loop(**{**fields(loop), "delay_s": loop.delay_s + 1.25 * found.delay_s})
+    assert margins(less).stable
+    assert not margins(more).stable
+    assert not swings(less)
+    assert swings(more)
+
+
+@settings(max_examples=30)
+@given(loops)
+def test_the_gain_margin_is_the_factor_that_a_loop_bears(loop: Loop) -> None:
+    """A little less is stable, a little more is not; and phase and delay margin agree."""
+    found = margins(loop)
+    if not found.stable:
+        return
+    assert margins(loop.with_gain(0.97 * found.gain * loop.gain)).stable
+    assert not margins(loop.with_gain(1.03 * found.gain * loop.gain)).stable
+    w = frequencies(loop)
+    size = np.abs(response(loop, w))
+    assert np.interp(found.crossover_rad_s, w, size) == pytest.approx(1.0, abs=0.02)
+    assert found.delay_s <= np.radians(found.phase_deg) / found.crossover_rad_s * 1.01 + 1e-9 or (
+        found.delay_s < inf
+    )
+
+
+@given(st.floats(0.005, 0.1), st.floats(3.0, 5.3))
+def test_a_pure_delay_has_the_margins_of_the_textbook(delay_s: float, log_k: float) -> None:
+    """Integrator behind a dead time: the end is at pi/2, the phase left is 90 degrees less c."""
+    k = 10.0**log_k
+    found = margins(Loop(k, 0.45 / (k * delay_s), delay_s, 0.0, 0.0, 0.0))
+    assert found.gain == pytest.approx(0.5 * pi / 0.45, rel=2e-3)
+    assert found.phase_deg == pytest.approx(90.0 - np.degrees(0.45), abs=0.2)
+    assert found.delay_s == pytest.approx(delay_s * (0.5 * pi / 0.45 - 1.0), rel=5e-3)
+    assert not margins(Loop(k, 1.6 / (k * delay_s), delay_s, 0.0, 0.0, 0.0)).stable
+
+
+def test_the_rule_settles_in_four_to_five_tau_and_a_heavy_tool_ends_it() -> None:
+    """The documented numbers of the plain law, from the model alone; no gain: it never settles."""
+    loop = Loop(2e4, 0.0, 0.016, 0.0107, 0.005, 1.2)
+    ruled = forecast(loop.with_gain(0.45 / (loop.stiffness * loop.tau_s)))
+    assert ruled.settling_s is not None
+    assert 3.0 * loop.tau_s < ruled.settling_s < 6.0 * loop.tau_s
+    assert ruled.overshoot_pct < 4.0
+    assert forecast(loop.with_gain(2.5 / (loop.stiffness * loop.tau_s))).settling_s is None
+    heavy = Loop(1e3, 0.45 / (1e3 * loop.tau_s), 0.016, 0.0107, 0.005, 3.0)
+    assert not margins(heavy).stable
+    assert forecast(loop) == type(ruled)(None, 0.0)
+    assert margins(loop).stable
+
+
+def fields(loop: Loop) -> dict[str, float]:
+    """Return the numbers of a loop by name."""
+    return {name: getattr(loop, name) for name in Loop.__slots__}

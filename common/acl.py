@@ -10,7 +10,7 @@ from typing import Any
 
 from common.cell import Cell
 from common.tls import MONITOR, OPERATOR, common_name
-from common.topics import DESCRIBE, HEALTH, HOLD, REQUESTS, ROLES, TOPICS
+from common.topics import DESCRIBE, HEALTH, HELPERS, HOLD, REQUESTS, ROLES, TOPICS
 
 SELF_TEST = "self-test"  # may be heard by every role and said by nobody: proves that this is on
 # A flood ends at the hub. Streams are not counted: what was kept up comes in bunches, of which
@@ -104,6 +104,8 @@ def _everybody(cell: Cell) -> Iterator[tuple[str, list[Rule]]]:
     for role in ROLES:
         if role != "hub":
             yield common_name(role, cell.cell), _role(cell, role)
+    for helper in HELPERS:
+        yield common_name(helper, cell.cell), _helper(cell, helper)
     may_hold = [HOLD.key] if cell.bus.monitor_may_hold else []
     yield common_name(OPERATOR, cell.cell), _person(cell, [request.key for request in REQUESTS])
     yield common_name(MONITOR, cell.cell), _person(cell, may_hold)
@@ -115,15 +117,24 @@ def _everybody(cell: Cell) -> Iterator[tuple[str, list[Rule]]]:
 
 def _role(cell: Cell, role: str) -> list[Rule]:
     played = plays(cell, role)
-    said = [topic.key for topic in TOPICS if topic.writer in played]
     heard = [topic.key for topic in TOPICS if set(topic.readers) & set(played)]
-    heard += [HEALTH[each].key for each in played] + [SELF_TEST]  # its own: the healthcheck
+    heard += [HEALTH[each].key for each in played]  # its own: the healthcheck
+    return _process(cell, played, heard)
+
+
+def _helper(cell: Cell, helper: str) -> list[Rule]:
+    """Return what a helper may: hear every topic as a client does, say and serve its own."""
+    return _process(cell, (helper,), [topic.key for topic in TOPICS])
+
+
+def _process(cell: Cell, played: tuple[str, ...], heard: Sequence[str]) -> list[Rule]:
+    said = [topic.key for topic in TOPICS if topic.writer in played]
     served = [request.key for request in REQUESTS if request.server in played]
     return [
         Rule(INGRESS, ("put",), _keys(cell.cell, said)),
         # Who writes must learn that somebody listens, or it sends nothing.
         Rule(EGRESS, ("declare_subscriber",), (f"{cell.cell}/**",)),
-        *_hears(_keys(cell.cell, heard)),
+        *_hears(_keys(cell.cell, [*heard, SELF_TEST])),
         Rule(INGRESS, ("declare_queryable", "reply"), _keys(cell.cell, served)),
         Rule(EGRESS, ("query",), _keys(cell.cell, served)),
     ]

@@ -12,10 +12,11 @@ from common.bus import open_bus
 from common.cell import Cell
 from common.config import load_cell
 from common.errors import ForcemeshError
-from common.topics import CLIENT, HEALTH
+from common.topics import CLIENT, HEALTH, HELPER_HEALTH
 
 CONNECT_WITHIN_S = 1.0
 POLL_S = 0.02
+ALL = HEALTH | HELPER_HEALTH
 
 
 def complaint(cell: Cell, role: str) -> str:
@@ -25,7 +26,7 @@ def complaint(cell: Cell, role: str) -> str:
         ForcemeshError: The hub does not answer, or there is no certificate for asking it.
     """
     with open_bus(cell, CLIENT, patience_s=CONNECT_WITHIN_S) as bus:
-        health = bus.reader(HEALTH[role])
+        health = bus.reader(ALL[role])
         give_up_s = time.monotonic() + 2 * health.stale_after_s
         while True:
             reading = health.read(bus.clock.now_ns())
@@ -40,7 +41,7 @@ def main() -> int:
     """Ask, say what is wrong, return the exit code."""
     parser = argparse.ArgumentParser(prog="common.alive", description=__doc__)
     parser.add_argument("--cell", required=True, metavar="FILE")
-    parser.add_argument("--role", required=True, choices=tuple(HEALTH))
+    parser.add_argument("--role", required=True, choices=tuple(ALL))
     given = parser.parse_args()
     try:
         said = complaint(load_cell(given.cell), given.role)

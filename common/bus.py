@@ -139,7 +139,7 @@ Subscriber: TypeAlias = "zenoh.Subscriber[zenoh.handlers.Handler[zenoh.Sample]]"
 
 
 class ZenohSource:
-    """A subscriber whose channel holds one sample."""
+    """A subscriber whose channel holds one sample, or as many as it has room for."""
 
     def __init__(
         self, subscriber: "zenoh.Subscriber[zenoh.handlers.Handler[zenoh.Sample]]"
@@ -264,9 +264,9 @@ class ZenohTransport:
 
         return put
 
-    def subscribe(self, key: str) -> ZenohSource:
-        """Return the newest payload of a key."""
-        subscriber = self._session.declare_subscriber(key, zenoh.handlers.RingChannel(1))
+    def subscribe(self, key: str, room: int = 1) -> ZenohSource:
+        """Return the newest payload of a key, or the newest `room` of them in their order."""
+        subscriber = self._session.declare_subscriber(key, zenoh.handlers.RingChannel(room))
         self._sources.append(ZenohSource(subscriber))
         return self._sources[-1]
 

@@ -10,6 +10,7 @@ from pydantic import Field, model_validator
 from common.calibration import CalibrationSection, PayloadSection
 from common.cell_bus import BusSection
 from common.cell_panel import PanelSection
+from common.cell_recorder import RecorderSection
 from common.cell_sim import SimSection
 from common.cell_terms import Fraction, FrameSection, NotNegative, Positive, Section
 from common.messages import Host, Law, Vec3, Vec6
@@ -192,6 +193,7 @@ class Cell(Section):
     cell: str = Field(pattern=r"^[a-z][a-z0-9_-]{0,30}$")
     bus: BusSection = BusSection()
     panel: PanelSection = PanelSection()
+    recorder: RecorderSection = RecorderSection()
     roles: Roles
     rates: Rates = Rates()
     deadlines: Deadlines = Deadlines()

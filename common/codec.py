@@ -4,7 +4,7 @@ Any language reads it with plain msgpack. Everything that comes in is bounded in
 finite, or it is refused; nothing is guessed.
 """
 
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import msgpack
 from pydantic import ValidationError
@@ -48,7 +48,7 @@ HEADER_FIELDS = frozenset(Header.model_fields)
 
 def encode(header: Header, message: Message) -> bytes:
     """Return the bytes of a message under its header."""
-    return _pack(header.model_dump() | message.model_dump())
+    return pack(header.model_dump() | message.model_dump())
 
 
 def decode(data: bytes, message_type: type[M], topic: str | None = None) -> tuple[Header, M]:
@@ -57,7 +57,7 @@ def decode(data: bytes, message_type: type[M], topic: str | None = None) -> tupl
     Raise MisroutedError when the bytes do not say that they were written for that topic, and
     MessageError when they are anything else but a header and such a message.
     """
-    fields = _unpack(data)
+    fields = unpack(data)
     header = _of_this_version(fields, Header)
     if topic is not None:
         _refuse_other(header, (topic,), topic)
@@ -66,7 +66,7 @@ def decode(data: bytes, message_type: type[M], topic: str | None = None) -> tupl
 
 def encode_record(record: Record, topic: str = "") -> bytes:
     """Return the bytes of a request, with the key that it is for, or of a reply: no header."""
-    return _pack(Version(topic=topic).model_dump() | record.model_dump())
+    return pack(Version(topic=topic).model_dump() | record.model_dump())
 
 
 def decode_record(data: bytes, record_type: type[R], topic: str = "") -> R:
@@ -75,14 +75,15 @@ def decode_record(data: bytes, record_type: type[R], topic: str = "") -> R:
     Raise MisroutedError when the bytes say that they are for another key, MessageError when they
     are anything else. A client of somebody's own need not say what its request is for.
     """
-    fields = _unpack(data)
+    fields = unpack(data)
     version = _of_this_version(fields, Version)
     if topic:
         _refuse_other(version, ("", topic), topic)
     return _validate(fields, record_type)
 
 
-def _pack(fields: dict[str, object]) -> bytes:
+def pack(fields: dict[str, Any]) -> bytes:
+    """Return the bytes of fields as they stand. Raise MessageError when they do not fit."""
     try:
         data: bytes = msgpack.packb(fields)
     except OverflowError as error:
@@ -92,7 +93,8 @@ def _pack(fields: dict[str, object]) -> bytes:
     return data
 
 
-def _unpack(data: bytes) -> dict[str, object]:
+def unpack(data: bytes) -> dict[str, Any]:
+    """Return the fields that somebody sent. Raise MessageError where it is no map in bounds."""
     if len(data) > MAX_BYTES:
         raise MessageError(f"message of {len(data)} bytes, the limit is {MAX_BYTES}")
     try:

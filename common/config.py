@@ -61,10 +61,10 @@ def cell_from_tree(tree: object, source: str) -> Cell:
 def cell_hash(cell: Cell) -> str:
     """Return a short hash of the effective configuration: equal in every process of a cell.
 
-    The calibration is left out: one process uses it, says which one, and may get a newer one. So is
-    the panel's section: nobody who moves the arm reads it.
+    The calibration is left out: one process uses it, says which one, and may get a newer one. So
+    are the sections of panel and recorder: nobody who moves the arm reads them.
     """
-    text = cell.model_dump_json(exclude={"calibration", "panel"})
+    text = cell.model_dump_json(exclude={"calibration", "panel", "recorder"})
     return hashlib.sha256(text.encode()).hexdigest()[:12]
 
 

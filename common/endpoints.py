@@ -16,7 +16,7 @@ from common.faults import refusal
 from common.messages import Message, Record
 from common.reader import LONGEST_FAULT, Origin, Reader, Reading, Source
 from common.requests import Reply
-from common.topics import CLIENT, Qos, Request, Topic
+from common.topics import CLIENT, HELPERS, Qos, Request, Topic
 
 __all__ = [
     "LONGEST_FAULT",
@@ -62,8 +62,8 @@ class Transport(Protocol):
     def publish(self, key: str, qos: Qos) -> Callable[[bytes], None]:
         """Return the function that puts bytes on a key."""
 
-    def subscribe(self, key: str) -> Source:
-        """Return a source of the newest bytes on a key."""
+    def subscribe(self, key: str, room: int = 1) -> Source:
+        """Return a source of the newest bytes on a key, or of so many that nobody took yet."""
 
     def serve(self, key: str) -> CallSource:
         """Return the requests that come in on a key."""
@@ -173,6 +173,15 @@ class Bus:
             raise BusError(f"{self.role} is not a reader of {topic.key}: {topic.readers} are")
         source = self.transport.subscribe(f"{self.cell}/{topic.key}")
         return Reader(topic, source, self.clock, self.timing.stale_after_s(topic))
+
+    def tap(self, topic: Topic[Any], room: int) -> Source:
+        """Return every message of a topic as bytes, in order; `room` of them may wait.
+
+        Raises BusError unless this role is a client or helps one: it hears, and judges nothing.
+        """
+        if self.role not in (CLIENT, *HELPERS):
+            raise BusError(f"{self.role} may not tap {topic.key}: only clients and helpers may")
+        return self.transport.subscribe(f"{self.cell}/{topic.key}", room)
 
     def inbox(self, request: Request[Q]) -> Inbox[Q]:
         """Return the requests that this role serves."""

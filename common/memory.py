@@ -9,14 +9,13 @@ from common.topics import Qos
 
 @dataclass(slots=True)
 class MemorySource:
-    """Keeps the newest bytes only, like the channel between processes."""
+    """Keeps the newest bytes only, or as many as it has room for, as between processes."""
 
-    newest: bytes | None = None
+    waiting: deque[bytes] = field(default_factory=lambda: deque(maxlen=1))
 
     def take(self) -> bytes | None:
-        """Return the newest bytes once."""
-        data, self.newest = self.newest, None
-        return data
+        """Return the oldest bytes that wait, once."""
+        return self.waiting.popleft() if self.waiting else None
 
     def wait(self, timeout_s: float) -> None:
         """Nothing comes in while one waits: on a virtual clock somebody else moves the time on."""
@@ -60,13 +59,13 @@ class MemoryTransport:
 
         def put(data: bytes) -> None:
             for source in sources:
-                source.newest = data
+                source.waiting.append(data)
 
         return put
 
-    def subscribe(self, key: str) -> MemorySource:
+    def subscribe(self, key: str, room: int = 1) -> MemorySource:
         """Return a new source of a key."""
-        source = MemorySource()
+        source = MemorySource(deque(maxlen=room))
         self._sources.setdefault(key, []).append(source)
         return source
 

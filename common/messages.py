@@ -259,6 +259,21 @@ class ArbiterStatus(Message):
         return self.state in GOES_ON
 
 
+class RecorderStatus(Message):
+    """`recorder/status`: what is written, and what is kept in memory; not valid when it cannot."""
+
+    recording: bool = False
+    cause: Text = ""  # "asked", or the code of the fault for which memory is written out
+    file: Text = ""  # in which it writes, or wrote last
+    file_bytes: int = 0
+    messages: int = 0  # in this recording, all of its files together
+    lost: int = 0  # of them, by the gaps in their numbers
+    recorded_s: float = 0.0
+    memory_s: float = 0.0  # so far back memory reaches
+    memory_bytes: int = 0
+    free_bytes: int = 0  # on the disk
+
+
 class Health(Message):
     """`<role>/health`: published by each process from its own loop."""
 

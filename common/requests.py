@@ -90,6 +90,13 @@ class CalibrationRequest(Record):
     calibration_json: str = Field(max_length=3500)  # common.calibration.CalibrationSection
 
 
+class RecordRequest(Record):
+    """Record every topic until told to stop."""
+
+    label: Text = ""  # goes into the name of the file
+    past: bool = False  # begin with what memory still holds
+
+
 class Reply(Record):
     """Answer to every request: accepted, or refused with a code and the number that broke it."""
 

@@ -28,7 +28,7 @@ from common.priority import (
     has_realtime_priority,
     take_realtime_priority,
 )
-from common.topics import HEALTH
+from common.topics import HEALTH, HELPER_HEALTH
 from common.version import forcemesh_version
 
 LONGEST_PAUSE_S = 0.05  # a process that waits longer would be slow to stop
@@ -180,7 +180,8 @@ class Runner:
 
 def reporter_of(bus: Bus, cell: Cell) -> HealthReporter:
     """Return what publishes the health of the bus's role."""
-    return HealthReporter(bus, cell, bus.publisher(HEALTH[bus.role]))
+    topic = (HEALTH | HELPER_HEALTH)[bus.role]
+    return HealthReporter(bus, cell, bus.publisher(topic))
 
 
 def main(
@@ -189,6 +190,7 @@ def main(
     *,
     player: str | None = None,
     connect: Connect = open_bus,
+    realtime: bool = True,
 ) -> None:
     """Run one service as a process until SIGTERM or SIGINT.
 
@@ -198,6 +200,7 @@ def main(
         player: How the cell file names this process where a role can be played by another one
             too. A cell that gives such a role to another process is refused.
         connect: How the process gets onto the bus; the hub opens it instead.
+        realtime: Whether it goes before ordinary processes; a helper does not.
     """
     roles = (roles,) if isinstance(roles, str) else roles
     cell = cell_from_arguments(roles[0])
@@ -213,7 +216,8 @@ def main(
             exits.callback(service.close)
         buses = [bus, *(bus.playing(role) for role in roles[1:])]
         runner = Runner(service, [reporter_of(each, cell) for each in buses], bus.clock)
-        spare_the_loop()
+        if realtime:
+            spare_the_loop()
         runner.run(stop)
 
 

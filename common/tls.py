@@ -1,8 +1,8 @@
 """Who a process is on a bus that leaves this machine: its certificate, and what it must not do.
 
 Every name on the bus has two files, `<name>.pem` and `<name>.key`, beside the authority's `ca.pem`.
-Names are the roles of common/topics.py and the people `operator` and `monitor`; the certificate
-says `<name>.<cell>`, so that what belongs to one cell opens nothing in another.
+Names are the roles and helpers of common/topics.py and the people `operator` and `monitor`; the
+certificate says `<name>.<cell>`, so that what belongs to one cell opens nothing in another.
 """
 
 import ipaddress
@@ -12,7 +12,7 @@ from pathlib import Path
 
 from common.cell import Cell
 from common.errors import BusError
-from common.topics import CLIENT, ROLES
+from common.topics import CLIENT, HELPERS, ROLES
 
 FOLDER_VARIABLE = "FORCEMESH_PKI"
 NAME_VARIABLE = "FORCEMESH_NAME"
@@ -20,7 +20,7 @@ DEFAULT_FOLDER = "~/.config/forcemesh/pki"
 AUTHORITY = "ca"
 OPERATOR, MONITOR = "operator", "monitor"
 PEOPLE = (OPERATOR, MONITOR)
-NAMES = (*ROLES, *PEOPLE)
+NAMES = (*ROLES, *HELPERS, *PEOPLE)
 ENCRYPTED = ("tls", "quic")
 IN_THE_KERNEL = ("unixsock-stream", "unixpipe", "vsock")
 
@@ -137,5 +137,5 @@ def _client_name(folder: Path) -> str:
     named = os.environ.get(NAME_VARIABLE)
     if named:
         return named
-    there = [name for name in (*PEOPLE, *ROLES) if (folder / f"{name}.key").exists()]
+    there = [name for name in (*PEOPLE, *ROLES, *HELPERS) if (folder / f"{name}.key").exists()]
     return there[0] if there else OPERATOR

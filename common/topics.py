@@ -20,6 +20,7 @@ Deadline = Literal["command", "sensor", "status", "health"]
 Qos = Literal["stream", "report"]  # stream: real-time priority; both drop when congested
 
 ROLES = ("hub", "robot", "sensor", "wrench", "regulator", "arbiter")
+HELPERS = ("recorder",)  # beside the cell: nothing that moves the arm waits for one
 DESCRIBE = "describe"  # the hub answers a query with all these tables and their JSON Schema
 CLIENT = "client"  # whoever watches: command line, panel, notebook, any Zenoh program
 
@@ -63,6 +64,9 @@ WRENCH_HEALTH    = Topic("wrench/health",    m.Health,          "health",  "heal
 REGULATOR_HEALTH = Topic("regulator/health", m.Health,          "health",  "health",  "regulator", ("arbiter", CLIENT),                                "report", "the same of the regulator")
 ARBITER_HEALTH   = Topic("arbiter/health",   m.Health,          "health",  "health",  "arbiter",   (CLIENT,),                                          "report", "the same of the arbiter")
 
+RECORDER_STATUS  = Topic("recorder/status",  m.RecorderStatus,  "health",  "health",  "recorder",  (CLIENT,),                                          "report", "whether and what is recorded, how much was lost, how far back memory reaches")
+RECORDER_HEALTH  = Topic("recorder/health",  m.Health,          "health",  "health",  "recorder",  (CLIENT,),                                          "report", "the same as of the others of the recorder")
+
 ARM         = Request("request/arm",         q.ArmRequest,         "arbiter",   "let motion begin, after the preflight")
 HOLD        = Request("request/hold",        q.HoldRequest,        "arbiter",   "stop motion and hold; taken from anybody, always")
 CLEAR       = Request("request/clear",       q.Empty,              "arbiter",   "acknowledge a hold or a fault, back to IDLE")
@@ -75,6 +79,13 @@ FORCE_PATH  = Request("request/force/path",  q.PathRequest,        "regulator", 
 TARE        = Request("request/tare",        q.Empty,              "wrench",    "take the present reading as zero; refused in motion or contact")
 CALIBRATE   = Request("request/calibration", q.CalibrationRequest, "wrench",    "use the calibration that `forcemesh calibrate` has found; refused in motion or contact")
 # fmt: on
+RECORD_START = Request(
+    "request/record/start",
+    q.RecordRequest,
+    "recorder",
+    "write every topic into a file, from now on or from as far back as memory reaches",
+)
+RECORD_STOP = Request("request/record/stop", q.Empty, "recorder", "end that file")
 
 HEALTH = {
     "hub": HUB_HEALTH,
@@ -84,6 +95,7 @@ HEALTH = {
     "regulator": REGULATOR_HEALTH,
     "arbiter": ARBITER_HEALTH,
 }
+HELPER_HEALTH = {"recorder": RECORDER_HEALTH}
 TOPICS: tuple[Topic[m.Message], ...] = tuple(
     value for value in list(globals().values()) if isinstance(value, Topic)
 )

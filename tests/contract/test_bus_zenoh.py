@@ -219,7 +219,7 @@ def test_environment_moves_the_endpoint(cell: Cell, monkeypatch: pytest.MonkeyPa
         assert bus.cell == "zenoh"
 
 
-@pytest.mark.parametrize("role", [*topics.ROLES, topics.CLIENT])
+@pytest.mark.parametrize("role", [*topics.ROLES, *topics.HELPERS, topics.CLIENT])
 def test_a_role_gets_only_what_the_table_gives_it(cell: Cell, hub: Bus, role: str) -> None:
     """Every pair of role and row is tried: writing, reading, serving and asking."""
     bus = hub.playing(role)

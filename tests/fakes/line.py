@@ -31,7 +31,7 @@ class Line:
     def say(self, seq: int, message: SensorWrench | None = None, **changes: Any) -> bool:
         """Put a message into the channel and poll; tell whether it was accepted."""
         message = SensorWrench(counter=seq) if message is None else message
-        self.source.newest = encode(self.header(seq, **changes), message)
+        self.source.waiting.append(encode(self.header(seq, **changes), message))
         return self.reader.poll()
 
     def read(self) -> Reading[SensorWrench]:

@@ -15,7 +15,7 @@ from common.endpoints import Bus, Origin
 from common.errors import BusError
 from common.memory import MemoryTransport
 from common.messages import SensorWrench, WrenchAtTcp
-from common.topics import CLIENT, REQUESTS, ROLES, TOPICS, Request, Topic
+from common.topics import CLIENT, HELPERS, REQUESTS, ROLES, TOPICS, Request, Topic
 from tests.fakes.line import STALE_S, Line
 
 CELL = load_cell(Path(__file__).resolve().parents[2] / "cells" / "demo.yaml")
@@ -89,7 +89,7 @@ def test_a_fault_can_be_passed_on_however_long_the_reason_was(line: Line) -> Non
 
 def test_a_message_that_waited_through_a_freeze_is_stale_when_it_is_found(line: Line) -> None:
     """One clock: age counts from the writer's stamp, not from when the reader woke up."""
-    line.source.newest = encode(line.header(1), SensorWrench())
+    line.source.waiting.append(encode(line.header(1), SensorWrench()))
     line.clock.advance_ns(500 * MS)
 
     reading = line.read()
@@ -181,7 +181,7 @@ def test_bytes_that_are_no_message_are_unknown_until_the_next_good_one(data: byt
     """Neither the message before nor zero: a fault with its own code, counted."""
     line = Line()
     line.say(1)
-    line.source.newest = data
+    line.source.waiting.append(data)
     assert not line.reader.poll()
     reading = line.read()
     assert (reading.fresh, reading.code) == (None, "undecodable")
@@ -218,7 +218,7 @@ def bus_of(role: str, transport: MemoryTransport | None = None) -> Bus:
 
 
 @each_topic
-@pytest.mark.parametrize("role", [*ROLES, CLIENT, "stranger"])
+@pytest.mark.parametrize("role", [*ROLES, *HELPERS, CLIENT, "stranger"])
 def test_the_table_alone_says_who_may_write_and_read(role: str, topic: Topic[Any]) -> None:
     """Swept: every role with every topic; a refusal says whose the topic is."""
     bus = bus_of(role)
@@ -234,8 +234,30 @@ def test_the_table_alone_says_who_may_write_and_read(role: str, topic: Topic[Any
             bus.reader(topic)
 
 
+@pytest.mark.parametrize("role", [*ROLES, *HELPERS, CLIENT])
+def test_only_who_watches_taps(role: str) -> None:
+    """Every message of a topic goes to clients and helpers; a role judges what it reads."""
+    if role in ROLES:
+        with pytest.raises(BusError, match=f"{role} may not tap wrench"):
+            bus_of(role).tap(topics.WRENCH, 3)
+    else:
+        bus_of(role).tap(topics.WRENCH, 3)
+
+
+@pytest.mark.parametrize("room", [1, 3])
+def test_a_tap_hands_out_the_newest_messages_in_their_order(room: int) -> None:
+    """As many as there is room for, the oldest of them first."""
+    transport = MemoryTransport()
+    source = bus_of(CLIENT, transport).tap(topics.WRENCH, room)
+    put = transport.publish("demo/wrench", "stream")
+    for number in range(5):
+        put(bytes([number]))
+    newest = [bytes([number]) for number in range(5)][-room:]
+    assert [source.take() for _ in range(room + 1)] == [*newest, None]
+
+
 @each_request
-@pytest.mark.parametrize("role", [*ROLES, CLIENT])
+@pytest.mark.parametrize("role", [*ROLES, *HELPERS, CLIENT])
 def test_only_its_server_takes_a_request_and_only_clients_ask(
     role: str, request_row: Request[Any]
 ) -> None:

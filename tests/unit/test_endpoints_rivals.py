@@ -124,7 +124,7 @@ def test_unreadable_bytes_count_as_bad(line: Line) -> None:
     """Between good messages they are forgotten one by one; in a row they are a fault."""
     for _ in range(BAD_MESSAGES + 2):
         line.say(1)
-        line.source.newest = b"\xc1"
+        line.source.waiting.append(b"\xc1")
         line.reader.poll()
     assert line.read().code == "undecodable"
     line.say(2)

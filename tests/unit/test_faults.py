@@ -13,7 +13,14 @@ from tools.faults_page import PAGE, page
 ROOT = Path(__file__).parents[2]
 CODE = [p for folder in ("common", "services", "sim", "cli") for p in (ROOT / folder).rglob("*.py")]
 each_fault = pytest.mark.parametrize("fault", FAULTS.values(), ids=lambda fault: fault.code)
-KINDS_OF_RULES = {1: "who is heard", 2: "sensor", 3: "robot", 4: "limits", 5: "who commands"}
+KINDS_OF_RULES = {
+    1: "who is heard",
+    2: "sensor",
+    3: "robot",
+    4: "limits",
+    5: "who commands",
+    6: "recordings",
+}
 
 
 def calls(name: str) -> list[tuple[Path, ast.Call]]:

@@ -58,6 +58,7 @@ from tests.fakes.provoked_last import (
     start_no_feedback,
     swing,
 )
+from tests.fakes.recorder_bench import record_without_space
 from tests.fakes.wrench_bench import WrenchBench
 
 RANGE_N = CELL.sensor.force_range_N
@@ -214,6 +215,7 @@ REACHED: dict[str, Callable[[], str]] = {
     "link_slow":        answer_late,
     "preempted":        preempt,
     "handover":         never_rest,
+    "recording":        record_without_space,
 }
 # fmt: on
 

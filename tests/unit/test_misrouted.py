@@ -24,7 +24,7 @@ def test_a_message_of_another_topic_is_dropped(other):
     """It is neither believed, nor does it retire the writer or spoil what that one said."""
     line = Line()
     assert line.say(1, m.SensorWrench(counter=5))
-    line.source.newest = encode(line.header(900, epoch=2, topic=other.key), other.message())
+    line.source.waiting.append(encode(line.header(900, epoch=2, topic=other.key), other.message()))
     assert not line.reader.poll()
     reading = line.read()
     assert reading.fresh is not None

@@ -21,7 +21,7 @@ from common.tls import (
     refuse_in_the_clear,
     stays_here,
 )
-from common.topics import CLIENT, ROLES
+from common.topics import CLIENT, HELPERS, ROLES
 
 DEMO = Path(__file__).resolve().parents[2] / "cells" / "demo.yaml"
 HERE = ["tcp/127.0.0.1:7447", "tcp/127.8.8.8:1", "tcp/[::1]:7447", "tcp/localhost:7447",
@@ -56,7 +56,7 @@ def test_this_machine_needs_no_certificate(endpoint: str) -> None:
 
 
 @pytest.mark.parametrize("endpoint", ELSEWHERE)
-@pytest.mark.parametrize("role", [*ROLES, CLIENT])
+@pytest.mark.parametrize("role", [*ROLES, *HELPERS, CLIENT])
 def test_no_process_uses_an_open_bus_unless_told_in_so_many_words(endpoint: str, role: str) -> None:
     """Every role refuses an address that others reach, and names both ways out."""
     with pytest.raises(BusError, match=r"refused: .*pki init.*insecure: true"):

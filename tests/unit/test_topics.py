@@ -12,7 +12,17 @@ from common import topics
 from common.cell import Cell, Deadlines, Rates
 from common.codec import Header, encode
 from common.config import load_cell
-from common.topics import CLIENT, HEALTH, REQUESTS, ROLES, TOPICS, Request, Topic
+from common.topics import (
+    CLIENT,
+    HEALTH,
+    HELPER_HEALTH,
+    HELPERS,
+    REQUESTS,
+    ROLES,
+    TOPICS,
+    Request,
+    Topic,
+)
 from tests.fakes.records import full
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -52,6 +62,9 @@ REALISTIC: dict[str, m.Message] = {
     "arbiter/status": m.ArbiterStatus(
         state="HOLDING", lease=12345, trips=(TRIP,) * 2, not_ready=(TEXT,) * 5, clears=TEXT
     ),
+    "recorder/status": m.RecorderStatus(
+        valid=False, reason=TEXT, file="/a/folder/" * 20, messages=10**9, memory_bytes=10**9
+    ),
 } | {
     topic.key: m.Health(
         counters={f"counter_{i}": 10**6 for i in range(10)},
@@ -59,7 +72,7 @@ REALISTIC: dict[str, m.Message] = {
         config_hash="0123456789ab",
         fault=TEXT,
     )
-    for topic in HEALTH.values()
+    for topic in (*HEALTH.values(), *HELPER_HEALTH.values())
 }
 
 
@@ -98,7 +111,7 @@ def test_a_row_says_what_it_is_for(row: Topic[Any] | Request[Any]) -> None:
 @each_topic
 def test_exactly_one_role_writes_and_never_reads_its_own_words(topic: Topic[Any]) -> None:
     """One writer, a role of the cell; readers are other roles or clients, each named once."""
-    assert topic.writer in ROLES
+    assert topic.writer in (*ROLES, *HELPERS)
     assert topic.writer not in topic.readers
     assert set(topic.readers) <= {*ROLES, CLIENT}
     assert len(topic.readers) == len(set(topic.readers))
@@ -113,7 +126,7 @@ def test_a_client_may_watch_everything(topic: Topic[Any]) -> None:
 @each_request
 def test_a_role_serves_each_request(request_row: Request[Any]) -> None:
     """A client asks, a role answers; the message is a record that has no header."""
-    assert request_row.server in ROLES
+    assert request_row.server in (*ROLES, *HELPERS)
     assert issubclass(request_row.message, m.Record)
     assert not issubclass(request_row.message, m.Message)
 
@@ -131,6 +144,16 @@ def test_every_role_reports_its_health(role: str) -> None:
 
     assert (row.key, row.writer, row.message) == (f"{role}/health", role, m.Health)
     assert ("arbiter" in row.readers) == (role != "arbiter")
+
+
+@pytest.mark.parametrize("helper", HELPERS)
+def test_nothing_that_moves_the_arm_waits_for_a_helper(helper: str) -> None:
+    """It reports its health to whoever watches, and no role reads a word of it."""
+    row = HELPER_HEALTH[helper]
+
+    assert (row.key, row.writer, row.message) == (f"{helper}/health", helper, m.Health)
+    assert all(topic.readers == (CLIENT,) for topic in TOPICS if topic.writer == helper)
+    assert helper not in ROLES
 
 
 @each_topic

@@ -1,0 +1,166 @@
+"""One recording: frames in, MCAP files out, one after the other, each of them whole."""
+
+import json
+from pathlib import Path
+
+from pydantic_core import to_json
+
+from common.cell import Cell
+from common.cell_panel import PanelSection
+from common.clock import NS_PER_S
+from common.codec import unpack
+from common.config import cell_hash, dump_cell
+from common.errors import MessageError
+from common.topics import TOPICS
+from common.version import forcemesh_version
+from services.recorder.folder import new_file
+from services.recorder.frames import Frame, pack_frames
+from services.recorder.layout import layout_of, schema_of
+from services.recorder.mcap_writer import McapWriter
+from services.recorder.numbering import Numbering
+from services.recorder.wall import Wall
+
+FRAMES_TOPIC = "frames"
+FRAMES_ENCODING = "x-forcemesh-frames"
+METADATA = "forcemesh"
+EVENT = "event"
+CELL_FILE = "cell.yaml"
+MB = 1_000_000
+FLUSH_NS = NS_PER_S // 2  # half of what a kill may cost
+SEQUENCE = 2**32
+NOT_OURS = (MessageError, TypeError, ValueError, KeyError, AttributeError)
+
+SCHEMAS = [(topic.message.__name__, json.dumps(schema_of(topic)).encode()) for topic in TOPICS]
+LAYOUTS = [layout_of(topic) for topic in TOPICS]
+PLACES = {str(place): topic.key for place, topic in enumerate(TOPICS)}
+
+
+class RecordingFile:
+    """One MCAP file: a channel of JSON for each topic, and one of frames."""
+
+    def __init__(self, path: Path, cell: Cell, about: dict[str, str], *, at_ns: int) -> None:
+        """Write what stands before the messages. Raise OSError where it cannot be written."""
+        self.path = path
+        self._stream = path.open("xb")
+        self._frames: list[Frame] = []
+        writer = self._writer = McapWriter(self._stream, f"forcemesh {about['version']}")
+        writer.add_metadata(METADATA, about)
+        # Whoever gets the recording gets no key to the panel.
+        told = cell.model_copy(update={"panel": PanelSection()})
+        writer.add_attachment(CELL_FILE, "application/yaml", dump_cell(told).encode(), at_ns)
+        self._channels = [
+            writer.add_channel(topic.key, "json", schema)
+            for topic, schema in zip(TOPICS, SCHEMAS, strict=True)
+        ]
+        self._frames_channel = writer.add_channel(FRAMES_TOPIC, FRAMES_ENCODING, None, **PLACES)
+        writer.flush()
+
+    @property
+    def size_B(self) -> int:
+        """Its size."""
+        return self._writer.bytes
+
+    def add(self, frame: Frame) -> None:
+        """Add a message to the byte; `at_ns` is wall clock time."""
+        self._frames.append(frame)
+
+    def add_json(self, frame: Frame, text: bytes, sequence: int) -> None:
+        """Add the same as people look at it."""
+        self._writer.add(self._channels[frame.topic], frame.at_ns, text, sequence)
+
+    def note(self, what: str, at_ns: int) -> None:
+        """Write down that something happened."""
+        self._writer.add_metadata(EVENT, {"at_ns": str(at_ns), "what": what})
+
+    def flush(self) -> None:
+        """Let everything so far survive this process."""
+        if self._frames:
+            last_ns, packed = self._frames[-1].at_ns, pack_frames(self._frames)
+            self._writer.add(self._frames_channel, last_ns, packed, 0)
+            self._frames = []
+        self._writer.flush()
+
+    def close(self) -> None:
+        """Finish it."""
+        try:
+            self.flush()
+            self._writer.finish()
+        finally:
+            self._stream.close()
+
+
+class Recording:
+    """Everything from a start to a stop; a file that is long enough is followed by the next."""
+
+    def __init__(
+        self, folder: Path, name: str, cell: Cell, *, cause: str, wall: Wall, now_ns: int
+    ) -> None:
+        """Open the first file. Raise OSError when the folder cannot be written."""
+        self.messages = 0
+        self.unshaped = 0  # of them: kept to the byte, but they are no messages of ours
+        self.numbering = Numbering()
+        self.cause, self.since_ns = cause, now_ns
+        self._folder, self._name, self._cell, self._wall = folder, name, cell, wall
+        self._opened_ns = self._flushed_ns = now_ns
+        self._file = self._next_file(now_ns)
+
+    @property
+    def path(self) -> Path:
+        """The file in which it writes, or wrote last."""
+        return self._file.path
+
+    @property
+    def file_bytes(self) -> int:
+        """Its size."""
+        return self._file.size_B
+
+    def write(self, frames: list[Frame], now_ns: int) -> None:
+        """Write frames as they came; flush when it is time. Raise OSError when it cannot."""
+        for frame in frames:
+            self._write(frame)
+        if now_ns - self._flushed_ns < FLUSH_NS:
+            return
+        self._file.flush()
+        self._flushed_ns = now_ns
+        section = self._cell.recorder
+        is_long = now_ns - self._opened_ns >= section.file_min * 60 * NS_PER_S
+        if is_long or self._file.size_B >= section.file_MB * MB:
+            self._file.close()
+            self._opened_ns = now_ns
+            self._file = self._next_file(now_ns)
+
+    def note(self, what: str, at_ns: int) -> None:
+        """Write down what happened at a monotonic time."""
+        self._file.note(what, self._wall.arrival_ns(at_ns))
+
+    def close(self) -> None:
+        """Finish the file."""
+        self._file.close()
+
+    def _write(self, frame: Frame) -> None:
+        """Write a message twice: to the byte, and so that people can look at it."""
+        self.messages += 1
+        log_ns, text, sequence = self._wall.arrival_ns(frame.at_ns), b"", 0
+        try:
+            fields = unpack(frame.data)
+            log_ns = self._wall.written_ns(fields, frame.at_ns)
+            sequence = self.numbering.saw(frame.topic, fields) % SEQUENCE
+            text = to_json(LAYOUTS[frame.topic].shape(fields), inf_nan_mode="null")
+        except NOT_OURS:
+            self.unshaped += 1
+        timed = Frame(frame.topic, log_ns, frame.data)
+        self._file.add(timed)
+        if text:
+            self._file.add_json(timed, text, sequence)
+
+    def _next_file(self, now_ns: int) -> RecordingFile:
+        about = {
+            "cell": self._cell.cell,
+            "version": forcemesh_version(),
+            "config_hash": cell_hash(self._cell),
+            "cause": self.cause,
+            "clock": self._wall.boot,
+            "wall_minus_monotonic_ns": str(self._wall.offsets_ns[self._wall.boot]),
+        }
+        path = new_file(self._folder, self._name)
+        return RecordingFile(path, self._cell, about, at_ns=self._wall.arrival_ns(now_ns))

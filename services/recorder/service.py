@@ -1,0 +1,163 @@
+"""The recorder as a service: hears everything, keeps the last minutes, writes when it is to."""
+
+import time
+from collections.abc import Callable
+from contextlib import suppress
+
+from common import topics
+from common.cell import Cell
+from common.clock import NS_PER_S
+from common.codec import decode
+from common.endpoints import Bus
+from common.errors import MessageError
+from common.faults import clipped, refusal
+from common.messages import ArbiterStatus, RecorderStatus
+from common.requests import RecordRequest, Reply
+from common.topics import TOPICS
+from services.recorder.frames import Frame
+from services.recorder.past import Past
+from services.recorder.tape import Tape, fault_label
+
+STEPS_HZ = 10.0
+ROOM = 4096  # messages of one topic that may wait: eight seconds of the fastest one
+WORK_NS = NS_PER_S // 40  # of each step, to write what waits
+LAST_WORK_NS = 3 * NS_PER_S // 2  # at the end: whoever stops a cell waits no longer
+MB = 1_000_000
+STATUS_PLACE = TOPICS.index(topics.ARBITER_STATUS)
+STOPPED = ("HOLDING", "FAULT")
+ASKED = "asked"
+MOST = 2**53  # what every language can count to
+
+
+class Recorder:
+    """Writes every topic into files while it is asked to, and by itself around a fault."""
+
+    def __init__(self, bus: Bus, cell: Cell, *, wall_ns: Callable[[], int] = time.time_ns) -> None:
+        """Listen to every topic at once."""
+        self.period_s = 1.0 / STEPS_HZ
+        self.trigger = None
+        self._section = cell.recorder
+        self._taps = [(place, bus.tap(topic, ROOM)) for place, topic in enumerate(TOPICS)]
+        self._past = Past(60.0 * self._section.keep_min, round(self._section.memory_MB * MB))
+        self._tape = Tape(cell, bus.clock, wall_ns)
+        self._until_ns: int | None = None  # end of a recording that a fault began
+        self._state = ""  # of the arbiter, as last heard
+        self._starts = bus.inbox(topics.RECORD_START)
+        self._stops = bus.inbox(topics.RECORD_STOP)
+        self._says = bus.publisher(topics.RECORDER_STATUS)
+        self._status_ns = round(NS_PER_S / cell.rates.health_hz)
+        self._next_status_ns = 0
+
+    @property
+    def fault(self) -> str:
+        """Why it cannot record, empty when it can."""
+        return self._tape.fault
+
+    def step(self, now_ns: int) -> None:
+        """Hear, remember, write, answer."""
+        self._tape.look()
+        frames = self._hear(now_ns)
+        self._past.add(frames, now_ns)
+        self._tape.add(frames)
+        for frame in frames:
+            if frame.topic == STATUS_PLACE:
+                self._mind(frame, now_ns)
+        self._serve()
+        self._tape.work(WORK_NS)
+        is_over = self._until_ns is not None and now_ns >= self._until_ns
+        if is_over and not self._tape.waits:
+            self._end(0)
+        if now_ns >= self._next_status_ns:
+            self._next_status_ns = now_ns + self._status_ns
+            self._says.put(self._status(now_ns))
+
+    def counters(self) -> dict[str, int]:
+        """Return what was written, what was lost, and what was no message of ours."""
+        recording = self._tape.last
+        counted = {"recording": int(self._tape.recording is not None)}
+        if recording is not None:
+            counted |= {
+                "messages": recording.messages,
+                "lost": min(recording.numbering.lost, MOST),
+                "unshaped": recording.unshaped,
+            }
+        return counted
+
+    def close(self) -> None:
+        """Write what waits, and finish the file."""
+        self._end(LAST_WORK_NS)
+
+    def _hear(self, now_ns: int) -> list[Frame]:
+        frames = []
+        for place, tap in self._taps:
+            while (data := tap.take()) is not None:
+                frames.append(Frame(place, now_ns, data))
+        return frames
+
+    def _mind(self, frame: Frame, now_ns: int) -> None:
+        """Write memory out when the arbiter has stopped the arm."""
+        with suppress(MessageError):
+            _, status = decode(frame.data, ArbiterStatus, topics.ARBITER_STATUS.key)
+            if status.state in STOPPED and self._state not in ("", *STOPPED) and status.trips:
+                self._stopped(status.trips[-1].code, now_ns)
+            self._state = status.state
+
+    def _stopped(self, code: str, now_ns: int) -> None:
+        is_asked = self._tape.recording is not None and self._until_ns is None
+        if self._tape.recording is None and self._section.keep_min > 0.0:
+            self._tape.begin(fault_label(code), code, self._past.blocks())
+        self._tape.note(code)
+        if not is_asked:
+            self._until_ns = now_ns + round(self._section.after_fault_s * NS_PER_S)
+
+    def _serve(self) -> None:
+        for start in self._starts.take_all():
+            start.reply(self._start(start.request))
+        for stop in self._stops.take_all():
+            stop.reply(self._stop())
+
+    def _start(self, request: RecordRequest) -> Reply:
+        running = self._tape.recording
+        if running is not None and self._until_ns is None:
+            return refusal("already", f"recording to {running.path}")
+        self._end(LAST_WORK_NS)  # what a fault has begun gives way
+        past = self._past.blocks() if request.past else []
+        if not self._tape.begin(request.label, ASKED, past) or self._tape.recording is None:
+            return refusal("recording", self.fault)
+        return Reply(accepted=True, text=clipped(f"recording to {self._tape.recording.path}"))
+
+    def _stop(self) -> Reply:
+        recording = self._tape.recording
+        if recording is None:
+            return refusal("already", "nothing is being recorded")
+        self._end(LAST_WORK_NS)
+        told = f"{recording.messages} messages, {recording.numbering.lost} lost"
+        return Reply(accepted=True, text=clipped(f"{recording.path}: {told}"))
+
+    def _end(self, longest_ns: int) -> None:
+        self._tape.end(longest_ns)
+        self._until_ns = None
+
+    def _status(self, now_ns: int) -> RecorderStatus:
+        recording = self._tape.last
+        status = RecorderStatus(
+            valid=not self.fault,
+            reason=self.fault,
+            code="recording" if self.fault else "",
+            memory_s=self._past.reaches_s(now_ns),
+            memory_bytes=self._past.bytes,
+            free_bytes=self._tape.free_bytes,
+        )
+        if recording is None:
+            return status
+        return status.model_copy(
+            update={
+                "recording": self._tape.recording is not None,
+                "cause": recording.cause,
+                "file": str(recording.path)[-400:],
+                "file_bytes": recording.file_bytes,
+                "messages": recording.messages,
+                "lost": min(recording.numbering.lost, MOST),
+                "recorded_s": (now_ns - recording.since_ns) / NS_PER_S,
+            }
+        )

@@ -1,0 +1,112 @@
+"""The recorder on a bus in memory and a clock of the test's own, and what it has written."""
+
+import tempfile
+from pathlib import Path
+from typing import Any
+
+from common import topics
+from common.cell import Cell
+from common.clock import NS_PER_S, ManualClock
+from common.codec import decode_record, encode_record
+from common.config import cell_from_tree
+from common.endpoints import Bus, Publisher
+from common.memory import MemoryCall, MemoryTransport
+from common.messages import ArbiterState, ArbiterStatus, Message, Record, RecorderStatus
+from common.requests import Empty, RecordRequest, Reply
+from common.topics import CLIENT, TOPICS, Request, Topic
+from services.recorder.service import Recorder
+from tests.fakes.bench import CELL
+
+WALL_NS = 1_800_000_000 * NS_PER_S
+TRIP: dict[str, Any] = {"code": "force", "rule": 408, "text": "61 N, the limit is 60 N"}
+
+
+def cell_with(folder: Path, **section: Any) -> Cell:
+    """Return the demo's cell that records into a folder."""
+    tree = CELL.model_dump()
+    tree["recorder"] |= {"folder": str(folder), "least_free_GB": 0.0, **section}
+    return cell_from_tree(tree, "test")
+
+
+class RecorderBench:
+    """Says things on the bus, lets time pass, asks the recorder."""
+
+    def __init__(self, folder: Path, **section: Any) -> None:
+        """Start a recorder that records into a folder."""
+        self.folder = folder
+        self.cell = cell_with(folder, **section)
+        self.clock = ManualClock()
+        self.transport = MemoryTransport()
+        self.recorder = Recorder(self._bus("recorder"), self.cell, wall_ns=self.wall_ns)
+        self._status = self._bus(CLIENT).reader(topics.RECORDER_STATUS)
+        self._writers: dict[str, Publisher[Any]] = {}
+
+    def wall_ns(self) -> int:
+        """Return the wall clock time."""
+        return WALL_NS + self.clock.now_ns()
+
+    def say(self, topic: Topic[Any], message: Message) -> None:
+        """Say something on a topic as its writer."""
+        if topic.key not in self._writers:
+            self._writers[topic.key] = self._bus(topic.writer).publisher(topic)
+        self._writers[topic.key].put(message)
+
+    def say_bytes(self, topic: Topic[Any], data: bytes) -> None:
+        """Put bytes on a key, whatever they are."""
+        self.transport.publish(f"{self.cell.cell}/{topic.key}", topic.qos)(data)
+
+    def pass_s(self, duration_s: float, *said: Topic[Any]) -> None:
+        """Let time pass while topics are said, each once in every step."""
+        for _ in range(round(duration_s / self.recorder.period_s)):
+            for topic in said or (topics.WRENCH,):
+                self.say(topic, topic.message())
+            self.clock.sleep_s(self.recorder.period_s)
+            self.recorder.step(self.clock.now_ns())
+
+    def trip(self, state: ArbiterState = "HOLDING") -> None:
+        """Let the arbiter stop an arm that was at work."""
+        self.say(topics.ARBITER_STATUS, ArbiterStatus(state="ACTIVE"))
+        self.pass_s(0.1)
+        status = ArbiterStatus.model_validate({"state": state, "trips": (TRIP,)})
+        self.say(topics.ARBITER_STATUS, status)
+        self.pass_s(0.1)
+
+    def ask(self, request: Request[Any], message: Record) -> Reply:
+        """Ask the recorder for something."""
+        call = MemoryCall(encode_record(message, request.key))
+        self.transport.serve(f"{self.cell.cell}/{request.key}").waiting.append(call)
+        self.recorder.step(self.clock.now_ns())
+        assert call.reply is not None
+        return decode_record(call.reply, Reply)
+
+    def start(self, **options: Any) -> Reply:
+        """Ask it to record."""
+        return self.ask(topics.RECORD_START, RecordRequest(**options))
+
+    def stop(self) -> Reply:
+        """Ask it to end the recording."""
+        return self.ask(topics.RECORD_STOP, Empty())
+
+    def status(self) -> RecorderStatus:
+        """Return what it says of itself."""
+        message = self._status.read(self.clock.now_ns()).message
+        assert message is not None
+        return message
+
+    def files(self) -> list[Path]:
+        """Return the recordings in its folder."""
+        return sorted(self.folder.glob("*.mcap"))
+
+    def _bus(self, role: str) -> Bus:
+        return Bus(role, self.cell.cell, self.transport, self.cell, self.clock)
+
+
+def record_without_space() -> str:
+    """Ask for a recording where less space is left than must be; return the answer's code."""
+    with tempfile.TemporaryDirectory() as folder:
+        return RecorderBench(Path(folder), least_free_GB=10_000.0).start().code
+
+
+def place(topic: Topic[Any]) -> int:
+    """Return a topic's place in the table."""
+    return TOPICS.index(topic)

@@ -24,6 +24,7 @@ from cli.context import EXIT_CODES
 from cli.demo import demo
 from cli.doctor import doctor
 from cli.numbers import NEGATIVE_NUMBERS
+from cli.panel import panel
 from cli.skills import verbs as skills
 
 app = typer.Typer(
@@ -38,6 +39,7 @@ RUN, LOOK, MOVE, FORCE = "Run a cell", "Look", "Move", "Force"
 
 app.command(rich_help_panel=RUN)(demo)
 app.command(rich_help_panel=RUN)(verbs_run.up)
+app.command(rich_help_panel=LOOK)(panel)
 app.add_typer(config_verbs.config, name="config", rich_help_panel=RUN)
 app.add_typer(pki.app, name="pki", rich_help_panel=RUN)
 app.command(rich_help_panel=LOOK)(verbs_read.status)

@@ -2,12 +2,14 @@
 
 import json
 import sys
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
 from cli.context import NOT_WELL, OK, USAGE, default_cell_file
+from cli.panel import NoPanel
 from common.errors import ForcemeshError
 
 if TYPE_CHECKING:
@@ -58,6 +60,7 @@ def demo(
     linger: Linger = 5.0,
     out: Out = Path("out"),
     as_json: AsJson = False,
+    no_panel: NoPanel = False,
 ) -> None:
     """Run the main job: press on a plate, then let force feedback bring the force to its aim."""
     from rich.console import Console
@@ -89,7 +92,7 @@ def demo(
         )
         check_plan(cell, plan)
         with live_progress(screen, plan) as progress:
-            play = play_virtual if virtual else play_real
+            play = play_virtual if virtual else partial(play_real, panel=not no_panel)
             trace = play(cell, plan, progress, linger)
     except ForcemeshError as error:
         screen.print(f"[red]demo:[/red] {escape(str(error))}", highlight=False, soft_wrap=True)

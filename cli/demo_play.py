@@ -26,13 +26,16 @@ def play_virtual(cell: Cell, plan: Plan, progress: Progress, _linger_s: float) -
     return Scenario(world.client, plan, check=lambda: None, progress=progress).run()
 
 
-def play_real(cell: Cell, plan: Plan, progress: Progress, linger_s: float) -> Trace:
+def play_real(
+    cell: Cell, plan: Plan, progress: Progress, linger_s: float, *, panel: bool = False
+) -> Trace:
     """Start the cell's processes, play, and stop them all in any case.
 
     Raises:
         ScenarioError: A process died or the arm was stopped; the cell stays up for `linger_s`
             before that, so that `forcemesh status` can be asked.
     """
+    from cli.panel import beside
     from cli.processes import Supervisor
     from common.bus import open_bus
     from common.topics import CLIENT
@@ -40,7 +43,7 @@ def play_real(cell: Cell, plan: Plan, progress: Progress, linger_s: float) -> Tr
     with Supervisor(cell) as processes:
         processes.wait_ready()
         try:
-            with open_bus(cell, CLIENT) as client:
+            with beside(processes.cell_file, wanted=panel), open_bus(cell, CLIENT) as client:
                 check = _refuse_the_dead(processes)
                 return Scenario(client, plan, check=check, progress=progress).run()
         except ScenarioError as error:

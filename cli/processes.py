@@ -113,7 +113,7 @@ class Supervisor:
             )
         path = self._cell_file
         if path is None:
-            path = writable_folder() / f"{self._cell.cell}.yaml"
+            path = self._cell_file = writable_folder() / f"{self._cell.cell}.yaml"
             write_whole(path, dump_cell(self._cell))
         self._stop_on_sigterm()
         self._log = RunLog(self._cell.cell, path.resolve())
@@ -150,6 +150,16 @@ class Supervisor:
             self._watcher.join()
         if self._log is not None:
             self._log.close(keep=bool(self.died))
+
+    @property
+    def cell_file(self) -> Path:
+        """Return the file that the processes have read; one that was made here, if none was named.
+
+        Raises ForcemeshError before the start.
+        """
+        if self._cell_file is None:
+            raise ForcemeshError(f"cell {self._cell.cell} was not started")
+        return self._cell_file
 
     # --- while it is up ---------------------------------------------------------------------------
 

@@ -2,6 +2,7 @@
 
 import signal
 import threading
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -15,6 +16,7 @@ from cli.context import (
     fail,
     one_line_errors,
 )
+from cli.panel import NoPanel, beside
 
 if TYPE_CHECKING:
     from cli.processes import Supervisor
@@ -39,8 +41,10 @@ def up(
         float,
         typer.Option(min=0.0, help="After a death, keep the others up so long [s]."),
     ] = 5.0,
+    *,
+    no_panel: NoPanel = False,
 ) -> None:
-    """Start the processes of a cell; stop them all on Ctrl-C, or when one of them dies."""
+    """Start the processes of a cell and its panel; stop all on Ctrl-C, or when one of them dies."""
     stop = threading.Event()
     with one_line_errors():
         from cli.processes import Supervisor
@@ -57,19 +61,31 @@ def up(
         supervisor.__enter__()
     except ForcemeshError as error:
         fail(f"up: {error}", USAGE)
-    try:
-        _watch(supervisor, loaded, path, stop=stop)
-        if supervisor.died:
-            supervisor.mourn(linger)
-    finally:
-        supervisor.stop()
+    with ExitStack() as afterwards:  # the panel ends last: the arm is what is stopped first
+        try:
+            _watch(supervisor, loaded, path, stop=stop, afterwards=afterwards, panel=not no_panel)
+            if supervisor.died:
+                supervisor.mourn(linger)
+        finally:
+            supervisor.stop()
     if supervisor.died:
         fail("; ".join(f"died: {died}" for died in supervisor.died), NOT_WELL)
     typer.echo(f"cell {loaded.cell} is down", err=True)
 
 
-def _watch(supervisor: "Supervisor", cell: "Cell", path: Path, *, stop: threading.Event) -> None:
-    """Wait for the end: Ctrl-C, or a death. Say once when the cell is ready, or what it lacks."""
+def _watch(
+    supervisor: "Supervisor",
+    cell: "Cell",
+    path: Path,
+    *,
+    stop: threading.Event,
+    afterwards: ExitStack,
+    panel: bool,
+) -> None:
+    """Wait for the end: Ctrl-C, or a death. Say once when the cell is ready, or what it lacks.
+
+    The panel is started when the cell is ready, so that the cell comes up as fast as without it.
+    """
     import time
 
     started_s, said_slow, ready = time.monotonic(), False, False
@@ -78,6 +94,7 @@ def _watch(supervisor: "Supervisor", cell: "Cell", path: Path, *, stop: threadin
         elapsed_s = time.monotonic() - started_s
         if not ready and not lines:
             ready = True
+            afterwards.enter_context(beside(path, wanted=panel))
             typer.echo(f"cell {cell.cell} ({path}) is up; Ctrl-C stops it", err=True)
         elif not ready and not said_slow and elapsed_s > SLOW_S:
             said_slow = True

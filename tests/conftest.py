@@ -17,6 +17,10 @@ settings.register_profile("dev", deadline=None)
 settings.register_profile("ci", deadline=None, derandomize=True, database=None, print_blob=True)
 settings.load_profile("ci" if os.environ.get("CI") else "dev")
 
+# A panel beside every cell that a test brings up would take its time and its port: tests/browser
+# asks for one where it is wanted.
+os.environ.setdefault("FORCEMESH_NO_PANEL", "1")
+
 MOST_REPEATS = 3
 
 

@@ -9,6 +9,7 @@ Series = npt.NDArray[np.float64]
 
 WINDOW_S = 20.0
 POINTS = 400  # what a plot is given at most; one each 50 ms
+ROOM = 0.4  # of an axis may stay empty before it shrinks
 
 
 class History:
@@ -50,3 +51,34 @@ class History:
     def clear(self) -> None:
         """Forget everything: what was before a pause is not what comes after it."""
         self._next = self._count = 0
+
+
+class Span:
+    """The range of a plot's axis: round numbers, which change only when they no longer fit.
+
+    An axis that follows each sample is never still enough to be read.
+    """
+
+    def __init__(self, least: float) -> None:
+        """Begin with a range that noise alone does not fill."""
+        self._least = least
+        self.low, self.high = -least, least
+
+    def take(self, lines: tuple[Series, ...]) -> bool:
+        """Make room for these numbers; tell whether the range is another one now."""
+        known = np.concatenate([line[np.isfinite(line)] for line in lines] or [np.zeros(1)])
+        low, high = (float(known.min()), float(known.max())) if len(known) else (0.0, 0.0)
+        wanted = (-self._round(-low), self._round(high))
+        too_small = low < self.low or high > self.high
+        too_large = wanted[1] - wanted[0] < ROOM * (self.high - self.low)
+        if not (too_small or too_large):
+            return False
+        changed = wanted != (self.low, self.high)
+        self.low, self.high = wanted
+        return changed
+
+    def _round(self, extent: float) -> float:
+        """Return the next of 1, 2, 5 times a power of ten above an extent."""
+        extent = max(1.05 * extent, self._least)
+        power: float = 10.0 ** np.floor(np.log10(extent))
+        return next(step * power for step in (1.0, 2.0, 5.0, 10.0) if step * power >= extent)

@@ -24,6 +24,7 @@ from services.panel.strip import may_stop, strip
 from services.panel.tabs import Refresh, all_tabs
 from services.panel.viewer import Viewer, ask, put
 from services.panel.watch import Snapshot, Watch
+from services.panel.wizard import Wizard
 
 PERIOD_S = 0.05  # of the scene, and of what the plots are made of
 FORMS_S = 0.25
@@ -42,7 +43,7 @@ class Page:
         Raises:
             ForcemeshError: The port is taken, or the door did not take effect.
         """
-        self._cell, self._cell_file = cell, cell_file
+        self._cell, self._wizard = cell, Wizard(cell_file)
         self._watch = Watch(cell)
         self._readout, self._history = Readout(cell), History(NAMES)
         self._log = FaultLog(lambda: datetime.now().astimezone().strftime("%H:%M:%S"))
@@ -85,7 +86,8 @@ class Page:
                 self._refresh_forms(heard)
 
     def close(self) -> None:
-        """Leave the bus, then close the page."""
+        """Leave the bus, then close the page; a calibration that runs ends in a hold."""
+        self._wizard.close()
         self._watch.leave()
         close_server(self.server)
 
@@ -122,7 +124,7 @@ class Page:
         if rights == "view":
             gui.add_markdown("This page only looks. Who has the operator's address may act.")
             return
-        viewer = Viewer(client, self._watch, self._cell, self._cell_file, self._log)
+        viewer = Viewer(client, self._watch, self._cell, self._wizard, self._log)
         viewer.keep_answers_in(gui.add_markdown("What you ask for is answered here."))
         refreshes = []
         tabs = gui.add_tab_group()

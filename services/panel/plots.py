@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import viser
 from viser import uplot
 
-from services.panel.history import WINDOW_S, History
+from services.panel.history import WINDOW_S, History, Span
 from services.panel.readout import ERRORS, FORCES, LATENCIES, TORQUES
 
 PERIOD_S = 0.2
@@ -38,13 +38,14 @@ class Kind:
 
     title: str
     names: tuple[str, ...]
+    least: float  # of the axis, to either side of zero
 
 
 KINDS = (
-    Kind("Force [N]", FORCES),
-    Kind("Torque [N m]", TORQUES),
-    Kind("Commanded to measured [mm]", ERRORS),
-    Kind("Sensor sample to robot [ms]", LATENCIES),
+    Kind("Force [N]", FORCES, 5.0),
+    Kind("Torque [N m]", TORQUES, 0.5),
+    Kind("Measured from commanded [mm]", ERRORS, 0.5),
+    Kind("Sensor sample to robot [ms]", LATENCIES, 5.0),
 )
 
 
@@ -55,6 +56,7 @@ class Plots:
         """Add the panel; it is docked at the left, and a section of the sheet on a phone."""
         self._history = history
         self._panel = server.gui.add_panel()
+        self._spans = {kind: Span(kind.least) for kind in KINDS}
         data = {kind: history.series(kind.names, 0.0) for kind in KINDS}
         with self._panel.add_tab("Plots", viser.Icon.CHART_LINE):
             self._handles = {
@@ -62,10 +64,11 @@ class Plots:
                     data[kind],
                     tuple(series(name) for name in ("t", *kind.names)),
                     title=kind.title,
-                    scales={"x": uplot.Scale(time=False, auto=False, range=(-WINDOW_S, 0.0))},
+                    scales=scales(self._spans[kind]),
                     axes=(axis("s"), axis()),
-                    legend=uplot.Legend(show=len(kind.names) > 1),
+                    legend=uplot.Legend(show=len(kind.names) > 1, live=False),
                     height=HEIGHT,
+                    padding=(10, 14, 0, 0),
                 )
                 for kind in KINDS
             }
@@ -75,7 +78,18 @@ class Plots:
     def draw(self, now_s: float) -> None:
         """Send what the history holds."""
         for kind, handle in self._handles.items():
-            handle.data = self._history.series(kind.names, now_s)
+            times_s, *lines = self._history.series(kind.names, now_s)
+            if self._spans[kind].take(tuple(lines)):
+                handle.scales = scales(self._spans[kind])
+            handle.data = (times_s, *lines)
+
+
+def scales(span: Span) -> dict[str, uplot.Scale]:
+    """Return both axes; a plot that ranges by itself gives up at the first gap."""
+    return {
+        "x": uplot.Scale(time=False, auto=False, range=(-WINDOW_S, 0.0)),
+        "y": uplot.Scale(auto=False, range=(span.low, span.high)),
+    }
 
 
 def series(name: str) -> uplot.Series:

@@ -116,6 +116,7 @@ class Scene:
 def _set_the_stage(server: viser.ViserServer) -> None:
     """Set floor and camera."""
     server.scene.set_up_direction("+z")
+    server.scene.configure_default_lights(cast_shadow=False)  # a PC in a lab may have no GPU
     server.scene.add_grid(
         "/floor",
         width=4.0,
@@ -126,15 +127,17 @@ def _set_the_stage(server: viser.ViserServer) -> None:
         infinite_grid=True,
         fade_distance=6.0,
     )
-    server.initial_camera.position = (1.35, 1.75, 0.75)
-    server.initial_camera.look_at = (0.0, 0.25, 0.1)
+    server.initial_camera.position = (1.05, 1.5, 0.62)
+    server.initial_camera.look_at = (0.0, 0.22, 0.06)
     server.initial_camera.up = (0.0, 0.0, 1.0)
 
 
 def _add_workspace(server: viser.ViserServer, cell: Cell) -> None:
     """Draw the edges of the box that the TCP must not leave, and its walls' planes."""
     low, high = np.array(cell.limits.workspace_min_m), np.array(cell.limits.workspace_max_m)
-    server.scene.add_line_segments("/workspace", box_edges(low, high), BOX_RGB, thickness=1.5)
+    server.scene.add_line_segments(
+        "/workspace", box_edges(low, high), BOX_RGB, thickness=1.5, thickness_units="screen"
+    )
     for number, plane in enumerate(cell.limits.planes):
         normal = np.array(plane.normal) / np.linalg.norm(plane.normal)
         helper = np.array([1.0, 0.0, 0.0]) if abs(normal[0]) < 0.9 else np.array([0.0, 1.0, 0.0])

@@ -7,7 +7,6 @@ numbers, and a question appears only to the one who clicked.
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any, Literal
 
 import viser
@@ -17,10 +16,11 @@ from common.client import Cell, RefusedError
 from common.errors import BusError, ForcemeshError
 from services.panel.faultlog import FaultLog
 from services.panel.watch import Watch
+from services.panel.wizard import Wizard
 
 Action = Callable[[Cell], str]  # does it, and returns what came of it
 
-CONFIRM_WITHIN_S = 20.0
+CONFIRM_WITHIN_S = 40.0
 SHOWN_S = 7.0
 COLOURS: dict[str, Literal["green", "orange", "red"]] = {
     "done": "green",
@@ -58,7 +58,7 @@ class Viewer:
     client: viser.ClientHandle
     watch: Watch
     cell: CellFile
-    cell_file: Path
+    wizard: Wizard
     log: FaultLog
     _confirming: Any = None
     _answer: Any = None
@@ -89,10 +89,25 @@ class Viewer:
         """Name the line that stays."""
         self._answer = line
 
-    def confirm(self, what: str, text: str, label: str, action: Callable[[], None]) -> None:
+    def confirm(
+        self,
+        what: str,
+        text: str,
+        label: str,
+        action: Callable[[], None],
+        *,
+        if_not: Callable[[], None] | None = None,
+    ) -> None:
         """Ask this person alone whether the arm may move; do it when they say so.
 
         The question goes away by itself: a click that comes late was meant for another situation.
+
+        Args:
+            what: Title.
+            text: What will happen.
+            label: Of the button that lets it happen.
+            action: What that button does.
+            if_not: What is done when they say no, or nothing in time.
         """
         self.dismiss()
         modal = self.gui.add_modal(what)
@@ -100,7 +115,12 @@ class Viewer:
             self.gui.add_markdown(text)
             yes = self.gui.add_button(label, color="orange", icon=viser.Icon.PLAYER_PLAY)
             no = self.gui.add_button("Cancel", color="gray")
-        timer = threading.Timer(CONFIRM_WITHIN_S, self._close, [modal])
+
+        def refuse() -> None:
+            if self._close(modal) and if_not is not None:
+                if_not()
+
+        timer = threading.Timer(CONFIRM_WITHIN_S, refuse)
         timer.daemon = True
 
         @yes.on_click
@@ -112,7 +132,7 @@ class Viewer:
         @no.on_click
         def _(_event: object) -> None:
             timer.cancel()
-            self._close(modal)
+            refuse()
 
         with self._lock:
             self._confirming = modal

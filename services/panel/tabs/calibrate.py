@@ -1,0 +1,128 @@
+"""The calibration wizard: plan, one question, progress, what is left at each pose."""
+
+import numpy as np
+import viser
+from viser import uplot
+
+from services.panel.tabs import Refresh, Tab
+from services.panel.viewer import Answer, Viewer, put
+from services.panel.watch import Snapshot
+from services.panel.wizard import Progress
+
+HEIGHT = 150
+WORDS = {
+    "idle": "Payload and sensor bias, by moving the tool through poses inside its workspace.",
+    "planning": "planning …",
+    "asking": "waiting for an answer to the question",
+    "running": "running",
+    "done": "✔ **done**: the cell uses the new calibration",
+    "failed": "✖ **ended without a new calibration**",
+}
+
+
+def build(viewer: Viewer) -> Refresh:
+    """Fill the tab."""
+    gui, wizard = viewer.gui, viewer.wizard
+    most_mm_s = 1e3 * viewer.cell.limits.speed_m_s
+    state = gui.add_markdown(WORDS["idle"])
+    poses = gui.add_slider("Poses", min=6, max=40, step=1, initial_value=10)
+    fresh = gui.add_slider("Fresh poses", min=1, max=20, step=1, initial_value=4)
+    speed = gui.add_slider(
+        "Speed [mm/s]", min=10.0, max=most_mm_s, step=10.0, initial_value=min(100.0, most_mm_s)
+    )
+    start = gui.add_button("Calibrate", icon=viser.Icon.WAND, color="orange")
+    stop = gui.add_button("Stop calibrating", icon=viser.Icon.PLAYER_STOP, visible=False)
+    bar = gui.add_progress_bar(0.0, visible=False)
+    plot = _LeftPlot(gui)
+    notes = gui.add_markdown("")
+    asked = False  # whether this person is the one who is to be asked
+
+    @start.on_click
+    def _(_event: object) -> None:
+        nonlocal asked
+        refused = wizard.plan(
+            poses=int(poses.value), verify_poses=int(fresh.value), speed_mm_s=float(speed.value)
+        )
+        asked = not refused
+        if refused:
+            viewer.show("Calibrate", Answer("refused", refused))
+
+    stop.on_click(lambda _event: wizard.cancel())
+
+    def refresh(_heard: Snapshot) -> None:
+        nonlocal asked
+        now = wizard.progress
+        if asked and now.phase == "asking":
+            asked = False
+            viewer.confirm("Calibrate", _question(now), "Move now", wizard.go, if_not=wizard.cancel)
+        runs = now.phase in {"planning", "asking", "running"}
+        for handle, visible in ((start, not runs), (stop, runs), (bar, now.phase == "running")):
+            if handle.visible != visible:
+                handle.visible = visible
+        if now.phase == "running":
+            put(bar, 100.0 * now.share)
+        said = WORDS[now.phase] + (f": {now.text}" if now.phase == "running" else "")
+        for line, text in ((state, said), (notes, _notes(now))):
+            if line.content != text:
+                line.content = text
+        plot.show(now)
+
+    return refresh
+
+
+class _LeftPlot:
+    """What the fit leaves unexplained at each pose, and at the fresh ones that judge it."""
+
+    def __init__(self, gui: viser.GuiApi) -> None:
+        self._gui = gui
+        self._shown: Progress | None = None
+        self._handle: viser.GuiUplotHandle | None = None
+
+    def show(self, now: Progress) -> None:
+        """Draw it once it is there."""
+        if now is self._shown or not now.left:
+            return
+        self._shown = now
+        fit, fresh = list(now.left["fit_N"]), list(now.left["fresh_N"])
+        limit = float(now.left["limit_N"])
+        count = len(fit) + len(fresh)
+        x = np.arange(1, count + 1, dtype=float)
+        lines = (
+            np.array(fit + [-1.0] * len(fresh)),  # out of sight
+            np.array([-1.0] * len(fit) + fresh),
+            np.full(count, limit),
+        )
+        if self._handle is not None:
+            self._handle.remove()
+        top = 1.2 * max([limit, *fit, *fresh])
+        dots = uplot.Series_Points(show=True, size=8)
+        self._handle = self._gui.add_uplot(
+            (x, *lines),
+            (
+                uplot.Series(label="pose"),
+                uplot.Series(label="fitted", stroke="#1c7ed6", width=0, points=dots),
+                uplot.Series(label="fresh", stroke="#2f9e44", width=0, points=dots),
+                uplot.Series(label="limit", stroke="#e03131", dash=(6, 4), width=1),
+            ),
+            title="Force left at each pose [N]",
+            scales={
+                "x": uplot.Scale(time=False, auto=False, range=(0.5, count + 0.5)),
+                "y": uplot.Scale(auto=False, range=(0.0, top)),
+            },
+            axes=(uplot.Axis(stroke="#8b95a1"), uplot.Axis(stroke="#8b95a1", size=46)),
+            legend=uplot.Legend(show=True, live=False),
+            height=HEIGHT,
+        )
+
+
+def _question(now: Progress) -> str:
+    return now.plan.replace("\n", "\n\n")
+
+
+def _notes(now: Progress) -> str:
+    verdict = [f"**{now.left['verdict']}**"] if now.left else []
+    shown = [f"`{note}`" for note in now.notes if not note.startswith(("─", "━", "┏", "┡", "└"))]
+    return "\n\n".join([*verdict, *shown])
+
+
+TAB = Tab(30, "Calibrate", viser.Icon.TARGET, build)

@@ -13,6 +13,7 @@ import numpy as np
 from common.frames import Array
 
 MOST_POINTS = 600  # ahead at once
+SHARP = 0.9  # cosine of a turn that is not gone round without a stop
 THERE_M = 1e-6
 
 
@@ -22,6 +23,7 @@ class Route:
 
     points: tuple[Array, ...]  # base axes, each of shape (3,)
     beyond_m: tuple[float, ...]  # way left from each point to the last one
+    stops_m: tuple[float, ...]  # from each point to the next sharp corner, or to the last one
     speed_m_s: float
     accel_m_s2: float
     in_contact: bool  # stand still while nothing is touched
@@ -38,10 +40,25 @@ def routed(
 ) -> Route:
     """Return the route along points, behind those of `before` if there is one."""
     ahead = (() if before is None else before.points) + points
-    ways_m = [float(np.linalg.norm(b - a)) for a, b in pairwise(ahead)]
-    beyond_m = tuple(float(sum(ways_m[number:])) for number in range(len(ahead)))
+    beyond_m, stops_m = [0.0], [0.0]
+    after: Array | None = None
+    for a, b in pairwise(reversed(ahead)):  # from the last point on
+        way = a - b
+        length_m = float(np.linalg.norm(way))
+        goes_on = after is not None and way @ after >= SHARP * length_m * np.linalg.norm(after)
+        stops_m.append(length_m + (stops_m[-1] if goes_on else 0.0))
+        beyond_m.append(length_m + beyond_m[-1])
+        after = way
     now_m_s = 0.0 if before is None else before.now_m_s
-    return Route(ahead, beyond_m, speed_m_s, accel_m_s2, in_contact, now_m_s)
+    return Route(
+        ahead,
+        tuple(reversed(beyond_m)),
+        tuple(reversed(stops_m)),
+        speed_m_s,
+        accel_m_s2,
+        in_contact,
+        now_m_s,
+    )
 
 
 def left_m(route: Route, p: Array, axis: Array) -> float:
@@ -69,7 +86,8 @@ def go(
         return replace(route, now_m_s=0.0), np.zeros(3)
     aim = across(route.points[0] - p, axis)
     length_m = float(np.linalg.norm(aim))
-    stops_m_s = sqrt(2.0 * route.accel_m_s2 * (length_m + route.beyond_m[0]))
+    stop_m = length_m + (route.stops_m[0] if _goes_on(route, aim) else 0.0)
+    stops_m_s = sqrt(2.0 * route.accel_m_s2 * stop_m)
     faster_m_s = route.now_m_s + route.accel_m_s2 * dt_s
     speed_m_s = min(route.speed_m_s, stops_m_s, faster_m_s)
     if length_m == 0.0:
@@ -91,4 +109,15 @@ def _reached(route: Route, p: Array, axis: Array) -> Route:
     at = 0
     while at < len(route.points) and np.linalg.norm(across(route.points[at] - p, axis)) < THERE_M:
         at += 1
-    return replace(route, points=route.points[at:], beyond_m=route.beyond_m[at:]) if at else route
+    if not at:
+        return route
+    left = route.points[at:], route.beyond_m[at:], route.stops_m[at:]
+    return replace(route, points=left[0], beyond_m=left[1], stops_m=left[2])
+
+
+def _goes_on(route: Route, aim: Array) -> bool:
+    """Tell whether the way goes on behind the next point without a sharp corner there."""
+    if len(route.points) < 2:
+        return False
+    way = route.points[1] - route.points[0]
+    return float(way @ aim) >= SHARP * float(np.linalg.norm(way) * np.linalg.norm(aim))

@@ -4,12 +4,13 @@ import os
 import re
 import shutil
 from datetime import UTC, datetime
+from itertools import count
 from pathlib import Path
 
 FOLDER_VARIABLE = "FORCEMESH_RECORDINGS"
 PROJECT = Path(__file__).resolve().parents[2]
 SUFFIX = ".mcap"
-FAULT = "fault"
+FAULT = "FAULT"  # in the name of a file that a fault began; labels of people are in small letters
 LONGEST_LABEL = 60
 
 
@@ -18,20 +19,23 @@ def folder_of(named: str) -> Path:
     return PROJECT / Path(os.environ.get(FOLDER_VARIABLE) or named).expanduser()
 
 
+def safe_label(label: str) -> str:
+    """Return what a person calls a recording as it may stand in a file's name."""
+    return re.sub(r"[^a-z0-9_-]+", "-", label.lower()).strip("-")[:LONGEST_LABEL]
+
+
 def file_name(cell: str, wall_ns: int, label: str) -> str:
-    """Return a name that sorts by time and can be a file's anywhere; it lacks number and ending."""
+    """Return a name that sorts by time and can be a file's anywhere; number and ending follow."""
     when = datetime.fromtimestamp(wall_ns / 1e9, UTC).strftime("%Y%m%dT%H%M%SZ")
-    safe = re.sub(r"[^A-Za-z0-9_-]+", "-", label).strip("-")[:LONGEST_LABEL]
-    return "-".join(part for part in (cell, when, safe) if part)
+    return "-".join(part for part in (cell, when, label) if part)
 
 
 def new_file(folder: Path, name: str) -> Path:
     """Return a path in the folder at which there is nothing yet; make the folder if need be."""
     folder.mkdir(parents=True, exist_ok=True)
-    path, number = folder / f"{name}{SUFFIX}", 2
-    while path.exists():
-        path, number = folder / f"{name}-{number}{SUFFIX}", number + 1
-    return path
+    taken = {path.name for path in folder.glob(f"{name}-*{SUFFIX}")}
+    names = (f"{name}-{number:02d}{SUFFIX}" for number in count(1))
+    return folder / next(each for each in names if each not in taken)
 
 
 def free_bytes(folder: Path) -> int:

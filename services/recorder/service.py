@@ -14,6 +14,7 @@ from common.faults import clipped, refusal
 from common.messages import ArbiterStatus, RecorderStatus
 from common.requests import RecordRequest, Reply
 from common.topics import TOPICS
+from services.recorder.folder import safe_label
 from services.recorder.frames import Frame
 from services.recorder.past import Past
 from services.recorder.tape import Tape, fault_label
@@ -122,7 +123,10 @@ class Recorder:
             return refusal("already", f"recording to {running.path}")
         self._end(LAST_WORK_NS)  # what a fault has begun gives way
         past = self._past.blocks() if request.past else []
-        if not self._tape.begin(request.label, ASKED, past) or self._tape.recording is None:
+        if (
+            not self._tape.begin(safe_label(request.label), ASKED, past)
+            or self._tape.recording is None
+        ):
             return refusal("recording", self.fault)
         return Reply(accepted=True, text=clipped(f"recording to {self._tape.recording.path}"))
 

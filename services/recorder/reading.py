@@ -1,0 +1,144 @@
+"""Reads recordings, whole ones and those whose recorder was killed: up to where they end."""
+
+import heapq
+import struct
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import yaml
+import zstandard
+from mcap import records
+from mcap.exceptions import McapError
+from mcap.opcode import Opcode
+from mcap.stream_reader import StreamReader
+from pydantic_core import from_json
+
+from common.cell import Cell
+from common.clock import NS_PER_S
+from common.config import cell_from_tree
+from common.errors import ConfigError, DataError
+from services.recorder.frames import frames_of
+from services.recorder.mcap_writer import MESSAGE, MESSAGE_HEAD_B
+from services.recorder.recording import CELL_FILE, EVENT, FRAMES_ENCODING, METADATA
+
+BROKEN_OFF = (McapError, struct.error, zstandard.ZstdError, ValueError, OverflowError)
+DISORDER_NS = 3 * NS_PER_S  # messages stand in a file at most so far from their place in time
+MOST_CHUNK_B = 1 << 30
+
+
+class Event(NamedTuple):
+    """Something that happened."""
+
+    at_ns: int
+    what: str  # a code of common/faults.py
+
+
+class Said(NamedTuple):
+    """One message as it is recorded for people: vectors are maps, what was None is left out."""
+
+    topic: str
+    at_ns: int  # wall clock time
+    fields: dict[str, Any]
+
+
+class Heard(NamedTuple):
+    """One message to the byte."""
+
+    topic: str
+    at_ns: int  # wall clock time
+    data: bytes
+
+
+class RecordedFile:
+    """One file. What is known of it as a whole is read at once."""
+
+    def __init__(self, path: Path) -> None:
+        """Read what stands before the messages. Raise DataError where it is none of ours."""
+        self.path = path
+        self.about: dict[str, str] = {}
+        self.cell: Cell | None = None
+        self.is_whole = False  # known after the first time through
+        self.events: list[Event] = []
+        self._channels: dict[int, records.Channel] = {}
+        for _ in self._records(stop=lambda: bool(self._channels)):
+            pass
+        if not self.about:
+            raise DataError(f"{path}: no recording of forcemesh: it lacks the metadata")
+
+    def said(self, topic: str | None = None) -> Iterator[Said]:
+        """Yield every message, or those of one topic, in the order of the file.
+
+        Within a topic that is the order of writing; between topics it is near to it.
+        """
+        for channel, at_ns, data in self._messages():
+            key = channel.topic
+            if channel.message_encoding == "json" and topic in (None, key):
+                yield Said(key, at_ns, from_json(data))
+
+    def heard(self) -> Iterator[Heard]:
+        """Yield every message to the byte, in the order of time."""
+        waiting: list[tuple[int, int, Heard]] = []
+        number = 0
+        for channel, _, data in self._messages():
+            if channel.message_encoding != FRAMES_ENCODING:
+                continue
+            for frame in frames_of(data):
+                topic = channel.metadata[str(frame.topic)]
+                heapq.heappush(waiting, (frame.at_ns, number, Heard(topic, *frame[1:])))
+                number += 1
+            newest_ns = max(entry[0] for entry in waiting)
+            while waiting and waiting[0][0] < newest_ns - DISORDER_NS:
+                yield heapq.heappop(waiting)[2]
+        while waiting:
+            yield heapq.heappop(waiting)[2]
+
+    def _messages(self) -> Iterator[tuple[records.Channel, int, bytes]]:
+        for record in self._records(stop=lambda: False):
+            if not isinstance(record, records.Chunk):
+                continue
+            try:
+                body = zstandard.decompress(record.data, MOST_CHUNK_B)
+            except zstandard.ZstdError:
+                self.is_whole = False
+                return
+            at = 0
+            while at < len(body):
+                opcode, length, channel, _, log_ns, _ = MESSAGE.unpack_from(body, at)
+                if opcode == Opcode.MESSAGE:
+                    data = body[at + MESSAGE.size : at + MESSAGE.size + length - MESSAGE_HEAD_B]
+                    yield self._channels[channel], log_ns, data
+                at += 9 + length
+
+    def _records(self, stop: Callable[[], bool]) -> Iterator[records.McapRecord]:
+        """Yield records up to the end of the file, or to where it breaks off."""
+        self.events, self.is_whole = [], False
+        try:
+            stream = self.path.open("rb")
+        except OSError as error:
+            raise DataError(f"{self.path}: cannot be read: {error.strerror}") from None
+        with stream:
+            try:
+                for record in StreamReader(stream, emit_chunks=True).records:
+                    self._note(record)
+                    yield record
+                    if isinstance(record, records.DataEnd):
+                        self.is_whole = True
+                        return
+                    if isinstance(record, records.Chunk) and stop():
+                        return
+            except BROKEN_OFF as error:
+                if not self._channels:
+                    raise DataError(f"{self.path}: no recording: {error!r}") from None
+
+    def _note(self, record: records.McapRecord) -> None:
+        if isinstance(record, records.Channel):
+            self._channels[record.id] = record
+        elif isinstance(record, records.Metadata) and record.name == METADATA:
+            self.about = record.metadata
+        elif isinstance(record, records.Metadata) and record.name == EVENT:
+            self.events.append(Event(int(record.metadata["at_ns"]), record.metadata["what"]))
+        elif isinstance(record, records.Attachment) and record.name == CELL_FILE:
+            with suppress(ConfigError):  # of another version: what was said can still be read
+                self.cell = cell_from_tree(yaml.safe_load(record.data), str(self.path))

@@ -1,0 +1,233 @@
+"""What is in a recording: to the byte, as JSON that keeps its schema, for readers of others."""
+
+import json
+import struct
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from jsonschema import Draft202012Validator
+from mcap.exceptions import McapError
+from mcap.reader import NonSeekingReader, make_reader
+from pydantic_core import from_json, to_json
+
+from common.codec import Header, encode, unpack
+from common.errors import DataError
+from common.topics import TOPICS, Topic
+from services.recorder.frames import Frame, frames_of, pack_frames
+from services.recorder.layout import layout_of, schema_of
+from services.recorder.reading import RecordedFile
+from services.recorder.recording import Recording
+from services.recorder.wall import Wall
+from tests.fakes.recorder_bench import WALL_NS, cell_with, place
+from tests.fakes.records import full, records
+
+CLOCK = "this clock"
+SECOND = 10**9
+each_topic = pytest.mark.parametrize("topic", TOPICS, ids=lambda topic: topic.key)
+
+
+def header(seq: int, topic: Topic[Any], stamp_ns: int, boot: str = CLOCK) -> Header:
+    """Return the head of a message."""
+    return Header(seq=seq, epoch=1, boot=boot, stamp_ns=stamp_ns, topic=topic.key)
+
+
+def recorded(folder: Path, frames: list[Frame], finish: bool = True) -> Path:
+    """Return the file of frames that came in tenths of a second."""
+    wall = Wall(CLOCK, WALL_NS)
+    recording = Recording(
+        folder, "file", cell_with(folder), cause="asked", wall=wall, now_ns=frames[0].at_ns
+    )
+    for frame in frames:
+        recording.write([frame], frame.at_ns)
+    recording._file.flush()
+    if finish:
+        recording.close()
+    else:
+        recording._file._stream.close()  # what a kill leaves, but for the part not yet flushed
+    return recording.path
+
+
+def of_every_topic(rounds: int = 3) -> list[Frame]:
+    """Return full messages of every topic, one in each tenth of a second."""
+    frames = []
+    for number in range(rounds * len(TOPICS)):
+        topic, at_ns = TOPICS[number % len(TOPICS)], SECOND + number * SECOND // 10
+        message = topic.message.model_validate(full(topic.message))
+        data = encode(header(1 + number // len(TOPICS), topic, at_ns), message)
+        frames.append(Frame(place(topic), at_ns, data))
+    return frames
+
+
+@each_topic
+@given(data=st.data())
+@settings(max_examples=30, suppress_health_check=[HealthCheck.too_slow])
+def test_json_of_a_message_keeps_its_schema_and_every_value(topic: Topic[Any], data: Any) -> None:
+    """Random messages: valid by the schema; read back, each number and text is what it was."""
+    message = data.draw(records(topic.message))
+    fields = layout_of(topic).shape(unpack(encode(header(1, topic, 5), message)))
+    read = from_json(to_json(fields, inf_nan_mode="null"))
+    Draft202012Validator(schema_of(topic)).validate(read)
+    said = {k: v for k, v in flat(message.model_dump()).items() if v is not None}
+    assert said.items() <= flat(read).items()
+
+
+def flat(value: Any, path: str = "") -> dict[str, Any]:
+    """Return every value that is no container by its path; vectors by their letters."""
+    if isinstance(value, dict):
+        items = value.items()
+    elif isinstance(value, list | tuple):
+        is_vector = len(value) in (3, 4) and all(type(part) is float for part in value)
+        items = zip("xyzw", value) if is_vector else enumerate(value)  # noqa: B905
+    else:
+        return {path: value}
+    return {k: v for name, inner in items for k, v in flat(inner, f"{path}/{name}").items()}
+
+
+@each_topic
+def test_the_schema_is_one_that_plain_viewers_take(topic: Topic[Any]) -> None:
+    """One type for each field, all written out: no references, alternatives or null."""
+
+    def check(schema: dict[str, Any]) -> None:
+        assert not set(schema) & {"$ref", "$defs", "anyOf", "oneOf", "allOf", "prefixItems"}
+        assert schema["type"] in {"object", "array", "string", "number", "integer", "boolean"}
+        if schema["type"] == "object":
+            for inner in schema["properties"].values():
+                check(inner)
+        if schema["type"] == "array":
+            check(schema["items"])
+
+    check(schema_of(topic))
+    assert schema_of(topic)["type"] == "object"
+    Draft202012Validator.check_schema(schema_of(topic))
+
+
+@given(st.lists(st.tuples(st.integers(0, 255), st.integers(0, 2**64 - 1), st.binary())))
+def test_frames_come_back_to_the_byte(parts: list[tuple[int, int, bytes]]) -> None:
+    """Whatever was heard, in its order."""
+    frames = [Frame(*part) for part in parts]
+    assert list(frames_of(pack_frames(frames))) == frames
+
+
+@given(st.binary(min_size=1), st.integers(1, 12))
+def test_broken_off_frames_are_told(data: bytes, cut: int) -> None:
+    """An end within a head or a message is an error and no shorter message."""
+    with pytest.raises(ValueError, match="frames end"):
+        list(frames_of(pack_frames([Frame(0, 1, data)])[: -min(cut, len(data))]))
+
+
+def test_a_recording_holds_every_message_to_the_byte_in_order_of_time(tmp_path: Path) -> None:
+    """What is read is what came, at the wall clock time at which it was written."""
+    frames = of_every_topic()
+    heard = list(RecordedFile(recorded(tmp_path, frames)).heard())
+    assert [h.data for h in heard] == [frame.data for frame in frames]
+    assert [h.at_ns for h in heard] == [WALL_NS + frame.at_ns for frame in frames]
+    assert [h.topic for h in heard] == [TOPICS[frame.topic].key for frame in frames]
+
+
+def test_the_mcap_package_reads_it_with_every_check(tmp_path: Path) -> None:
+    """Summary, statistics, checksums, indexes, metadata and attachment are as the format says."""
+    frames = of_every_topic()
+    with recorded(tmp_path, frames).open("rb") as stream:
+        reader = make_reader(stream, validate_crcs=True)
+        summary = reader.get_summary()
+        assert summary is not None
+        assert summary.statistics is not None
+        counts = summary.statistics.channel_message_counts
+        said = {channel.topic: counts[channel.id] for channel in summary.channels.values()}
+        messages = list(reader.iter_messages(topics=[topic.key for topic in TOPICS]))
+        (about,) = list(reader.iter_metadata())
+        (cell,) = list(reader.iter_attachments())
+    assert all(said[topic.key] == 3 for topic in TOPICS)
+    assert [m.log_time for *_, m in messages] == [WALL_NS + frame.at_ns for frame in frames]
+    assert all(schema.encoding == "jsonschema" for schema, *_ in messages if schema)
+    assert all(json.loads(message.data)["topic"] == c.topic for _, c, message in messages)
+    assert about.metadata["wall_minus_monotonic_ns"] == str(WALL_NS)
+    assert cell.name == "cell.yaml"
+
+
+def test_the_mcap_package_jumps_to_a_time_in_it(tmp_path: Path) -> None:
+    """The chunk and message indexes lead to just the messages of an interval."""
+    frames = of_every_topic()
+    begin, end = frames[10].at_ns + WALL_NS, frames[20].at_ns + WALL_NS
+    with recorded(tmp_path, frames).open("rb") as stream:
+        keys = [topic.key for topic in TOPICS]
+        found = make_reader(stream).iter_messages(keys, starting_at=begin, ending_before=end)
+        times = [message.log_time for *_, message in found]
+    assert times == [WALL_NS + frame.at_ns for frame in frames[10:20]]
+
+
+@pytest.mark.parametrize("tail", [b"", b"\x06", b"\x06\xff\xff\x00\x00\x00\x00\x00\x00abc"])
+def test_a_file_without_an_end_is_read_up_to_where_it_breaks_off(
+    tmp_path: Path, tail: bytes
+) -> None:
+    """As a kill leaves it, also with half a record at its end; by ours and by the package."""
+    frames = of_every_topic()
+    path = recorded(tmp_path, frames, finish=False)
+    path.write_bytes(path.read_bytes() + tail)
+    read = RecordedFile(path)
+    assert [h.data for h in read.heard()] == [frame.data for frame in frames]
+    assert not read.is_whole
+    seen: list[object] = []
+    with path.open("rb") as stream, suppress(McapError, struct.error):
+        seen.extend(NonSeekingReader(stream).iter_messages(log_time_order=False))
+    assert len(seen) > len(frames)
+
+
+@given(cut=st.integers(0, 40_000))
+@settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_any_beginning_of_a_file_is_read_or_refused(tmp_path: Path, cut: int) -> None:
+    """Cut anywhere, a file yields the first messages, or is said to be none."""
+    frames = of_every_topic()
+    whole = tmp_path / "file-01.mcap"
+    if not whole.exists():
+        recorded(tmp_path, frames)
+    part = tmp_path / "part.mcap"
+    part.write_bytes(whole.read_bytes()[:cut])
+    try:
+        heard = list(RecordedFile(part).heard())
+    except DataError:
+        return
+    assert [h.data for h in heard] == [frame.data for frame in frames[: len(heard)]]
+
+
+@pytest.mark.parametrize("content", [b"", b"nothing of that kind", b"\x89MCAP0\r\n"])
+def test_what_is_no_recording_is_said_to_be_none(tmp_path: Path, content: bytes) -> None:
+    """With its name, in a sentence."""
+    path = tmp_path / "other.mcap"
+    path.write_bytes(content)
+    with pytest.raises(DataError, match=r"other\.mcap: no recording"):
+        RecordedFile(path)
+
+
+def test_a_recording_gives_nobody_the_panels_token(tmp_path: Path) -> None:
+    """The cell file goes along without the section that lets people in."""
+    tree = cell_with(tmp_path).model_copy(deep=True)
+    secret = tree.panel.model_copy(update={"token": "a-secret-of-this-lab"})
+    cell = tree.model_copy(update={"panel": secret})
+    wall = Wall(CLOCK, WALL_NS)
+    recording = Recording(tmp_path, "file", cell, cause="asked", wall=wall, now_ns=1)
+    recording.close()
+    assert b"a-secret-of-this-lab" not in recording.path.read_bytes()
+    assert RecordedFile(recording.path).cell is not None
+
+
+@given(st.integers(0, 2**62), st.integers(0, 500 * SECOND))
+def test_each_machines_clock_is_moved_as_a_whole(first_ns: int, later_ns: int) -> None:
+    """Distances between stamps of one machine stay; the first of a foreign one counts as now."""
+    wall = Wall(CLOCK, WALL_NS)
+    first = wall.written_ns({"boot": "other", "stamp_ns": first_ns}, 1000)
+    later = wall.written_ns({"boot": "other", "stamp_ns": first_ns + later_ns}, 1000)
+    assert first == WALL_NS + 1000
+    assert later - first == later_ns
+    assert wall.written_ns({"boot": CLOCK, "stamp_ns": 700}, 1000) == WALL_NS + 700
+
+
+@given(st.one_of(st.none(), st.text(), st.integers(2**50, 2**64 - 1), st.floats()))
+def test_an_absurd_stamp_counts_as_written_on_arrival(stamp_ns: Any) -> None:
+    """No stamp, no number, or a time far from now: a stranger moves nothing in the file."""
+    wall = Wall(CLOCK, WALL_NS)
+    assert wall.written_ns({"boot": CLOCK, "stamp_ns": stamp_ns}, 1000) == WALL_NS + 1000

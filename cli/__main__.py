@@ -26,6 +26,8 @@ from cli.doctor import doctor
 from cli.numbers import NEGATIVE_NUMBERS
 from cli.panel import panel
 from cli.skills import verbs as skills
+from cli.tuning.verb import tune
+from cli.verbs_bench import bench
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -56,8 +58,10 @@ app.add_typer(verbs_force.force, name="force", rich_help_panel=FORCE)
 skills.add_to(app, "Skills")
 app.command(rich_help_panel=FORCE)(verbs_force.tare)
 app.command(rich_help_panel=FORCE)(calibrate)
+app.command(rich_help_panel=FORCE)(tune)
 app.add_typer(check, name="check", rich_help_panel=FORCE)
 app.add_typer(payload.app, name="payload", rich_help_panel=FORCE)
+app.add_typer(bench, name="bench", rich_help_panel=RUN)
 
 
 def _print_version(wanted: bool) -> None:

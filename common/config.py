@@ -12,6 +12,15 @@ from pydantic import BaseModel, ValidationError
 from common.cell import Cell
 from common.errors import ConfigError
 
+TUNED = (  # what the file that a cell file names as `tuning` may say
+    "robot.delay_s",
+    "robot.lag_s",
+    "robot.bandwidth_rad_s",
+    "contact.stiffness_N_m",
+    "contact.tilt_stiffness_Nm_rad",
+    "force.approach_m_s",
+)
+
 
 def load_cell(path: Path | str, overrides: dict[str, Any] | None = None) -> Cell:
     """Read a cell file.
@@ -25,6 +34,7 @@ def load_cell(path: Path | str, overrides: dict[str, Any] | None = None) -> Cell
     """
     source = str(path)
     tree = _read_tree(Path(path), source)
+    _take_tuning(tree, Path(path), source)
     for dotted, value in (overrides or {}).items():
         _set(tree, dotted, value, source)
     if (calibration := _calibration_file(tree, Path(path))) is not None:
@@ -46,6 +56,25 @@ def calibration_file(path: Path) -> Path | None:
 def _calibration_file(tree: Any, path: Path) -> Path | None:
     named = tree.get("calibration") if isinstance(tree, dict) else None
     return path.parent / named if isinstance(named, str) else None
+
+
+def _take_tuning(tree: Any, path: Path, source: str) -> None:
+    """Put what `forcemesh tune` has measured before the cell file's own numbers."""
+    named = tree.get("tuning") if isinstance(tree, dict) else None
+    if not isinstance(named, str):
+        return
+    file = path.parent / tree.pop("tuning")
+    measured = _read_tree(file, str(file))
+    sections = measured.values() if isinstance(measured, dict) else [None]
+    if not all(isinstance(section, dict) for section in sections):
+        raise ConfigError(str(file), ["it must hold sections of what `forcemesh tune` measures"])
+    for section, values in measured.items():
+        for name, value in values.items():
+            dotted = f"{section}.{name}"
+            if dotted not in TUNED:
+                mistake = f"{dotted}: not of a tuning, known here: {', '.join(TUNED)}"
+                raise ConfigError(str(file), [mistake])
+            _set(tree, dotted, value, source)
 
 
 def cell_from_tree(tree: object, source: str) -> Cell:

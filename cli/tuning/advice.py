@@ -103,10 +103,7 @@ def stiffness_of(cell: Cell, measured: Measured) -> tuple[float, float]:
 
 def recommended(loop: Loop, bandwidth_rad_s: float) -> Loop:
     """Return the loop with the rule's gain, or with less where that leaves too little margin."""
-    gain = min(
-        LOOP_GAIN / (loop.stiffness * loop.tau_s),
-        INERTIA_MARGIN / (loop.inertia * bandwidth_rad_s),
-    )
+    gain = _ruled(loop, bandwidth_rad_s)
     while not _is_safe(margins(loop.with_gain(gain))):
         gain *= SMALLER
     return loop.with_gain(gain)
@@ -126,6 +123,8 @@ def lines(cell: Cell, measured: Measured, advices: list[Advice]) -> dict[str, di
     longest_s = max(advice.tau_s for advice in advices)
     delay_s = longest_s - fixed_s - measured.servo.lag_s + MORE_DELAY_S
     robot = {"delay_s": _up(delay_s, 1e-3), "lag_s": _up(measured.servo.lag_s, 1e-4)}
+    if (bandwidth := _bandwidth(cell, advices)) > cell.robot.bandwidth_rad_s:
+        robot["bandwidth_rad_s"] = _up(bandwidth, 0.1)
     found = {"robot": robot}
     if measured.spring is not None:
         k, tilt = (float(f"{value:.3g}") for value in stiffness_of(cell, measured))
@@ -135,6 +134,25 @@ def lines(cell: Cell, measured: Measured, advices: list[Advice]) -> dict[str, di
         if cell.force.approach_m_s > allowed_m_s:  # else it could not be armed any more
             found["force"] = {"approach_m_s": float(f"{APPROACH_SHARE * allowed_m_s:.2g}")}
     return found
+
+
+def _bandwidth(cell: Cell, advices: list[Advice]) -> float:
+    """Return the bandwidth [rad/s] whose inertia rule gives the gains that margins made smaller."""
+    smaller = [
+        INERTIA_MARGIN / (one.loop.inertia * one.gain)
+        for advice in advices
+        for one in (advice.force, advice.torque)
+        if one.gain < 0.99 * _ruled(one.loop, cell.robot.bandwidth_rad_s)
+    ]
+    return max(smaller, default=0.0)
+
+
+def _ruled(loop: Loop, bandwidth_rad_s: float) -> float:
+    """Return what the gain rule says, whatever its margins are."""
+    return min(
+        LOOP_GAIN / (loop.stiffness * loop.tau_s),
+        INERTIA_MARGIN / (loop.inertia * bandwidth_rad_s),
+    )
 
 
 def as_dict(

@@ -21,7 +21,7 @@ FINER = ((0.008, 0.0005), (0.001, 0.0001))  # so far around the best so far, in 
 LONGEST_DELAY_S, LONGEST_LAG_S = 0.25, 0.12
 LEAST_SAMPLES = 20
 LEAST_WAY_M = 2e-4
-WORST_FIT = 0.1  # of the motion's deviation: a larger rest is no delay and lag
+WORST_FIT = 0.15  # of the motion's deviation: a larger rest is no delay and lag
 LEAST_PLACES = 2
 LEAST_FORCE_N = 1.0
 

@@ -18,7 +18,7 @@ from common.frames import Array
 
 POINTS = 6000
 BAND = 1.0 / 30.0  # settled within this part of the step: 1 N of 30 N
-LONGEST_TAUS = 400.0
+LONGEST_TAUS = 200.0
 FLIES = 20.0  # times the step: it does not come back
 Complex = npt.NDArray[np.complex128]
 
@@ -79,7 +79,8 @@ def response(loop: Loop, w: Array) -> Complex:
 
 def frequencies(loop: Loop) -> Array:
     """Return the frequencies that matter for a loop [rad/s]. Shape (N,)."""
-    return np.geomspace(1e-3 / loop.tau_s, 2e3 / loop.tau_s, POINTS)
+    lowest = min(1e-2, 0.1 * loop.loop_gain) if loop.gain > 0.0 else 1e-2
+    return np.geomspace(lowest / loop.tau_s, 2e3 / loop.tau_s, POINTS)
 
 
 def margins(loop: Loop) -> Margins:
@@ -127,7 +128,7 @@ def release(loop: Loop, taus: float | None = None) -> tuple[Array, Array]:
 
     Args:
         loop: The loop.
-        taus: Duration; without it long enough for the gain, at most 400 tau.
+        taus: Duration; without it long enough for the gain, at most 200 tau.
     """
     if taus is None:
         taus = min(max(30.0, 10.0 / max(loop.loop_gain, 1e-9)), LONGEST_TAUS)

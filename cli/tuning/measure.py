@@ -26,7 +26,7 @@ from common.requests import ForceStartRequest, MoveRequest, PathRequest
 
 STILL = (False,) * 6
 STEP_ACCEL_SHARE, STEP_ACCEL_M_S2 = 0.7, 1.5
-STEP_M_S = 0.04
+STEP_M_S = 0.02
 LISTEN_S, REST_S = 0.001, 0.4
 STEPS_WITHIN_S = 20.0
 NEAR_N, STEADY_S, READ_S = 0.6, 0.4, 0.3

@@ -1,0 +1,48 @@
+"""The verbs `bench ...`: the project's own measurements, which need its checkout."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from cli.context import USAGE, fail
+
+bench = typer.Typer(no_args_is_help=True, help="Measure the project itself: needs the checkout.")
+
+ROOT = Path(__file__).resolve().parent.parent
+PASSED_ON = {"allow_extra_args": True, "ignore_unknown_options": True}
+
+
+@bench.command("force", context_settings=PASSED_ON)
+def force(
+    context: typer.Context,
+    *,
+    quick: Annotated[bool, typer.Option("--quick", help="A few scenes: about a minute.")] = False,
+    short: Annotated[bool, typer.Option("--short", help="Fewer places.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Plain numbers.")] = False,
+    write: Annotated[bool, typer.Option("--write", help="Write docs/force.md.")] = False,
+) -> None:
+    """Measure how well laws release, hold, find and follow a force, beside other laws.
+
+    Needs no cell: it brings its own, in virtual time. Other options go to `python -m bench.force`.
+    """
+    flags = {"--quick": quick, "--short": short, "--json": as_json, "--write": write}
+    chosen = [name for name, is_chosen in flags.items() if is_chosen]
+    raise typer.Exit(_run("bench.force", [*chosen, *context.args]))
+
+
+def _run(module: str, arguments: list[str]) -> int:
+    """Run one of the project's benchmarks; return its exit code."""
+    if not (ROOT / module.replace(".", "/")).is_dir():
+        text = f"{module} is not here: measurements of the project need its checkout"
+        fail(f"{text}, `git clone` it and `make setup`", USAGE)
+    paths = [str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(paths)}
+    command = [sys.executable, "-m", module, *arguments]
+    try:
+        return subprocess.run(command, env=environment, check=False).returncode
+    except KeyboardInterrupt:
+        return 130

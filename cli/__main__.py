@@ -25,6 +25,7 @@ from cli.demo import demo
 from cli.doctor import doctor
 from cli.numbers import NEGATIVE_NUMBERS
 from cli.panel import panel
+from cli.record import record
 from cli.skills import verbs as skills
 from cli.tuning.verb import tune
 from cli.verbs_bench import bench
@@ -42,6 +43,7 @@ RUN, LOOK, MOVE, FORCE = "Run a cell", "Look", "Move", "Force"
 app.command(rich_help_panel=RUN)(demo)
 app.command(rich_help_panel=RUN)(verbs_run.up)
 app.command(rich_help_panel=LOOK)(panel)
+app.add_typer(record, name="record", rich_help_panel=LOOK)
 app.add_typer(config_verbs.config, name="config", rich_help_panel=RUN)
 app.add_typer(pki.app, name="pki", rich_help_panel=RUN)
 app.command(rich_help_panel=LOOK)(verbs_read.status)

@@ -10,6 +10,7 @@ import typer
 
 from cli.context import NOT_WELL, OK, USAGE, default_cell_file
 from cli.panel import NoPanel
+from cli.record import NoRecorder
 from common.errors import ForcemeshError
 
 if TYPE_CHECKING:
@@ -61,6 +62,7 @@ def demo(
     out: Out = Path("out"),
     as_json: AsJson = False,
     no_panel: NoPanel = False,
+    no_recorder: NoRecorder = False,
 ) -> None:
     """Run the main job: press on a plate, then let force feedback bring the force to its aim."""
     from rich.console import Console
@@ -92,7 +94,8 @@ def demo(
         )
         check_plan(cell, plan)
         with live_progress(screen, plan) as progress:
-            play = play_virtual if virtual else partial(play_real, panel=not no_panel)
+            real = partial(play_real, panel=not no_panel, recorder=not no_recorder)
+            play = play_virtual if virtual else real
             trace = play(cell, plan, progress, linger)
     except ForcemeshError as error:
         screen.print(f"[red]demo:[/red] {escape(str(error))}", highlight=False, soft_wrap=True)

@@ -27,7 +27,13 @@ def play_virtual(cell: Cell, plan: Plan, progress: Progress, _linger_s: float) -
 
 
 def play_real(
-    cell: Cell, plan: Plan, progress: Progress, linger_s: float, *, panel: bool = False
+    cell: Cell,
+    plan: Plan,
+    progress: Progress,
+    linger_s: float,
+    *,
+    panel: bool = False,
+    recorder: bool = False,
 ) -> Trace:
     """Start the cell's processes, play, and stop them all in any case.
 
@@ -35,15 +41,20 @@ def play_real(
         ScenarioError: A process died or the arm was stopped; the cell stays up for `linger_s`
             before that, so that `forcemesh status` can be asked.
     """
-    from cli.panel import beside
+    from cli.panel import panel_beside
     from cli.processes import Supervisor
+    from cli.record import recorder_beside
     from common.bus import open_bus
     from common.topics import CLIENT
 
     with Supervisor(cell) as processes:
         processes.wait_ready()
         try:
-            with beside(processes.cell_file, wanted=panel), open_bus(cell, CLIENT) as client:
+            with (
+                recorder_beside(processes.cell_file, wanted=recorder),
+                panel_beside(processes.cell_file, wanted=panel),
+                open_bus(cell, CLIENT) as client,
+            ):
                 check = _refuse_the_dead(processes)
                 return Scenario(client, plan, check=check, progress=progress).run()
         except ScenarioError as error:

@@ -1,21 +1,15 @@
 """The verb `panel`, and the panel that `up` and `demo` start beside a cell."""
 
-import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
+from cli.beside import beside
 from cli.context import CellOption, find_cell_file, one_line_errors
 
-if TYPE_CHECKING:
-    from cli.running import Running
-
 WITHOUT_VARIABLE = "FORCEMESH_NO_PANEL"
-ENDS_WITHIN_S = 3.0
-LOOK_S = 0.2
 
 NoPanel = Annotated[
     bool,
@@ -51,34 +45,6 @@ def panel(
         main(words)
 
 
-@contextmanager
-def beside(cell_file: Path, *, wanted: bool = True) -> Iterator[None]:
-    """Serve the panel of a cell that is up, for as long as this lasts.
-
-    It is no part of the cell: what becomes of it is said, and stops nothing.
-    """
-    if not wanted:
-        yield
-        return
-    from cli.running import Process, Running, say_on_stderr
-
-    running = Running(Process("services.panel", ("panel",)), cell_file, say_on_stderr)
-    over = threading.Event()
-    threading.Thread(target=_mourn, args=[running, over], daemon=True).start()
-    try:
-        yield
-    finally:
-        over.set()
-        running.terminate()
-        running.finish(ENDS_WITHIN_S)
-
-
-def _mourn(running: "Running", over: threading.Event) -> None:
-    """Say when the panel has ended by itself."""
-    from cli.running import say_on_stderr
-
-    while not over.wait(LOOK_S):
-        if (died := running.ended()) is not None:
-            if not over.is_set():
-                say_on_stderr("up", f"there is no panel: {died.how}; the cell goes on without it")
-            return
+def panel_beside(cell_file: Path, *, wanted: bool = True) -> AbstractContextManager[None]:
+    """Serve the panel of a cell that is up, for as long as this lasts."""
+    return beside("services.panel", "panel", cell_file, wanted=wanted)

@@ -2,6 +2,7 @@
 
 import signal
 import threading
+from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -16,7 +17,8 @@ from cli.context import (
     fail,
     one_line_errors,
 )
-from cli.panel import NoPanel, beside
+from cli.panel import NoPanel, panel_beside
+from cli.record import NoRecorder, recorder_beside
 
 if TYPE_CHECKING:
     from cli.processes import Supervisor
@@ -43,8 +45,9 @@ def up(
     ] = 5.0,
     *,
     no_panel: NoPanel = False,
+    no_recorder: NoRecorder = False,
 ) -> None:
-    """Start the processes of a cell and its panel; stop all on Ctrl-C, or when one of them dies."""
+    """Start the processes of a cell, its panel and recorder; stop all on Ctrl-C, or on a death."""
     stop = threading.Event()
     with one_line_errors():
         from cli.processes import Supervisor
@@ -61,9 +64,14 @@ def up(
         supervisor.__enter__()
     except ForcemeshError as error:
         fail(f"up: {error}", USAGE)
-    with ExitStack() as afterwards:  # the panel ends last: the arm is what is stopped first
+    with ExitStack() as afterwards:  # the helpers end last: the arm is what is stopped first
+
+        def start_helpers() -> None:
+            afterwards.enter_context(recorder_beside(path, wanted=not no_recorder))
+            afterwards.enter_context(panel_beside(path, wanted=not no_panel))
+
         try:
-            _watch(supervisor, loaded, path, stop=stop, afterwards=afterwards, panel=not no_panel)
+            _watch(supervisor, loaded, path, stop=stop, when_ready=start_helpers)
             if supervisor.died:
                 supervisor.mourn(linger)
         finally:
@@ -79,12 +87,11 @@ def _watch(
     path: Path,
     *,
     stop: threading.Event,
-    afterwards: ExitStack,
-    panel: bool,
+    when_ready: Callable[[], None],
 ) -> None:
     """Wait for the end: Ctrl-C, or a death. Say once when the cell is ready, or what it lacks.
 
-    The panel is started when the cell is ready, so that the cell comes up as fast as without it.
+    The helpers are started when the cell is ready, so that it comes up as fast as without them.
     """
     import time
 
@@ -94,7 +101,7 @@ def _watch(
         elapsed_s = time.monotonic() - started_s
         if not ready and not lines:
             ready = True
-            afterwards.enter_context(beside(path, wanted=panel))
+            when_ready()
             typer.echo(f"cell {cell.cell} ({path}) is up; Ctrl-C stops it", err=True)
         elif not ready and not said_slow and elapsed_s > SLOW_S:
             said_slow = True

@@ -20,6 +20,7 @@ settings.load_profile("ci" if os.environ.get("CI") else "dev")
 # A panel beside every cell that a test brings up would take its time and its port: tests/browser
 # asks for one where it is wanted.
 os.environ.setdefault("FORCEMESH_NO_PANEL", "1")
+os.environ.setdefault("FORCEMESH_NO_RECORDER", "1")
 
 MOST_REPEATS = 3
 

@@ -1,0 +1,92 @@
+"""The verb `record`, and the recorder that `up` and `demo` start beside a cell."""
+
+from contextlib import AbstractContextManager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from cli.beside import beside
+from cli.context import NOT_WELL, OK, CellOption, JsonOption, cell_of, tell
+
+if TYPE_CHECKING:
+    from common.messages import RecorderStatus
+
+WITHOUT_VARIABLE = "FORCEMESH_NO_RECORDER"
+ANSWER_S = 5.0  # it first writes what waits
+
+record = typer.Typer(
+    no_args_is_help=True, help="Record every topic of a cell that is up, as an MCAP file."
+)
+
+NoRecorder = Annotated[
+    bool,
+    typer.Option("--no-recorder", envvar=WITHOUT_VARIABLE, help="Start no recorder beside it."),
+]
+
+
+def recorder_beside(cell_file: Path, *, wanted: bool = True) -> AbstractContextManager[None]:
+    """Keep the last minutes of a cell that is up, and record it, for as long as this lasts."""
+    return beside("services.recorder", "recorder", cell_file, wanted=wanted)
+
+
+@record.command("start")
+def record_start(
+    label: Annotated[str, typer.Argument(help="Goes into the name of the file.")] = "",
+    *,
+    past: Annotated[
+        bool, typer.Option("--past", help="Begin with the minutes that the recorder remembers.")
+    ] = False,
+    cell: CellOption = None,
+) -> None:
+    """Record until `record stop`; a file that is long enough is followed by the next one."""
+    from common import topics
+    from common.requests import RecordRequest
+
+    with cell_of(cell) as client:
+        request = RecordRequest(label=label[:100], past=past)
+        tell(client.ask(topics.RECORD_START, request, answer_s=ANSWER_S))
+
+
+@record.command("stop")
+def record_stop(cell: CellOption = None) -> None:
+    """End the recording; say what is in it and what was lost."""
+    from common import topics
+    from common.requests import Empty
+
+    with cell_of(cell) as client:
+        tell(client.ask(topics.RECORD_STOP, Empty(), answer_s=ANSWER_S))
+
+
+@record.command("status")
+def record_status(as_json: JsonOption = False, cell: CellOption = None) -> None:
+    """Show what is recorded, how much was lost, and how far back memory reaches."""
+    from common import topics
+    from common.errors import NotValidError
+
+    with cell_of(cell) as client:
+        feed = client.feed(topics.RECORDER_STATUS)
+        try:
+            status = feed()
+        except NotValidError:
+            status = feed.reading().message or topics.RECORDER_STATUS.message()
+    print(status.model_dump_json() if as_json else in_words(status))
+    raise typer.Exit(OK if status.valid else NOT_WELL)
+
+
+def in_words(status: "RecorderStatus") -> str:
+    """Return what the recorder says of itself in a few lines."""
+    lines = [f"fault: {status.reason}"] if status.reason else []
+    if status.recording:
+        why = "" if status.cause == "asked" else f" because of {status.cause}"
+        lines.append(f"recording{why} for {status.recorded_s:.0f} s to {status.file}")
+    else:
+        lines.append("not recording" + (f"; last: {status.file}" if status.file else ""))
+    if status.file:
+        size_MB = status.file_bytes / 1e6
+        lines.append(f"{status.messages} messages, {status.lost} lost, file of {size_MB:.1f} MB")
+    memory_MB, free_GB = status.memory_bytes / 1e6, status.free_bytes / 1e9
+    lines.append(
+        f"memory reaches back {status.memory_s:.0f} s ({memory_MB:.1f} MB); {free_GB:.1f} GB free"
+    )
+    return "\n".join(lines)

@@ -8,7 +8,7 @@ UV ?= $(firstword $(shell command -v uv 2>/dev/null) $(wildcard .venv/bin/uv))
 BIN := .venv/bin
 STAMP := .venv/.made-from-lock
 FUZZ_SECONDS ?= 60
-CODE := $(wildcard common services sim cli bench chaos fuzz tests tools)
+CODE := $(wildcard common services sim cli bench chaos examples fuzz tests tools)
 LOCK := pip compile -q --universal --generate-hashes --no-emit-index-url \
         --custom-compile-command "make lock" pyproject.toml
 
@@ -68,6 +68,7 @@ readme: setup ## write what is made from the code: the bus table in README.md, a
 	@$(BIN)/python -m tools.faults_page
 	@$(BIN)/python -m tools.arbitration_page
 	@$(BIN)/python -m tools.schema_page
+	@$(BIN)/python -m tools.cli_page
 
 bench: setup ## measure what the README states
 	@$(BIN)/python -m bench $(ARGS)

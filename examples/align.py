@@ -1,0 +1,41 @@
+"""Lay the tool's face flat: press with 10 N and turn about the TCP until no torque is left."""
+
+import math
+import sys
+
+from common.client import Cell, NotReachedError
+from common.client.turning import inverse, times, unit
+
+FORCE_N = 10.0
+NO_TORQUE_NM = 0.1
+STEADY_S = 0.3
+WITHIN_S = 30.0
+
+
+def main(cell: Cell) -> float:
+    """Align, stop; return the angle that the tool has turned by [degrees]."""
+    before = unit(cell.state().orientation_xyzw)
+    cell.force.start(FORCE_N, mode="both")
+    flat_since_s = math.inf
+    try:
+        for heard in cell.wrench.stream(seconds=WITHIN_S):
+            if not cell.status().goes_on:
+                raise NotReachedError("the arm was stopped")
+            rests = math.hypot(*heard.message.torque_Nm) <= NO_TORQUE_NM
+            pressed = abs(cell.force.pressed_N() - FORCE_N) <= 1.0
+            flat_since_s = min(flat_since_s, heard.stamp_s) if rests and pressed else math.inf
+            if heard.stamp_s - flat_since_s >= STEADY_S:
+                break
+        else:
+            raise NotReachedError(f"a torque was left after {WITHIN_S:g} s")
+    finally:
+        cell.force.stop()
+    x, y, z, w = times(unit(cell.state().orientation_xyzw), inverse(before))
+    turned_deg = 2.0 * math.degrees(math.atan2(math.hypot(x, y, z), abs(w)))
+    print(f"lies flat, turned by {turned_deg:.2f} degrees")
+    return turned_deg
+
+
+if __name__ == "__main__":
+    with Cell(sys.argv[1] if len(sys.argv) > 1 else "cells/demo.yaml") as the_cell:
+        main(the_cell)

@@ -1,0 +1,58 @@
+"""Hold 8 N along a square: the force works along the tool's axis, the path goes across it."""
+
+import sys
+
+from common.client import Cell, NotReachedError
+from common.client.turning import of_oat_deg, plus, turned, unit
+from common.messages import Vec3
+from common.requests import ForceStartRequest
+
+FORCE_N = 8.0
+SIDE_M = 0.015
+SPEED_M_S = 0.02
+ALONG_TOOL = (False, False, True, False, False, False)
+
+
+def tcp(cell: Cell) -> Vec3:
+    """Return where the TCP is, in base [m]."""
+    state, lever = cell.state(), cell.config.tool.T_flange_tcp.position_m
+    return plus(state.position_m, turned(unit(state.orientation_xyzw), lever))
+
+
+def square(cell: Cell, side_m: float) -> tuple[Vec3, ...]:
+    """Return the corners in the tool's plane, beginning and ending where the tool is."""
+    q_flange_tool = of_oat_deg(cell.config.tool.T_flange_tcp.oat_deg)
+    start, q_base_flange = tcp(cell), unit(cell.state().orientation_xyzw)
+    corners = ((side_m, 0.0, 0.0), (side_m, side_m, 0.0), (0.0, side_m, 0.0), (0.0, 0.0, 0.0))
+    return tuple(
+        plus(start, turned(q_base_flange, turned(q_flange_tool, corner))) for corner in corners
+    )
+
+
+def main(cell: Cell, side_m: float = SIDE_M) -> float:
+    """Press, go round, stop; return the largest error of the force on the way [N]."""
+    wanted = ForceStartRequest(
+        mode="position", setpoint_N=FORCE_N, law="adaptive", axes=ALONG_TOOL, frame="tool"
+    )
+    worst_N = 0.0
+    cell.force.begin(wanted)
+    try:
+        cell.force.settle()
+        cell.force.path(square(cell, side_m), speed_m_s=SPEED_M_S)
+        seen = False
+        for said in cell.target.stream(seconds=60.0):
+            if said.message.path_left_m is None or not cell.status().goes_on:
+                raise NotReachedError(f"the path ended early: {said.message.reason}")
+            worst_N = max(worst_N, abs(cell.force.pressed_N() - FORCE_N))
+            seen = seen or said.message.path_left_m > 0.0
+            if seen and said.message.path_left_m < 1e-5:
+                break
+    finally:
+        cell.force.stop()
+    print(f"{4e3 * side_m:.0f} mm with {FORCE_N:g} N, off by {worst_N:.2f} N at most")
+    return worst_N
+
+
+if __name__ == "__main__":
+    with Cell(sys.argv[1] if len(sys.argv) > 1 else "cells/demo.yaml") as the_cell:
+        main(the_cell)

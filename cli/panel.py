@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from cli.beside import beside
-from cli.context import CellOption, find_cell_file, one_line_errors
+from cli.context import CellOption, client_of, find_cell_file, one_line_errors
 
 WITHOUT_VARIABLE = "FORCEMESH_NO_PANEL"
 
@@ -34,7 +34,10 @@ def panel(
     cell: CellOption = None,
 ) -> None:
     """Serve the cockpit of a cell in the browser: arm, plots, force, moves, calibration, faults."""
-    words = ["--cell", str(find_cell_file(cell))]
+    path = find_cell_file(cell)
+    with client_of(path):
+        pass  # a cell that is not up is told of at once; a page would only wait for it
+    words = ["--cell", str(path)]
     for name, value in (("--host", host), ("--port", port)):
         words += [name, str(value)] if value is not None else []
     words += ["--view-only"] if view_only else []

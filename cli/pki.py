@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import secrets
 import socket
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
 
 app = typer.Typer(no_args_is_help=True, help="Certificates of a bus that leaves this machine.")
 
+TOKEN_VARIABLE = "FORCEMESH_PANEL_TOKEN"  # noqa: S105 - the name of a variable
 IMAGE_USER = 10001  # as in the Dockerfile
 DAYS = 365
 
@@ -83,13 +85,13 @@ def init(
         typer.echo(f"{where}: an authority and {len(NAMES)} certificates, {days} days")
         lines = [f"FORCEMESH_PKI={where}", f"FORCEMESH_USER={_user()}"]
         if env is not None:
-            _write_env(env, lines)
+            _write_env(env, [*lines, f"{TOKEN_VARIABLE}={secrets.token_hex(16)}"])
         typer.echo("for docker compose, in the file .env: " + " ".join(lines))
 
 
 @app.command()
 def issue(
-    name: Annotated[str, typer.Argument(help="A role, operator or monitor.")],
+    name: Annotated[str, typer.Argument(help="A role, operator, monitor or panel.")],
     *,
     host: HostOption = None,
     days: DaysOption = DAYS,

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from common.cell import Cell
-from common.tls import MONITOR, OPERATOR, common_name
+from common.tls import MONITOR, OPERATOR, PANEL, common_name
 from common.topics import DESCRIBE, HEALTH, HELPERS, HOLD, REQUESTS, ROLES, TOPICS
 
 SELF_TEST = "self-test"  # may be heard by every role and said by nobody: proves that this is on
@@ -107,7 +107,8 @@ def _everybody(cell: Cell) -> Iterator[tuple[str, list[Rule]]]:
     for helper in HELPERS:
         yield common_name(helper, cell.cell), _helper(cell, helper)
     may_hold = [HOLD.key] if cell.bus.monitor_may_hold else []
-    yield common_name(OPERATOR, cell.cell), _person(cell, [request.key for request in REQUESTS])
+    for name in (OPERATOR, PANEL):
+        yield common_name(name, cell.cell), _person(cell, [request.key for request in REQUESTS])
     yield common_name(MONITOR, cell.cell), _person(cell, may_hold)
     for other in cell.bus.below:
         yield common_name("hub", other), _said_below(other)

@@ -1,8 +1,9 @@
 """Who a process is on a bus that leaves this machine: its certificate, and what it must not do.
 
 Every name on the bus has two files, `<name>.pem` and `<name>.key`, beside the authority's `ca.pem`.
-Names are the roles and helpers of common/topics.py and the people `operator` and `monitor`; the
-certificate says `<name>.<cell>`, so that what belongs to one cell opens nothing in another.
+Names are the roles and helpers of common/topics.py, the people `operator` and `monitor`, and the
+`panel`, which asks for whoever sits at it; the certificate says `<name>.<cell>`, so that what
+belongs to one cell opens nothing in another.
 """
 
 import ipaddress
@@ -19,7 +20,8 @@ NAME_VARIABLE = "FORCEMESH_NAME"
 DEFAULT_FOLDER = "~/.config/forcemesh/pki"
 AUTHORITY = "ca"
 OPERATOR, MONITOR = "operator", "monitor"
-PEOPLE = (OPERATOR, MONITOR)
+PANEL = "panel"
+PEOPLE = (OPERATOR, MONITOR, PANEL)
 NAMES = (*ROLES, *HELPERS, *PEOPLE)
 ENCRYPTED = ("tls", "quic")
 IN_THE_KERNEL = ("unixsock-stream", "unixpipe", "vsock")

@@ -10,6 +10,7 @@ from services.panel.readout import ERRORS, FORCES, LATENCIES, TORQUES
 
 PERIOD_S = 0.2
 HEIGHT = 118
+MARGIN = 1.12  # so that the last number of an axis is not cut off
 
 # The same hue means the same axis in every plot, and in the scene: x red, y green, z blue.
 RED, GREEN, BLUE, ORANGE, GREY = "#e8590c", "#2f9e44", "#1c7ed6", "#f08c00", "#868e96"
@@ -68,7 +69,6 @@ class Plots:
                     axes=(axis("s"), axis()),
                     legend=uplot.Legend(show=len(kind.names) > 1, live=False),
                     height=HEIGHT,
-                    padding=(10, 14, 0, 0),
                 )
                 for kind in KINDS
             }
@@ -88,7 +88,7 @@ def scales(span: Span) -> dict[str, uplot.Scale]:
     """Return both axes; a plot that ranges by itself gives up at the first gap."""
     return {
         "x": uplot.Scale(time=False, auto=False, range=(-WINDOW_S, 0.0)),
-        "y": uplot.Scale(auto=False, range=(span.low, span.high)),
+        "y": uplot.Scale(auto=False, range=(MARGIN * span.low, MARGIN * span.high)),
     }
 
 

@@ -16,7 +16,7 @@ from services.panel.arm_model import FLOOR_Z_M, ArmModel, is_known
 from services.panel.readout import Readout, Tool
 from services.panel.watch import Snapshot
 
-M_PER_N, M_PER_NM = 0.006, 0.15  # length of the arrows
+M_PER_N, M_PER_NM = 0.008, 0.2  # length of the arrows
 LEAST_N, LEAST_NM = 0.5, 0.05  # shorter ones would be noise
 STILL_RAD = 1e-4  # nothing is sent while the arm moves less than this
 TOUCHED_RADIUS_M = 0.06
@@ -46,10 +46,10 @@ class Scene:
         _add_workspace(server, cell)
         nowhere = np.zeros((1, 2, 3), dtype=np.float32)
         self._force = server.scene.add_arrows(
-            "/force", nowhere, FORCE_RGB, shaft_radius=0.006, head_radius=0.015, head_length=0.03
+            "/force", nowhere, FORCE_RGB, shaft_radius=0.014, head_radius=0.03, head_length=0.05
         )
         self._torque = server.scene.add_arrows(
-            "/torque", nowhere, TORQUE_RGB, shaft_radius=0.004, head_radius=0.011, head_length=0.022
+            "/torque", nowhere, TORQUE_RGB, shaft_radius=0.008, head_radius=0.02, head_length=0.035
         )
         self._label = server.scene.add_label("/force label", "")
         self._tcp = server.scene.add_frame(

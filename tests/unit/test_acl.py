@@ -8,7 +8,7 @@ import pytest
 from common.acl import ANYBODY, SELF_TEST, access_control, names_of, rate_limits
 from common.cell import Cell
 from common.config import load_cell
-from common.tls import MONITOR, OPERATOR, common_name
+from common.tls import MONITOR, OPERATOR, PANEL, PEOPLE, common_name
 from common.topics import DESCRIBE, HELPERS, HOLD, REQUESTS, ROLES, TOPICS
 
 CELLS = Path(__file__).resolve().parents[2] / "cells"
@@ -79,14 +79,15 @@ def test_a_role_answers_its_own_requests_and_asks_nothing(cell: Cell, role: str)
 
 
 def test_people_hear_everything_and_say_nothing(cell: Cell) -> None:
-    """Only an operator asks for deeds, both what is said; neither may write a single topic."""
-    for person in (OPERATOR, MONITOR):
+    """Operator and panel ask for deeds, a monitor what is said; none may write a single topic."""
+    for person in PEOPLE:
         name = common_name(person, cell.cell)
         assert allowed(cell, name, "put", "ingress") == set()
         assert allowed(cell, name, "put", "egress") == keys(cell, TOPICS)
-    asked = allowed(cell, common_name(OPERATOR, cell.cell), "query", "ingress")
     described = {f"{cell.cell}/{DESCRIBE}"}
-    assert asked == keys(cell, REQUESTS) | described
+    for person in (OPERATOR, PANEL):
+        asked = allowed(cell, common_name(person, cell.cell), "query", "ingress")
+        assert asked == keys(cell, REQUESTS) | described
     assert allowed(cell, common_name(MONITOR, cell.cell), "query", "ingress") == described
 
 

@@ -24,6 +24,7 @@ PLAYS: dict[str, set[str]] = {
     "robot-sim": {"robot", "sensor"},
     "gateway": {"robot"},
     "controller-sim": set(),  # stands for hardware
+    "panel": set(),  # a client, as an operator is
 }
 ON_THE_BUS = [name for name in SERVICES if PLAYS.get(name, {name})]
 PROFILES = ("sim", "emulated", "real")
@@ -87,6 +88,7 @@ def test_each_role_is_played_exactly_once_in_a_profile(word: str) -> None:
 def test_one_word_swaps_who_plays_robot_and_sensor() -> None:
     """The profiles differ in who plays robot and sensor, and in the hardware that is emulated."""
     same = set(ROLES) - {"robot", "sensor"}
+    same |= {"panel"}
     assert profile("sim") == same | {"robot-sim"}
     assert profile("real") == same | {"gateway", "sensor"}
     assert profile("emulated") == profile("real") | {"controller-sim"}
@@ -170,14 +172,28 @@ def test_container_may_do_nothing_but_its_work(name: str) -> None:
     assert entry["pids_limit"]
     assert entry["restart"] == "unless-stopped"
     assert entry["healthcheck"]["test"][0] == "CMD"
-    more = ["./calibration:/calibration:ro"] if name == "wrench" else []
-    assert entry["volumes"] == ["./cells:/cells:ro", *more]
+    more = {"wrench": ["./calibration:/calibration:ro"], "panel": ["./calibration:/calibration"]}
+    assert entry["volumes"] == ["./cells:/cells:ro", *more.get(name, [])]
 
 
-def test_only_the_hub_is_published_and_only_on_this_machine() -> None:
-    """One port, on the loopback address unless the user says another one."""
+def test_hub_and_panel_are_published_and_only_on_this_machine() -> None:
+    """Two ports, on the loopback address unless the user says another one."""
     published = {name: entry["ports"] for name, entry in SERVICES.items() if "ports" in entry}
-    assert published == {"hub": ["${FORCEMESH_PUBLISH:-127.0.0.1}:7447:7447"]}
+    assert published == {
+        "hub": ["${FORCEMESH_PUBLISH:-127.0.0.1}:7447:7447"],
+        "panel": ["${FORCEMESH_PUBLISH:-127.0.0.1}:8080:8080"],
+    }
+
+
+def test_panel_listens_for_who_has_its_token_and_asks_with_its_own_certificate() -> None:
+    """It is reached from outside its container, so it wants a token; on the bus it is a person."""
+    entry = SERVICES["panel"]
+    assert entry["command"][-2:] == ["--host", "0.0.0.0"]
+    given = entry["environment"]["FORCEMESH_PANEL_TOKEN"]
+    assert given == "${FORCEMESH_PANEL_TOKEN:-}"
+    assert entry["environment"]["FORCEMESH_ENDPOINT"] == "tls/hub:7447"
+    assert entry["secrets"] == ["ca.pem", "panel.pem", "panel.key"]
+    assert "/alive" in entry["healthcheck"]["test"][-1]
 
 
 def test_networks_lead_only_where_a_container_has_to_go() -> None:
@@ -187,6 +203,7 @@ def test_networks_lead_only_where_a_container_has_to_go() -> None:
     assert all("bus" in SERVICES[name]["networks"] for name in ON_THE_BUS)
     assert {name: way for name, way in ways.items() if way} == {
         "hub": {"front"},
+        "panel": {"front"},
         "gateway": {"robot"},
         "sensor": {"sensor"},
         "controller-sim": {"robot", "sensor"},

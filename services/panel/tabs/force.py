@@ -49,6 +49,10 @@ def build(viewer: Viewer) -> Refresh:
         if now.content != text:
             now.content = text
         form.refresh(heard)
+        status = heard.arbiter.fresh
+        is_armed = status is not None and status.goes_on
+        if arm.visible == is_armed:
+            arm.visible = not is_armed
 
     return refresh
 

@@ -82,15 +82,12 @@ def services(heard: Snapshot) -> list[dict[str, str]]:
     """Return each role with its rate, the age of what it says last, and its fault."""
     rows = []
     for role in topics.ROLES:
-        reading = heard.health.get(role)
-        stream: Reading[Any] | None = getattr(heard, STREAMS[role]) if role in STREAMS else reading
-        stream = stream if stream is not None and stream.message is not None else reading
+        reading: Reading[Any] | None = heard.health.get(role)
+        stream: Reading[Any] | None = getattr(heard, STREAMS[role]) if role in STREAMS else None
+        newest = stream if stream is not None and stream.message is not None else reading
+        age = "never heard" if newest is None else age_text(newest)
         rows.append(
-            {
-                "name": role,
-                "text": f"{rate_text(reading)} · {age_text(stream)}" if stream else "",
-                "fault": fault_of(reading, stream),
-            }
+            {"name": role, "text": f"{rate_text(reading)} · {age}", "fault": fault_of(reading)}
         )
     return rows
 
@@ -101,11 +98,8 @@ def rate_text(reading: Reading[Any] | None) -> str:
     return "–" if rate_hz is None else f"{rate_hz:.0f} Hz"  # a sensor of somebody else's says none
 
 
-def fault_of(reading: Reading[Any] | None, stream: Reading[Any] | None) -> str:
+def fault_of(reading: Reading[Any] | None) -> str:
     """Return what is wrong with a role, empty when nothing is: silence, or its own word."""
-    if reading is not None:
-        if reading.fault:
-            return reading.fault
-        if said := getattr(reading.message, "fault", ""):
-            return str(said)
-    return stream.fault if stream is not None and stream.silent else ""
+    if reading is None:
+        return "never heard"
+    return reading.fault or str(getattr(reading.message, "fault", ""))

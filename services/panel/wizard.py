@@ -5,6 +5,7 @@ import subprocess
 import sys
 import threading
 from collections import deque
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -51,6 +52,7 @@ class Wizard:
         self.progress = Progress()
         self._cell_file = cell_file
         self._child: subprocess.Popen[str] | None = None
+        self._listener: threading.Thread | None = None
         self._lock = threading.Lock()
 
     def plan(self, *, poses: int, verify_poses: int, speed_mm_s: float) -> str:
@@ -70,7 +72,8 @@ class Wizard:
                 text=True,
                 start_new_session=True,
             )
-            threading.Thread(target=self._listen, args=[self._child], daemon=True).start()
+            self._listener = threading.Thread(target=self._listen, args=[self._child], daemon=True)
+            self._listener.start()
         return ""
 
     def go(self) -> None:
@@ -84,21 +87,25 @@ class Wizard:
         if child is not None and child.poll() is None:
             child.terminate()
 
+    def wait(self, timeout_s: float) -> None:
+        """Wait until the child has ended and all of its words are heard."""
+        if self._listener is not None:
+            self._listener.join(timeout_s)
+
     def close(self) -> None:
         """End the child, and give it the time to ask for a hold."""
         self.cancel()
+        self.wait(ENDS_WITHIN_S)
         child = self._child
-        if child is not None:
-            try:
-                child.wait(ENDS_WITHIN_S)
-            except subprocess.TimeoutExpired:
-                child.kill()
+        if child is not None and child.poll() is None:
+            child.kill()
 
     def _write(self, text: str) -> None:
         child = self._child
         if child is not None and child.stdin is not None and child.poll() is None:
-            child.stdin.write(text)
-            child.stdin.flush()
+            with suppress(OSError, ValueError):  # it may end this very moment
+                child.stdin.write(text)
+                child.stdin.flush()
 
     def _listen(self, child: "subprocess.Popen[str]") -> None:
         progress = self.progress
@@ -108,6 +115,9 @@ class Wizard:
             except (ValueError, TypeError):
                 progress.notes.append(line.rstrip())  # a traceback, say
         child.wait()
+        for pipe in (child.stdin, child.stdout):
+            if pipe is not None:
+                pipe.close()
         if progress.phase not in {"done", "failed"}:
             progress.phase = "failed"
             progress.notes.append(f"the wizard ended, exit code {child.returncode}")

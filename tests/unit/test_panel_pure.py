@@ -1,0 +1,249 @@
+"""What the panel makes of what it hears: plots, bar, log of faults, progress of the wizard."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from common.config import load_cell
+from common.endpoints import Reading
+from common.faults import FAULTS, tripped
+from common.frames import rotation_from_vector
+from common.messages import (
+    ArbiterStatus,
+    Goal,
+    Health,
+    PoseRecord,
+    RegulatorTarget,
+    RobotCommand,
+    RobotState,
+    WrenchAtTcp,
+)
+from services.panel.faultlog import KEPT, FaultLog
+from services.panel.history import POINTS, History, Span
+from services.panel.readout import NAMES, Readout, distance_mm
+from services.panel.strip import strip
+from services.panel.watch import Snapshot
+from services.panel.wizard import Progress, Wizard
+
+CELL = load_cell(Path(__file__).parents[2] / "cells" / "demo.yaml")
+numbers = st.floats(-1e4, 1e4)
+
+
+def heard(message, fault=""):
+    """Return a reading of a fresh message, or of one that is wrong."""
+    return Reading(message, None, 0.004, fault, silent="stale" in fault)
+
+
+def pressing(force_N, error_N, *, down=np.pi):
+    """Return what is heard while the tool, turned about x, feels a force along its axis."""
+    R = rotation_from_vector(np.array([down, 0.0, 0.0]))
+    q = (np.sin(down / 2), 0.0, 0.0, np.cos(down / 2))
+    along = tuple(-force_N * R[:, 2])
+    error = tuple(error_N * R[:, 2] * -1.0)
+    return Snapshot(
+        hub_fault="",
+        robot=heard(RobotState(orientation_xyzw=tuple(map(float, q)))),
+        wrench=heard(WrenchAtTcp(force_N=tuple(map(float, along)))),
+        target=heard(RegulatorTarget(mode="position", error_force_N=tuple(map(float, error)))),
+    )
+
+
+# --- plots ----------------------------------------------------------------------------------------
+
+
+@given(st.lists(st.dictionaries(st.sampled_from(["a", "b"]), numbers), max_size=30))
+def test_a_history_is_what_was_put_in_oldest_first_and_never_grows(samples):
+    """A plot gets the newest points, in order, gaps where a number was not known, two at least."""
+    history = History(("a", "b"), points=8)
+    for count, sample in enumerate(samples):
+        history.add(float(count), sample)
+    times, a, b = history.series(("a", "b"), float(len(samples)))
+    assert len(times) == len(a) == len(b) >= 2
+    kept = samples[-8:]
+    assert len(history) == len(kept)
+    if len(kept) >= 2:
+        assert list(times) == [count - len(kept) for count in range(len(kept))]
+        for sample, value in zip(kept, a, strict=True):
+            assert value == sample["a"] if "a" in sample else np.isnan(value)
+
+
+@given(st.lists(st.lists(numbers, min_size=1, max_size=5), min_size=1, max_size=20))
+def test_an_axis_always_has_room_and_moves_seldom(windows):
+    """Nothing is ever outside; the ends are 1, 2 or 5 times a power of ten, around zero."""
+    span = Span(1.0)
+    for window in windows:
+        span.take((np.array([*window, np.nan]),))
+        assert span.low <= min(window)
+        assert max(window) <= span.high
+        assert span.low < 0.0 < span.high
+        for end in (-span.low, span.high):
+            assert round(end / 10 ** np.floor(np.log10(end) + 1e-9), 6) in (1, 2, 5, 10)
+    assert not span.take((np.array(windows[-1]),))
+
+
+def test_gaps_alone_do_not_move_an_axis():
+    """A plot of nothing keeps its axis."""
+    assert not Span(5.0).take((np.full(4, np.nan),))
+    assert POINTS <= 800
+
+
+@given(st.floats(0.0, 40.0), st.floats(0.0, 40.0))
+def test_the_set_point_is_seen_through_the_regulators_error(force_N, setpoint_N):
+    """Force and error tell it, whatever the attitude; within the deadband it is near the force."""
+    off_N = force_N - setpoint_N
+    width_N = CELL.force.deadband_N
+    shown_N = 0.0 if abs(off_N) <= width_N else off_N - np.sign(off_N) * width_N
+    for down in (np.pi, 0.3):
+        found = Readout(CELL).numbers(pressing(force_N, shown_N, down=down))
+        assert found["press"] == pytest.approx(force_N, abs=1e-6)
+        assert found["set point"] == pytest.approx(setpoint_N, abs=width_N + 1e-6)
+        if shown_N:
+            assert found["set point"] == pytest.approx(setpoint_N, abs=1e-6)
+        assert set(found) <= set(NAMES)
+
+
+def test_the_set_point_stays_still_once_the_force_is_there():
+    """Noise inside the deadband does not move the line that was seen before."""
+    readout = Readout(CELL)
+    readout.numbers(pressing(10.0, -5.0 + CELL.force.deadband_N))
+    for force_N in (14.9, 15.2, 14.8):
+        assert readout.numbers(pressing(force_N, 0.0))["set point"] == pytest.approx(15.0)
+
+
+def test_what_is_not_known_is_left_out():
+    """Without messages there are no numbers; no force feedback, no set point."""
+    assert Readout(CELL).numbers(Snapshot()) == {}
+    idle = replace(pressing(3.0, 0.0), target=heard(RegulatorTarget(valid=False), "invalid"))
+    assert "set point" not in Readout(CELL).numbers(idle)
+
+
+def test_the_distance_is_to_the_goal_or_to_the_streamed_pose():
+    """A hold has none, a goal in joints has none."""
+    there = PoseRecord(position_m=(0.001, 0.0, 0.0), orientation_xyzw=(0.0, 0.0, 0.0, 1.0))
+    robot = RobotState()
+    goal = Goal(id=1, kind="pose", pose=there)
+    for command in (
+        RobotCommand(kind="setpoint", pose=there),
+        RobotCommand(kind="goal", goal=goal),
+    ):
+        assert distance_mm(command, robot)["distance"] == pytest.approx(1.0)
+    assert distance_mm(RobotCommand(kind="hold", pose=there), robot) == {}
+    assert distance_mm(RobotCommand(kind="goal", goal=Goal(id=1, kind="by")), robot) == {}
+
+
+# --- the bar --------------------------------------------------------------------------------------
+
+
+def all_heard(status, **more):
+    """Return a snapshot in which every service is heard."""
+    health = {role: heard(Health(rate_hz=250.0)) for role in ("hub", "robot", "wrench")}
+    return Snapshot(hub_fault="", arbiter=heard(status), health=health | more)
+
+
+def test_the_bar_says_what_is_the_matter():
+    """State, who commands, why it is stopped and what clears it; no hub, no arbiter: said too."""
+    trip = tripped("force", "61 N")
+    said = strip(
+        CELL, all_heard(ArbiterStatus(state="HOLDING", trips=(trip,), clears="arm")), "operate"
+    )
+    assert (said["state"], said["look"], said["why"]) == ("HOLDING", "bad", "61 N: arm")
+    assert said["mode"] == "SIMULATION"
+    moving = ArbiterStatus(state="ACTIVE", commander="regulator", armed_for="jog")
+    assert strip(CELL, all_heard(moving), "operate")["who"] == "the regulator commands"
+    assert strip(CELL, all_heard(moving), "operate")["state"] == "ACTIVE for jog"
+    assert strip(CELL, Snapshot(), "operate")["state"] == "cell not reached"
+    assert strip(CELL, Snapshot(hub_fault=""), "operate")["state"] == "arbiter not heard"
+
+
+def test_the_bar_names_each_service_and_what_is_wrong_with_it():
+    """Rate and age of each one; a silent one and one that complains stand out."""
+    wrong = {
+        "sensor": heard(Health(rate_hz=500.0, fault="the cable is out")),
+        "arbiter": heard(None, "arbiter/health stale"),
+    }
+    rows = {
+        row["name"]: row
+        for row in strip(CELL, all_heard(ArbiterStatus(), **wrong), "view")["services"]
+    }
+    assert rows["hub"] == {"name": "hub", "text": "250 Hz · 4 ms", "fault": ""}
+    assert rows["sensor"]["fault"] == "the cable is out"
+    assert rows["arbiter"]["fault"] == "arbiter/health stale"
+    assert rows["regulator"]["fault"]
+
+
+@pytest.mark.parametrize("monitor", [False, True])
+def test_who_only_looks_stops_the_arm_where_the_cell_lets_a_monitor(monitor):
+    """An operator always may; a view-only page as a certificate that only reads."""
+    cell = CELL.model_copy(
+        update={"bus": CELL.bus.model_copy(update={"monitor_may_hold": monitor})}
+    )
+    assert strip(cell, Snapshot(), "operate")["may_stop"] is True
+    assert strip(cell, Snapshot(), "view")["may_stop"] is monitor
+
+
+def test_a_cell_with_an_arm_is_called_real():
+    """Never leave a person in doubt."""
+    real = load_cell(Path(__file__).parents[2] / "cells" / "rs007l-real.yaml")
+    assert strip(real, Snapshot(), "view")["mode"] == "REAL"
+
+
+# --- what happened --------------------------------------------------------------------------------
+
+
+@given(st.lists(st.sets(st.sampled_from(["force", "hold", "stale"])), max_size=30))
+def test_the_log_has_each_reason_once_for_each_time_it_came(stories):
+    """A reason that stays is one line; one that goes and comes back is two; newest first."""
+    log, before, expected = FaultLog(lambda: "now"), set(), 0
+    for reasons in stories:
+        trips = tuple(tripped(code, code) for code in sorted(reasons))
+        log.saw(ArbiterStatus(state="HOLDING", trips=trips))
+        log.saw(None)  # not heard is not gone
+        expected += len(reasons - before)
+        before = reasons
+    assert len(log.newest()) == min(expected, KEPT)
+    assert all(one.remedy == FAULTS[one.trip.code].remedy for one in log.newest())
+
+
+# --- the wizard -----------------------------------------------------------------------------------
+
+
+def test_the_wizards_words_become_progress():
+    """Plan, question, running, what is left, the end; an error and a crash are failures."""
+    progress = Progress()
+    for said, phase in (
+        ({"plan": "ten poses"}, "asking"),
+        ({"progress": 0.4, "text": "pose 3"}, "running"),
+        ({"note": "a line"}, "running"),
+        ({"left": {"fit_N": [0.1]}}, "running"),
+        ({"end": 0}, "done"),
+    ):
+        progress.heard(said)
+        assert progress.phase == phase
+    assert (progress.plan, progress.text, list(progress.notes)) == (
+        "ten poses",
+        "pose 3",
+        ["a line"],
+    )
+    progress.heard({"error": "no hub"})
+    progress.heard({"end": 2})
+    assert progress.phase == "failed"
+    assert progress.notes[-1] == "⚠ no hub"
+
+
+@pytest.mark.processes
+def test_the_wizard_of_a_cell_that_is_not_up_says_so(tmp_path):
+    """The child ends with one clear line, and another one may be started."""
+    path = tmp_path / "cell.yaml"
+    text = (Path(__file__).parents[2] / "cells" / "demo.yaml").read_text(encoding="utf-8")
+    path.write_text(text.replace("7447", "7399"), encoding="utf-8")
+    wizard = Wizard(path)
+    assert wizard.plan(poses=6, verify_poses=1, speed_mm_s=100.0) == ""
+    assert wizard.plan(poses=6, verify_poses=1, speed_mm_s=100.0) == "a calibration runs already"
+    wizard.wait(60.0)
+    assert wizard.progress.phase == "failed"
+    assert "no hub" in " ".join(wizard.progress.notes)
+    wizard.close()

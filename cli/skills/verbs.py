@@ -2,22 +2,17 @@
 
 import json
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
 import typer
 
-from cli.context import USAGE, CellOption, JsonOption, cell_of, fail
+from cli.context import USAGE, CellOption, JsonOption, fail
+from cli.skills.at_work import at_work
 from cli.verbs_force import PresetOption
 
-if TYPE_CHECKING:
-    from cli.skills.feel import Tell
-    from common.client import Cell
-
-INTERRUPTED = 130
 NO_HAND = 600.0
 
 Setpoint = Annotated[float, typer.Argument(metavar="NEWTON", min=0.5, help="Force to press with.")]
@@ -34,20 +29,6 @@ def add_to(app: typer.Typer, panel: str) -> None:
     """Give the command line these verbs."""
     for verb in (touch, press, follow, align, guide):
         app.command(rich_help_panel=panel)(verb)
-
-
-@contextmanager
-def _at_work(named: Path | None) -> "Iterator[tuple[Cell, Tell]]":
-    """Connect and show a bar; Ctrl-C, a closed terminal and a request to end hold the arm."""
-    from cli.calibration.screen import screen
-    from cli.skills.feel import like_ctrl_c
-
-    try:
-        with cell_of(named) as cell, screen(with_time=False) as bar, like_ctrl_c():
-            yield cell, bar.progress
-    except KeyboardInterrupt:
-        typer.echo("interrupted: the arm holds", err=True)
-        raise typer.Exit(INTERRUPTED) from None
 
 
 def _say(as_json: bool, result: Any, text: str) -> None:
@@ -72,7 +53,7 @@ def touch(
     cell: CellOption = None,
 ) -> None:
     """Approach along the tool's axis until something pushes back; say where that is."""
-    with _at_work(cell) as (client, tell):
+    with at_work(cell) as (client, tell):
         from cli.skills import pressing
 
         most_mm = 1e3 * client.config.force.search_m
@@ -101,7 +82,7 @@ def press(
     cell: CellOption = None,
 ) -> None:
     """Press with a force along the tool's axis, hold it for a while, say how well."""
-    with _at_work(cell) as (client, tell):
+    with at_work(cell) as (client, tell):
         from cli.skills import pressing
 
         how = pressing.How(law, preset)
@@ -122,7 +103,7 @@ def align(
     cell: CellOption = None,
 ) -> None:
     """Lay the tool's face flat: press and turn about the TCP until no torque is left."""
-    with _at_work(cell) as (client, tell):
+    with at_work(cell) as (client, tell):
         from cli.skills import pressing
 
         how = pressing.How(law, preset)
@@ -149,7 +130,7 @@ def follow(
     cell: CellOption = None,
 ) -> None:
     """Go along a path with a constant force along the tool's axis; adaptive law unless named."""
-    with _at_work(cell) as (client, tell):
+    with at_work(cell) as (client, tell):
         from cli.skills import following, path_file, pressing
 
         most_mm_s = 1e3 * client.config.force.speed_max_m_s
@@ -201,7 +182,7 @@ def guide(
         fail("--record and --playback do not go together: choose one", USAGE)
     if playback is None and speed is not None:
         fail("--speed goes with --playback: a guided arm is as fast as the hand", USAGE)
-    with _at_work(cell) as (client, tell):
+    with at_work(cell) as (client, tell):
         from cli.skills import guiding
 
         if playback is not None:

@@ -1,23 +1,20 @@
 """`forcemesh tune`: what the loop is made of, what gains it bears, what the present ones do."""
 
 import json
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cli.context import NOT_WELL, OK, USAGE, CellOption, JsonOption, cell_of, fail
+from cli.context import NOT_WELL, OK, USAGE, CellOption, JsonOption, fail
+from cli.skills.at_work import at_work
 
 if TYPE_CHECKING:
-    from cli.skills.feel import Tell
     from cli.tuning.advice import Advice, Measured
     from cli.tuning.measure import Readings
     from common.client import Cell
     from common.messages import Gains
 
-INTERRUPTED = 130
 SMALLEST_STEP_MM, LEAST_N = 0.5, 3.0
 
 Step = Annotated[
@@ -59,7 +56,7 @@ def tune(
     Begin armed, in free space, with something to press on in front of the tool: it makes small
     steps, presses gently, and comes back. Ctrl-C holds the arm.
     """
-    with _at_work(cell) as (client, tell):
+    with at_work(cell) as (client, tell):
         from cli.tuning.advice import Measured
         from cli.tuning.measure import Trial, measure
 
@@ -81,20 +78,6 @@ def tune(
             _apply(client, next(one for one in advices if one.host == for_host))
         first = advices[0].force_now.margins
     raise typer.Exit(OK if first.stable else NOT_WELL)
-
-
-@contextmanager
-def _at_work(named: Path | None) -> "Iterator[tuple[Cell, Tell]]":
-    """Connect and show a bar; Ctrl-C, a closed terminal and a request to end hold the arm."""
-    from cli.calibration.screen import screen
-    from cli.skills.feel import like_ctrl_c
-
-    try:
-        with cell_of(named) as cell, screen(with_time=False) as bar, like_ctrl_c():
-            yield cell, bar.progress
-    except KeyboardInterrupt:
-        typer.echo("interrupted: the arm holds", err=True)
-        raise typer.Exit(INTERRUPTED) from None
 
 
 def _refuse_wrong_options(client: "Cell", force_N: float, host: str, *, apply: bool) -> None:

@@ -1,7 +1,7 @@
 """The skills on a whole cell in virtual time: they do what they say, and stop as they should."""
 
 import json
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 from cli.__main__ import app
 from cli.context import one_line_errors
-from cli.skills import following, guiding, pressing, verbs
+from cli.skills import at_work, following, guiding, pressing
 from cli.skills.feel import silent
 from cli.skills.pressing import How
 from cli.virtual import VirtualCell
@@ -154,7 +154,7 @@ def test_ctrl_c_holds_the_arm(cell: Skilled, monkeypatch) -> None:
             raise KeyboardInterrupt
 
     done = said(monkeypatch, cell, interrupted, "touch")
-    assert (done.exit_code, done.stderr) == (verbs.INTERRUPTED, "interrupted: the arm holds\n")
+    assert (done.exit_code, done.stderr) == (at_work.INTERRUPTED, "interrupted: the arm holds\n")
     cell.world.advance(0.1)
     assert cell.client.status().state == "HOLDING"
 
@@ -191,13 +191,6 @@ def said(monkeypatch, cell: Skilled, tell, *words: str):
         with one_line_errors():
             yield cell.client
 
-    class Bar:
-        progress = staticmethod(tell)
-
-    @contextmanager
-    def bar(**_):
-        yield Bar
-
-    monkeypatch.setattr(verbs, "cell_of", virtual)
-    monkeypatch.setattr("cli.calibration.screen.screen", bar)
+    monkeypatch.setattr(at_work, "cell_of", virtual)
+    monkeypatch.setattr(at_work, "bar", lambda: nullcontext(tell))
     return CliRunner().invoke(app, list(words))

@@ -1,7 +1,7 @@
 """`tune` on a whole cell in virtual time: it finds what is there, and leaves the arm as it was."""
 
 import json
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -10,8 +10,8 @@ from typer.testing import CliRunner
 
 from cli.__main__ import app
 from cli.context import one_line_errors
+from cli.skills import at_work
 from cli.skills.feel import silent
-from cli.tuning import verb
 from cli.tuning.measure import Trial, measure
 from cli.virtual import VirtualCell
 from common.client import Cell
@@ -148,13 +148,6 @@ def said(monkeypatch, cell: Tuned, tell, *words: str):
         with one_line_errors():
             yield cell.client
 
-    class Bar:
-        progress = staticmethod(tell)
-
-    @contextmanager
-    def bar(**_):
-        yield Bar
-
-    monkeypatch.setattr(verb, "cell_of", virtual)
-    monkeypatch.setattr("cli.calibration.screen.screen", bar)
+    monkeypatch.setattr(at_work, "cell_of", virtual)
+    monkeypatch.setattr(at_work, "bar", lambda: nullcontext(tell))
     return CliRunner().invoke(app, ["tune", *words])

@@ -1,0 +1,44 @@
+"""What every verb that works with force needs: the cell, a bar, and an end that holds the arm."""
+
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import typer
+
+from cli.context import cell_of
+
+if TYPE_CHECKING:
+    from cli.skills.feel import Tell
+    from common.client import Cell
+
+INTERRUPTED = 130
+
+
+@contextmanager
+def at_work(named: Path | None) -> "Iterator[tuple[Cell, Tell]]":
+    """Connect and show a bar; Ctrl-C, a closed terminal and a request to end hold the arm.
+
+    What is in work stops the arm itself (`force_ends`), a move does so, too; this says it.
+    """
+    from cli.skills.feel import like_ctrl_c
+
+    try:
+        with cell_of(named) as cell, bar() as tell, like_ctrl_c():
+            yield cell, tell
+    except KeyboardInterrupt:
+        typer.echo("interrupted: the arm holds", err=True)
+        raise typer.Exit(INTERRUPTED) from None
+
+
+@contextmanager
+def bar() -> "Iterator[Tell]":
+    """Show how it goes, on a terminal; elsewhere nothing."""
+    from cli.calibration.screen import screen
+    from cli.skills.feel import silent
+
+    shown = screen(with_time=False) if sys.stderr.isatty() else nullcontext()
+    with shown as on_screen:
+        yield silent if on_screen is None else on_screen.progress

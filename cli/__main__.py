@@ -23,9 +23,11 @@ from cli.check_axes import check
 from cli.context import EXIT_CODES
 from cli.demo import demo
 from cli.doctor import doctor
+from cli.export import export
 from cli.numbers import NEGATIVE_NUMBERS
 from cli.panel import panel
 from cli.record import record
+from cli.replay import replay
 from cli.skills import verbs as skills
 from cli.tuning.verb import tune
 from cli.verbs_bench import bench
@@ -39,11 +41,14 @@ app = typer.Typer(
 )
 
 RUN, LOOK, MOVE, FORCE = "Run a cell", "Look", "Move", "Force"
+RECORD = "Record"
 
 app.command(rich_help_panel=RUN)(demo)
 app.command(rich_help_panel=RUN)(verbs_run.up)
 app.command(rich_help_panel=LOOK)(panel)
-app.add_typer(record, name="record", rich_help_panel=LOOK)
+app.add_typer(record, name="record", rich_help_panel=RECORD)
+app.command(rich_help_panel=RECORD)(replay)
+app.command(rich_help_panel=RECORD)(export)
 app.add_typer(config_verbs.config, name="config", rich_help_panel=RUN)
 app.add_typer(pki.app, name="pki", rich_help_panel=RUN)
 app.command(rich_help_panel=LOOK)(verbs_read.status)

@@ -1,0 +1,152 @@
+"""The verb `export`: a recording as CSV or Parquet, by topic or for learning."""
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from cli.context import USAGE, fail, one_line_errors, waiting
+from cli.replay import RecordingArgument, chosen_topics
+
+if TYPE_CHECKING:
+    from cli.recording_tables import Row
+    from services.recorder.reading import RecordedFile
+
+NO_PYARROW = (
+    "Parquet needs the package pyarrow: install the extra `parquet` (pip install pyarrow), or "
+    "export --csv"
+)
+
+
+def export(
+    file: RecordingArgument,
+    *,
+    csv: Annotated[bool, typer.Option("--csv", help="CSV; what is done without a choice.")] = False,
+    parquet: Annotated[
+        bool, typer.Option("--parquet", help="Parquet; needs the extra `parquet`.")
+    ] = False,
+    lerobot: Annotated[
+        bool,
+        typer.Option(
+            "--lerobot",
+            help="One table with LeRobot's columns and the wrench instead of one for each topic.",
+        ),
+    ] = False,
+    only: Annotated[
+        list[str] | None,
+        typer.Option("--only", metavar="TOPIC", help="Just this topic.", show_default=False),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out", "-o", metavar="FOLDER", help="Where to; else beside FILE.", show_default=False
+        ),
+    ] = None,
+) -> None:
+    """Write what is in a recording as tables; every number has its unit in its name."""
+    if csv and parquet:
+        fail("choose one of --csv and --parquet", USAGE)
+    with one_line_errors():
+        from services.recorder.reading import RecordedFile
+
+        topics = chosen_topics(only)
+        read = RecordedFile(file)
+        folder = out or file.with_suffix("")
+        suffix = "parquet" if parquet else "csv"
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            with waiting(f"exporting {file}"):
+                if lerobot:
+                    written = _learning(read, folder, suffix)
+                else:
+                    written = _topics(read, topics, folder, suffix)
+        except OSError as error:
+            fail(f"{folder}: cannot be written: {error.strerror}", USAGE)
+    for path, rows in written:
+        typer.echo(f"{path}: {rows} rows")
+    if not read.is_whole:
+        typer.echo("the recording breaks off: its recorder was killed", err=True)
+
+
+def _topics(
+    read: "RecordedFile", topics: frozenset[str], folder: Path, suffix: str
+) -> list[tuple[Path, int]]:
+    from cli.recording_tables import first_ns, table_of
+
+    begin_ns = first_ns(read)
+    keys = dict.fromkeys(said.topic for said in read.said())
+    written = []
+    for key in keys:
+        if topics and key not in topics:
+            continue
+        columns, rows = table_of(read.said(key), begin_ns)
+        path = folder / f"{key.replace('/', '-')}.{suffix}"
+        _write(path, columns, rows)
+        written.append((path, len(rows)))
+    return written
+
+
+def _learning(read: "RecordedFile", folder: Path, suffix: str) -> list[tuple[Path, int]]:
+    """Write one episode in the layout of a LeRobot data set."""
+    from cli.recording_tables import learning_rows
+
+    rows = learning_rows(read)
+    path = folder / "data" / "chunk-000" / f"episode_000000.{suffix}"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    _write(path, list(rows[0]), rows)
+    about = folder / "meta" / "info.json"
+    about.parent.mkdir(parents=True, exist_ok=True)
+    about.write_text(json.dumps(_info(rows, suffix), indent=1) + "\n", encoding="utf-8")
+    return [(path, len(rows))]
+
+
+def _info(rows: "list[Row]", suffix: str) -> dict[str, Any]:
+    from cli import recording_tables as tables
+
+    def vector(names: tuple[str, ...]) -> dict[str, Any]:
+        return {"dtype": "float64", "shape": [len(names)], "names": list(names)}
+
+    lasted_s = rows[-1]["timestamp"]
+    return {
+        "robot_type": "kawasaki",
+        "total_episodes": 1,
+        "total_frames": len(rows),
+        "fps": round((len(rows) - 1) / lasted_s, 3) if lasted_s > 0 else 0,
+        "data_path": f"data/chunk-{{episode_chunk:03d}}/episode_{{episode_index:06d}}.{suffix}",
+        "features": {
+            tables.STATE: vector(tables.STATE_NAMES),
+            tables.WRENCH: vector(tables.WRENCH_NAMES),
+            tables.ACTION: vector(tables.ACTION_NAMES),
+        },
+    }
+
+
+def _write(path: Path, columns: list[str], rows: "list[Row]") -> None:
+    if path.suffix == ".parquet":
+        _write_parquet(path, columns, rows)
+    else:
+        _write_csv(path, rows)
+
+
+def _write_csv(path: Path, rows: "list[Row]") -> None:
+    import csv
+
+    from cli.recording_tables import flat
+
+    spread = [dict(flat(row)) for row in rows]
+    columns = list(dict.fromkeys(name for row in spread for name in row))
+    with path.open("w", newline="", encoding="utf-8") as stream:
+        writer = csv.DictWriter(stream, columns, restval="")
+        writer.writeheader()
+        writer.writerows(spread)
+
+
+def _write_parquet(path: Path, columns: list[str], rows: "list[Row]") -> None:
+    try:
+        import pyarrow as pa
+        from pyarrow import parquet
+    except ImportError:
+        fail(NO_PYARROW, USAGE)
+    table = pa.table({name: [row.get(name) for row in rows] for name in columns})
+    parquet.write_table(table, path, compression="zstd")

@@ -1,0 +1,96 @@
+"""A recording as tables: one for each topic with a column for each number or text in it."""
+
+from collections.abc import Iterable, Iterator
+from typing import TYPE_CHECKING, Any
+
+from common.errors import DataError
+
+if TYPE_CHECKING:
+    from services.recorder.reading import RecordedFile, Said
+
+Row = dict[str, Any]
+TIME = "time_s"  # since the first message of the recording
+NS_PER_S = 1e9
+
+STATE, WRENCH, ACTION = "observation.state", "observation.wrench", "action"
+STATE_NAMES = tuple(f"joint_{number}_rad" for number in range(1, 7))
+WRENCH_NAMES = ("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")
+ACTION_NAMES = ("x_m", "y_m", "z_m", "qx", "qy", "qz", "qw")
+DONE = "next.done"
+
+
+def flat(fields: Any, path: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield every value that is no container, with its path in dots."""
+    if isinstance(fields, dict):
+        for name, value in fields.items():
+            yield from flat(value, f"{path}.{name}" if path else name)
+    elif isinstance(fields, list):
+        for index, value in enumerate(fields):
+            yield from flat(value, f"{path}.{index}")
+    else:
+        yield path, fields
+
+
+def first_ns(read: "RecordedFile") -> int:
+    """Return when a recording begins. Raise DataError when there is nothing in it."""
+    begin = min((said.at_ns for said in read.said()), default=None)
+    if begin is None:
+        raise DataError(f"{read.path}: there is no message in it")
+    return begin
+
+
+def table_of(said: "Iterable[Said]", begin_ns: int) -> tuple[list[str], list[Row]]:
+    """Return columns and rows of one topic; a value that a message lacks is left out of its row."""
+    rows = [{TIME: (each.at_ns - begin_ns) / NS_PER_S, **dict(flat(each.fields))} for each in said]
+    columns: dict[str, None] = {}
+    for row in rows:
+        columns.update(dict.fromkeys(row))
+    return list(columns), rows
+
+
+def learning_rows(read: "RecordedFile") -> list[Row]:
+    """Return one row for each robot/state as learning from demonstration wants it.
+
+    The state is the joints, the wrench the newest at that time, the action the flange pose that was
+    commanded then; while none is, it is the pose where the arm is. What comes before the first
+    wrench is left out.
+    """
+    rows: list[Row] = []
+    wrench: list[float] | None = None
+    action: list[float] | None = None
+    start_ns = 0
+    for said in sorted(_needed(read), key=lambda each: each.at_ns):
+        fields = said.fields
+        if said.topic == "wrench":
+            wrench = [*fields["force_N"].values(), *fields["torque_Nm"].values()]
+        elif said.topic == "robot/command":
+            pose = fields.get("pose")
+            action = _pose(pose) if pose is not None else None
+        elif wrench is not None:
+            start_ns = start_ns or said.at_ns
+            rows.append(
+                {
+                    STATE: [float(angle) for angle in fields["joint_rad"]],
+                    WRENCH: wrench,
+                    ACTION: action or _pose(fields),
+                    "timestamp": (said.at_ns - start_ns) / NS_PER_S,
+                    "frame_index": len(rows),
+                    "episode_index": 0,
+                    "index": len(rows),
+                    "task_index": 0,
+                    DONE: False,
+                }
+            )
+    if not rows:
+        raise DataError(f"{read.path}: robot/state and wrench are needed, and are not in it")
+    rows[-1][DONE] = True
+    return rows
+
+
+def _needed(read: "RecordedFile") -> "list[Said]":
+    wanted = ("wrench", "robot/command", "robot/state")
+    return [said for said in read.said() if said.topic in wanted and said.fields.get("valid", True)]
+
+
+def _pose(fields: Any) -> list[float]:
+    return [*fields["position_m"].values(), *fields["orientation_xyzw"].values()]

@@ -1,0 +1,194 @@
+"""The verb `replay`: says again what a recording holds, to the byte and in its own time."""
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from cli.context import REFUSED, USAGE, fail, one_line_errors
+
+if TYPE_CHECKING:
+    from common.cell import Cell
+    from common.endpoints import Bus
+    from services.recorder.reading import RecordedFile
+
+LISTEN_S = 1.5  # the slowest topic of a cell that is alive comes four times a second
+TICK_S = 0.02
+ROOM = 4
+
+RecordingArgument = Annotated[
+    Path, typer.Argument(metavar="FILE", help="A recording, as `forcemesh record` writes it.")
+]
+
+
+def replay(
+    file: RecordingArgument,
+    *,
+    only: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--only",
+            metavar="TOPIC",
+            help="Just this topic; may be given several times.",
+            show_default=False,
+        ),
+    ] = None,
+    speed: Annotated[
+        float, typer.Option(min=0.01, max=100.0, help="Times the original speed.")
+    ] = 1.0,
+    port: Annotated[
+        int | None,
+        typer.Option(min=1, max=65535, help="Of its own hub; without it a free one."),
+    ] = None,
+    onto: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="CELL", help="Use the hub of this cell file instead of one of its own."
+        ),
+    ] = None,
+    name: Annotated[
+        str | None, typer.Option("--as", metavar="NAME", help="Say it as another cell's.")
+    ] = None,
+    wait: Annotated[
+        float, typer.Option(min=0.0, max=3600.0, help="Begin so late [s]: time to connect.")
+    ] = 0.0,
+    to_service: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ROLE",
+            help="Feed this service alone, in this process, and compare what it says.",
+        ),
+    ] = None,
+) -> None:
+    """Say a recording again: the same bytes in the same order and time.
+
+    It starts a hub of its own and never speaks to a cell that is alive.
+    """
+    with one_line_errors():
+        from services.recorder.reading import RecordedFile
+
+        topics = chosen_topics(only)
+        read = RecordedFile(file)
+        cell = cell_in(read)
+        if to_service is not None:
+            from cli.replay_service import replay_to_service
+
+            replay_to_service(read, cell, to_service)
+            return
+        if name is not None:
+            cell = _called(cell, name)
+        try:
+            with _bus_of(cell, port=port, onto=onto, topics=topics) as bus:
+                _play(read, bus, topics, speed=speed, wait_s=wait)
+        except KeyboardInterrupt:
+            raise typer.Exit(0) from None
+
+
+def chosen_topics(only: list[str] | None) -> frozenset[str]:
+    """Return the topics that are named; an unknown one ends the verb."""
+    from cli.verbs_watch import find_topic
+
+    return frozenset(find_topic(topic).key for topic in only or ())
+
+
+def cell_in(read: "RecordedFile") -> "Cell":
+    """Return the cell that a recording is of."""
+    if read.cell is None:
+        what = f"recorded by version {read.about.get('version', 'unknown')}"
+        fail(f"{read.path}: this version cannot read the cell file in it: {what}", USAGE)
+    return read.cell
+
+
+def _called(cell: "Cell", name: str) -> "Cell":
+    from common.config import cell_from_tree
+
+    return cell_from_tree(cell.model_dump() | {"cell": name}, "--as")
+
+
+@contextmanager
+def _bus_of(
+    cell: "Cell", *, port: int | None, onto: Path | None, topics: frozenset[str]
+) -> "Iterator[Bus]":
+    """Open a hub of one's own, or one that somebody else runs, if nobody is alive there."""
+    import typer
+
+    from common.bus import open_bus, open_hub
+    from common.bus_settings import ENDPOINT_VARIABLE
+    from common.config import dump_cell, load_cell
+    from common.topics import CLIENT
+
+    if onto is not None:
+        there = load_cell(onto)
+        host = cell.model_copy(update={"bus": there.bus})
+        with open_bus(host, CLIENT, patience_s=1.0) as bus:
+            _refuse_if_alive(bus, topics)
+            yield bus
+        return
+    from cli.runfile import writable_folder, write_whole
+
+    endpoint = f"tcp/127.0.0.1:{port or _free_port()}"
+    own = cell.bus.model_copy(update={"endpoint": endpoint, "upstream": None, "tls": None})
+    host = cell.model_copy(update={"bus": own})
+    os.environ[ENDPOINT_VARIABLE] = endpoint
+    path = writable_folder() / f"replay-{cell.cell}.yaml"
+    write_whole(path, dump_cell(host))
+    try:
+        with open_hub(host) as bus:
+            typer.echo(f"hub at {endpoint}; listen with --cell {path}", err=True)
+            yield bus
+    finally:
+        path.unlink(missing_ok=True)
+
+
+def _refuse_if_alive(bus: "Bus", topics: frozenset[str]) -> None:
+    """End the verb when anybody says what is about to be said: two writers are a fault."""
+    import time
+
+    from common.topics import TOPICS
+
+    taps = {
+        topic.key: bus.tap(topic, ROOM) for topic in TOPICS if not topics or topic.key in topics
+    }
+    give_up_s = time.monotonic() + LISTEN_S
+    while time.monotonic() < give_up_s:
+        heard = [key for key, tap in taps.items() if tap.take() is not None]
+        if heard:
+            text = f"refused: a cell {bus.cell} is alive there, it says {', '.join(heard)}"
+            fail(f"{text}; choose another name with --as, or leave --onto away", REFUSED)
+        time.sleep(TICK_S)
+
+
+def _play(
+    read: "RecordedFile", bus: "Bus", topics: frozenset[str], *, speed: float, wait_s: float
+) -> None:
+    from rich.console import Console
+    from rich.progress import Progress, TextColumn, TimeElapsedColumn
+
+    from services.recorder.playing import chosen, play
+
+    bus.clock.sleep_s(wait_s)
+    columns = (TextColumn("{task.description}"), TimeElapsedColumn())
+    console = Console(stderr=True)
+    with Progress(*columns, console=console, transient=True) as bar:
+        task = bar.add_task("replaying")
+
+        def shown(count: int, at_s: float) -> None:
+            if count % 500 == 0:
+                bar.update(task, description=f"{at_s:.1f} s into it, {count} messages")
+
+        heard = chosen(read.heard(), topics)
+        count = play(heard, bus.transport, bus.cell, clock=bus.clock, speed=speed, shown=shown)
+    left = "" if read.is_whole else "; the file breaks off: its recorder was killed"
+    typer.echo(f"{count} messages said again{left}", err=True)
+
+
+def _free_port() -> int:
+    import socket
+
+    with socket.socket() as found:
+        found.bind(("127.0.0.1", 0))
+        port: int = found.getsockname()[1]
+        return port

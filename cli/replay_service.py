@@ -1,0 +1,157 @@
+"""Feeds one service with what it heard in a recording, and compares what it says with what it said.
+
+The service runs in this process on the clock of the recording. Requests are not recorded: what a
+service was asked for meanwhile shows as a difference.
+"""
+
+from collections.abc import Callable
+from itertools import groupby
+from typing import TYPE_CHECKING, Any
+
+from cli.context import USAGE, fail, waiting
+from cli.recording_tables import flat
+from common.clock import NS_PER_S, ManualClock
+from common.codec import Header, decode
+from common.endpoints import Bus
+from common.memory import MemoryTransport
+from common.messages import Message
+from common.service import Runner, Service, reporter_of
+from common.topics import TOPICS, Topic
+
+if TYPE_CHECKING:
+    from common.cell import Cell
+    from services.recorder.reading import Heard, RecordedFile
+
+TICK_NS = 1_000_000
+SETTLES_NS = NS_PER_S  # filters begin with nothing
+ROOM = 1_000_000
+Spoken = list[tuple[Header, Message]]
+
+
+class RecordedClock(ManualClock):
+    """The clock of the machine that recorded."""
+
+    def __init__(self, boot: str, start_ns: int) -> None:
+        """Begin with the recording."""
+        super().__init__(start_ns)
+        self._recorded_boot = boot
+
+    @property
+    def boot(self) -> str:
+        """Its identity, so that the stamps in the messages can be judged."""
+        return self._recorded_boot
+
+
+def replay_to_service(read: "RecordedFile", cell: "Cell", role: str) -> None:
+    """Feed a service and print how what it says differs."""
+    make = _makers().get(role)
+    if make is None:
+        fail(f"--to-service {role}: it must be one of {', '.join(_makers())}", USAGE)
+    with waiting(f"feeding {role}"):
+        heard = list(read.heard())
+        if not heard:
+            fail(f"{read.path}: there is no message in it", USAGE)
+        said = feed(heard, cell, role, make=make, about=read.about)
+    for topic in written_by(role):
+        recorded = _decoded([each.data for each in heard if each.topic == topic.key], topic)
+        pairs = pair(recorded, said[topic.key])
+        print(f"{topic.key}: {len(said[topic.key])} said, {len(recorded)} recorded")
+        print(f"  {len(pairs)} compared, without the first second")
+        for name, worst in differences(pairs).items():
+            print(f"  {name}: {worst}")
+
+
+def written_by(role: str) -> list[Topic[Any]]:
+    """Return the streams of a role; its health is about the process, not about the work."""
+    return [topic for topic in TOPICS if topic.writer == role and not topic.key.endswith("health")]
+
+
+def feed(
+    heard: "list[Heard]",
+    cell: "Cell",
+    role: str,
+    *,
+    make: Callable[[Bus, Any], Service],
+    about: dict[str, str],
+) -> dict[str, Spoken]:
+    """Return what a service says, by topic, when it hears the messages in their time.
+
+    It begins with the first word that it said in the recording, so that it keeps the same step.
+    """
+    offset_ns = int(about["wall_minus_monotonic_ns"])
+    own = {topic.key for topic in written_by(role)}
+    begin_ns = next((each.at_ns for each in heard if each.topic in own), heard[0].at_ns)
+    clock = RecordedClock(about["clock"], begin_ns - offset_ns)
+    transport = MemoryTransport()
+    bus = Bus(role, cell.cell, transport, cell, clock)
+    taps = {t.key: transport.subscribe(f"{cell.cell}/{t.key}", ROOM) for t in written_by(role)}
+    runner = Runner(make(bus, cell), [reporter_of(bus, cell)], clock)
+    keys = [topic.key for topic in TOPICS if role in topic.readers]
+    puts = {key: transport.publish(f"{cell.cell}/{key}", "report") for key in keys}
+    wanted = (each for each in heard if each.topic in puts and each.at_ns >= begin_ns)
+    for at_ns, together in groupby(wanted, key=lambda each: each.at_ns - offset_ns):
+        while at_ns - clock.now_ns() > TICK_NS:
+            clock.advance_ns(TICK_NS)
+            _step(runner, clock)
+        clock.advance_ns(max(at_ns - clock.now_ns(), 0))
+        for each in together:
+            puts[each.topic](each.data)
+        _step(runner, clock)
+    said: dict[str, Spoken] = {}
+    for topic in written_by(role):
+        tap, data = taps[topic.key], []
+        while (taken := tap.take()) is not None:
+            data.append(taken)
+        said[topic.key] = _decoded(data, topic)
+    return said
+
+
+def pair(recorded: Spoken, said: Spoken) -> list[tuple[Message, Message]]:
+    """Return messages about the same sensor sample, or else those written nearest in time."""
+    if not recorded or not said:
+        return []
+    begin_ns = said[0][0].stamp_ns + SETTLES_NS
+    late = [(header, message) for header, message in said if header.stamp_ns >= begin_ns]
+    by_sample = {h.sensor_seq: message for h, message in recorded if h.sensor_seq is not None}
+    if by_sample:
+        return [(by_sample[h.sensor_seq], m) for h, m in late if h.sensor_seq in by_sample]
+    pairs, at = [], 0
+    for header, message in late:
+        while at + 1 < len(recorded) and recorded[at + 1][0].stamp_ns <= header.stamp_ns:
+            at += 1
+        pairs.append((recorded[at][1], message))
+    return pairs
+
+
+def differences(pairs: list[tuple[Message, Message]]) -> dict[str, str]:
+    """Return for each field that differs by how much, or in how many messages."""
+    numbers: dict[str, float] = {}
+    others: dict[str, int] = {}
+    for one, other in pairs:
+        then, now = (dict(flat(each.model_dump(mode="json"))) for each in (one, other))
+        for name in dict.fromkeys((*then, *now)):
+            a, b = then.get(name), now.get(name)
+            if isinstance(a, float) and isinstance(b, float):
+                numbers[name] = max(numbers.get(name, 0.0), abs(a - b))
+            elif a != b:
+                others[name] = others.get(name, 0) + 1
+    found = {name: f"differs by {worst:.3g} at most" for name, worst in numbers.items() if worst}
+    found |= {name: f"differs in {count} messages" for name, count in others.items()}
+    return found or {"all fields": "equal"}
+
+
+def _step(runner: Runner, clock: ManualClock) -> None:
+    if runner.due(clock.now_ns()):
+        runner.step(clock.now_ns())
+
+
+def _decoded(data: list[bytes], topic: Topic[Any]) -> Spoken:
+    return [decode(each, topic.message, topic.key) for each in data]
+
+
+def _makers() -> dict[str, Callable[[Bus, Any], Service]]:
+    from services.arbiter.service import ArbiterService
+    from services.regulator.service import Regulator
+    from services.wrench.service import WrenchService
+
+    return {"wrench": WrenchService, "regulator": Regulator, "arbiter": ArbiterService}

@@ -16,7 +16,7 @@ AXES = ("x", "y", "z", "rx", "ry", "rz")
 PresetOption = Annotated[
     Literal["gentle", "normal", "stiff"] | None,
     typer.Option(
-        help="Gains: gentle never overshoots and takes twice as long, stiff overshoots by 5 %.",
+        help="Gains: gentle never overshoots and is slow, stiff holds firmly and overshoots.",
         show_default=False,
     ),
 ]

@@ -93,6 +93,8 @@ def _kind(parameter: Any) -> str:
     if parameter.min is not None:
         return f"from {parameter.min:g}"
     names = {float: "number", int: "whole number", str: "text", Path: "path"}
+    if get_origin(wanted) is list:
+        return f"{names.get(get_args(wanted)[0], 'text')}, several times"
     return names.get(wanted, str(wanted))
 
 

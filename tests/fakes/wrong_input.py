@@ -87,6 +87,7 @@ ROWS: tuple[tuple[str, int, str], ...] = (
     ("record start one two", USAGE, "Got unexpected extra argument(s) (two)"),
     ("record status now", USAGE, "Got unexpected extra argument(s) (now)"),
     ("record stop now", USAGE, "Got unexpected extra argument(s) (now)"),
+    ("report NOWHERE", NOT_WELL, "cannot be read: No such file or directory"),
     ("export", USAGE, "Missing argument 'FILE'"),
     ("export NOWHERE", NOT_WELL, "cannot be read: No such file or directory"),
     ("export BAD", NOT_WELL, "no recording"),

@@ -22,6 +22,7 @@ LONGEST_DELAY_S, LONGEST_LAG_S = 0.25, 0.12
 LEAST_SAMPLES = 20
 LEAST_WAY_M = 2e-4
 WORST_FIT = 0.15  # of the motion's deviation: a larger rest is no delay and lag
+WORST_ANSWER = 0.2  # of the step of the set point
 LEAST_PLACES = 2
 LEAST_FORCE_N = 1.0
 
@@ -131,9 +132,10 @@ def loop_delay(
         float(t[-1]), taus, first_N=first_N, then_N=then_N, ramp_N_s=ramp_N_s, rate=rate
     )
     grid = np.arange(model.shape[0]) * GRID_S
-    rests = [float(np.std(np.interp(t, grid, model[:, n]) - force_N)) for n in range(len(taus))]
+    off_N = [np.interp(t, grid, model[:, n]) - force_N for n in range(len(taus))]
+    rests = [float(np.sqrt(np.mean(off * off))) for off in off_N]
     best = int(np.argmin(rests))
-    if rests[best] > 2.0 * WORST_FIT * abs(then_N - first_N):
+    if rests[best] > WORST_ANSWER * abs(then_N - first_N):
         raise DataError(
             f"the force did not follow its set point: {rests[best]:.1f} N off the model"
         )

@@ -57,7 +57,6 @@ def test_touch_and_press() -> None:
     assert load("press").main(cell, 0.2) == pytest.approx(10.0, abs=0.5)
 
 
-@pytest.mark.long
 def test_follow_goes_round_a_square_and_comes_back() -> None:
     """With the force held all the way."""
     world, cell = armed()
@@ -67,14 +66,12 @@ def test_follow_goes_round_a_square_and_comes_back() -> None:
     assert world.arm.T_base_flange.translation[:2] == pytest.approx(start[:2], abs=3e-4)
 
 
-@pytest.mark.long
 def test_align_turns_by_the_tilt_of_the_plate() -> None:
     """Four degrees, less what the plate itself gives."""
     _, cell = armed(tilt_deg=4.0)
     assert load("align").main(cell) == pytest.approx(4.0, abs=1.0)
 
 
-@pytest.mark.long
 def test_guide_follows_a_push_and_goes_back() -> None:
     """Pushed with 8 N for the time: centimetres away, and back where it began."""
     world, cell = armed(gap_m=0.1)

@@ -72,7 +72,6 @@ def test_touch_gives_up_after_the_way_that_was_allowed(cell: Skilled) -> None:
     assert cell.client.status().state == "ARMED"
 
 
-@pytest.mark.long
 def test_press_holds_a_force_and_align_then_lays_the_face_flat() -> None:
     """On a tilted plate: 10 N held within the deadband, then turned by the tilt."""
     tilted = Skilled(**{"sim.tilt_deg": 4.0})
@@ -88,7 +87,6 @@ def test_press_holds_a_force_and_align_then_lays_the_face_flat() -> None:
     assert tilted.client.status().state == "ARMED"
 
 
-@pytest.mark.long
 def test_follow_keeps_the_force_along_a_path(cell: Skilled) -> None:
     """Twenty millimetres in 70 points, more than one request's: there, and pressed all the way."""
     path = [np.array([0.0, y, 0.1]) for y in np.linspace(0.0, 0.02, 70)]
@@ -106,7 +104,6 @@ def test_follow_keeps_the_force_along_a_path(cell: Skilled) -> None:
         following.follow(cell.client, far, following.Way(8.0, 0.02), how=How(), within_s=5.0)
 
 
-@pytest.mark.long
 def test_a_hand_leads_the_arm_and_its_way_is_gone_again(cell: Skilled, tmp_path) -> None:
     """Pulled through a soft grip, written down, moved back, played: the end is where it was."""
     client, arm = cell.client, cell.world.arm

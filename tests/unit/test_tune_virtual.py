@@ -46,7 +46,7 @@ class Tuned:
 def test_it_finds_delay_lag_and_stiffness_of_the_simulated_arm(delay_s: float, k: float) -> None:
     """The sum to a few milliseconds, never too little; the stiffness to 3 %; then it is back."""
     sim = {"sim.delay_s": delay_s, "sim.stiffness_N_m": k}
-    cell = Tuned(overrides=sim | {"contact.stiffness_N_m": 1e5, "force.approach_m_s": 0.003})
+    cell = Tuned(overrides=sim | {"contact.stiffness_N_m": 1e5, "force.approach_m_s": 0.0025})
     start, gain = cell.p(), tune(cell.client.config).force_i_m_per_Ns
     readings = measure(cell.client, Trial(), gain=gain, with_press=True, with_controller=False)
     servo, spring = readings.servo, readings.spring

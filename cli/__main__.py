@@ -28,6 +28,7 @@ from cli.numbers import NEGATIVE_NUMBERS
 from cli.panel import panel
 from cli.record import record
 from cli.replay import replay
+from cli.report import report
 from cli.skills import verbs as skills
 from cli.tuning.verb import tune
 from cli.verbs_bench import bench
@@ -49,6 +50,7 @@ app.command(rich_help_panel=LOOK)(panel)
 app.add_typer(record, name="record", rich_help_panel=RECORD)
 app.command(rich_help_panel=RECORD)(replay)
 app.command(rich_help_panel=RECORD)(export)
+app.command(rich_help_panel=RECORD)(report)
 app.add_typer(config_verbs.config, name="config", rich_help_panel=RUN)
 app.add_typer(pki.app, name="pki", rich_help_panel=RUN)
 app.command(rich_help_panel=LOOK)(verbs_read.status)

@@ -19,14 +19,20 @@ class Ours:
     """The adaptive law as the regulator runs it."""
 
     def __init__(
-        self, cell: Cell, T_base_tcp: pin.SE3, *, mode: Mode = "position", setpoint_N: float = 0.0
+        self,
+        cell: Cell,
+        T_base_tcp: pin.SE3,
+        T_measured: pin.SE3 | None = None,
+        *,
+        mode: Mode = "position",
+        setpoint_N: float = 0.0,
     ) -> None:
-        """Start at rest."""
+        """Start at rest; the arm is where it is told to be unless `T_measured` says otherwise."""
         self.settings, self.plain = AdaptiveSettings.of(cell), law_settings(cell)
         self.gains = pi_gains(tune(cell).gains)
         self.mode, self.setpoint_N = mode, setpoint_N
         self.law = start_at(T_base_tcp)
-        self.memory = adaptive.begin(T_base_tcp, T_base_tcp, self.settings)
+        self.memory = adaptive.begin(T_base_tcp, T_measured or T_base_tcp, self.settings)
 
     def step(self, heard: Heard) -> pin.SE3:
         """Return the TCP's next pose."""

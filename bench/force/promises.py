@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bench.force.run import Row
+from bench.force.settle import BAND_N, PRESS_N
 
 Rows = dict[str, list[Row]]
 
@@ -30,9 +31,10 @@ def promises(rows: Rows) -> list[Promise]:
     made: list[Promise | None] = [
         *_releases(rows["release"]),
         *_slow(rows["slow loops"]),
+        _limited(rows["limited speed"]),
         *_scenes(rows["scenes"]),
     ]
-    made += [*_peers(rows["peers"]), _fixed(rows["fixed gain"][0])]
+    made += [*_peers(beside(rows)), _fixed(rows["fixed gain"][0])]
     return [promise for promise in made if promise is not None]
 
 
@@ -68,23 +70,46 @@ def _releases(rows: list[Row]) -> Iterable[Promise | None]:
     right = [row for row in stiff if row["delay_error_ms"] == 0.0]
     safe = [row for row in stiff if row["delay_error_ms"] in {0.0, 5.0}]
     soft = [row for row in rows if row["stiffness_N_m"] < 5e3 and row["delay_error_ms"] == 0.0]
-    undelayed = [r for r in right if r["delay_ms"] == 0 and r["stiffness_N_m"] <= 1e4]
+    undelayed = [r for r in safe if r["delay_ms"] == 0 and r["stiffness_N_m"] <= 1e4]
     others = [row for row in right if row not in undelayed]
-    late = [row for row in stiff if row["delay_error_ms"] == 5.0]
+    late = [r for r in stiff if r["delay_error_ms"] == 5.0 and r not in undelayed]
     yield _worst("first contact, tau", 9.0, safe, _taus("first"))
     yield _worst("stiffness met, tau", 5.0, others, _taus("met"))
-    yield _worst("the same, k <= 1e4 without delay", 6.0, undelayed, _taus("met"))
     yield _worst("the same, delay assumed 5 ms long", 5.0, late, _taus("met"))
+    yield _worst("both, k <= 1e4 without delay", 6.0, undelayed, _taus("met"))
     yield _worst("overshoot, % (delay right or 5 ms long)", 5.0, safe, _overshoot)
     wrong = [row for row in stiff if row["delay_error_ms"] == 10.0]
     yield _worst("delay assumed 10 ms long, tau", 11.0, wrong, _taus("first"))
     yield _worst("the same, overshoot, %", 10.0, wrong, _overshoot)
     short = [row for row in stiff if row["delay_error_ms"] == -5.0]
     yield _worst("delay assumed 5 ms short, overshoot, % (bounded)", 100.0, short, _overshoot)
-    yield _worst(
-        "1e3 and 2e3 N/m, of 3.5/(k Ki_cap) + tau", 1.0, soft, lambda row: _or_never(row["first_s"])
-        / (3.5 / (5e-3 * row["stiffness_N_m"]) + row["tau_s"]),
-    )  # fmt: skip
+    text = "1e3 and 2e3 N/m, first, of 3.5/(k Ki_cap) + tau"
+    yield _worst(text, 1.0, soft, lambda row: _or_never(row["first_s"]) / _capped_s(row))
+
+
+def _capped_s(row: Row) -> float:
+    return 3.5 / (5e-3 * float(row["stiffness_N_m"])) + float(row["tau_s"])
+
+
+def _limited(rows: list[Row]) -> Promise | None:
+    def part(row: Row) -> float:
+        way_s = (PRESS_N - BAND_N) / (float(row["stiffness_N_m"]) * float(row["speed_m_s"]))
+        limited_s = way_s + 5.0 * float(row["tau_s"])
+        return _or_never(row["first_s"]) / max(limited_s, _capped_s(row))
+
+    text = "20 and 50 mm/s, first, of (F0 - 1)/(k vmax) + 5 tau, or the line above where longer"
+    return _worst(text, 1.0, rows, part)
+
+
+def beside(rows: Rows) -> list[Row]:
+    """Return the peers' rows with what ours took in the same scene."""
+    ours = {
+        (row["stiffness_N_m"], row["delay_ms"]): row
+        for row in rows["release"]
+        if row["delay_error_ms"] == 0.0
+    }
+    both = [(peer, ours[peer["stiffness_N_m"], peer["delay_ms"]]) for peer in rows["peers"]]
+    return [peer | {"first_s": row["first_s"], "met_s": row["met_s"]} for peer, row in both]
 
 
 def _slow(rows: list[Row]) -> Iterable[Promise | None]:
@@ -127,12 +152,17 @@ def _scenes(rows: list[Row]) -> Iterable[Promise | None]:
 
 def _peers(rows: list[Row]) -> Iterable[Promise]:
     """Ratios are turned round: kept when ours is faster by so much."""
-    one = [_or_never(row["one_s"]) / row["first_s"] for row in rows]
-    here = [_or_never(row["tuned_here_s"]) / row["met_s"] for row in rows]
+    one = [_or_never(row["one_s"]) / _or_never(row["first_s"]) for row in rows]
+    here = [_or_never(row["tuned_here_s"]) / _or_never(row["met_s"]) for row in rows]
+    scenes = [f"{row['law']}, {row['stiffness_N_m']:g} N/m, {row['delay_ms']} ms" for row in rows]
     yield Promise("1 / median lead, one setting for all", 1 / 5.0, 1 / float(np.median(one)), "")
-    yield Promise("1 / least lead, one setting for all", 1.0, 1 / min(one), "")
+    yield Promise(
+        "1 / least lead, one setting for all", 1.0, 1 / min(one), scenes[int(np.argmin(one))]
+    )
     yield Promise("1 / median lead, tuned per scene", 1 / 1.3, 1 / float(np.median(here)), "")
-    yield Promise("1 / least lead, tuned per scene", 1.1, 1 / min(here), "")
+    yield Promise(
+        "1 / least lead, tuned per scene", 1.1, 1 / min(here), scenes[int(np.argmin(here))]
+    )
 
 
 def _fixed(row: Row) -> Promise:

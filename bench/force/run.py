@@ -21,6 +21,7 @@ LAWS: dict[str, scenes.Make] = {
     "plain, told k": scenes.tuned_plain,
 }
 SCENE_WORLDS = (World(5e3, 10), *(World(k, d) for k, d in product((2e4, 1e5), (10, 30))))
+LIMITED = tuple(World(k, 10, speed_m_s=v) for v, k in product((0.02, 0.05), (1e3, 5e3, 2e4)))
 SLOW_PLAIN_S = 20.0
 SOFTEST_PLATE_N_M = 1e3  # that the simulated cell can be given
 
@@ -35,6 +36,7 @@ class Extent:
     scene_worlds: Sequence[World] = SCENE_WORLDS
     search_scenes: Sequence[World] = search.SCENES
     search_part: int = 1
+    limited: Sequence[World] = LIMITED
 
 
 SHORT = Extent(
@@ -42,7 +44,13 @@ SHORT = Extent(
     search_scenes=tuple(world for world in search.SCENES if world.delay_ms in {10, 30}),
 )
 QUICK = Extent(
-    (5e3, 2e4, 1e5), (0, 30), (0.0,), (World(2e4, 10),), (World(5e3, 10), World(1e5, 10)), 5
+    (5e3, 2e4, 1e5),
+    (10, 30),
+    (0.0,),
+    (World(2e4, 10),),
+    (World(5e3, 10), World(1e5, 10)),
+    5,
+    LIMITED[-1:],
 )
 
 
@@ -61,6 +69,11 @@ def slow_rows(_: Extent, pool: Executor) -> list[Row]:
     return list(pool.map(release_row, slow))
 
 
+def limited_rows(extent: Extent, pool: Executor) -> list[Row]:
+    """Return the releases with a lower speed limit."""
+    return list(pool.map(release_row, extent.limited))
+
+
 def scene_rows(extent: Extent, pool: Executor) -> list[Row]:
     """Return every law in every scene."""
     return list(pool.map(scene_row, scene_jobs(extent)))
@@ -73,6 +86,7 @@ def release_row(world: World) -> Row:
         "stiffness_N_m": world.stiffness_N_m,
         "delay_ms": world.delay_ms,
         "loop_hz": world.loop_hz,
+        "speed_m_s": world.speed_m_s,
         "delay_error_ms": world.delay_error_ms,
         "tau_s": first.tau_s,
         "believed": met.believed,
@@ -92,14 +106,11 @@ def fixed_gain_rows(_: Extent, __: Executor) -> list[Row]:
 
 
 def peer_rows(extent: Extent, pool: Executor) -> list[Row]:
-    """Return what the search found for each peer, beside ours, scene by scene."""
-    ours = list(pool.map(settle.ours, extent.search_scenes))
+    """Return what the search found for each peer, scene by scene."""
     rows = []
     for law in search.LAWS:
         found = search.tuned(law, extent.search_scenes, pool, extent.search_part)
-        for number, (world, (first, met)) in enumerate(
-            zip(extent.search_scenes, ours, strict=True)
-        ):
+        for number, world in enumerate(extent.search_scenes):
             rows.append(
                 {
                     "law": law,
@@ -109,8 +120,6 @@ def peer_rows(extent: Extent, pool: Executor) -> list[Row]:
                     "one_s": _settled(found.one_s[number]),
                     "tuned_here": asdict(found.each[number]),
                     "tuned_here_s": _settled(found.each_s[number]),
-                    "first_s": first.settling_s,
-                    "met_s": met.settling_s,
                 }
             )
     return rows
@@ -149,6 +158,7 @@ def scene_row(job: tuple[str, str, World]) -> Row:
 TABLES: dict[str, Callable[[Extent, Executor], list[Row]]] = {
     "release": release_rows,
     "slow loops": slow_rows,
+    "limited speed": limited_rows,
     "fixed gain": fixed_gain_rows,
     "scenes": scene_rows,
     "peers": peer_rows,

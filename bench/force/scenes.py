@@ -27,7 +27,7 @@ Measures = dict[str, float]
 
 def adaptive(rig: Rig) -> Pilot:
     """Our law."""
-    return Ours(rig.cell, rig.T_base_tcp)
+    return Ours(rig.cell, rig.T_base_tcp, rig.arm.T_base_tcp)
 
 
 def plain(rig: Rig) -> Pilot:

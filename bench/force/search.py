@@ -56,10 +56,8 @@ def score_s(job: tuple[Candidate, World]) -> float:
         pilot = Admittance(rig.T_base_tcp, gain, time_s, longest_m_s=longest_m_s)
     else:
         pilot = Fdcc(rig.T_base_tcp, gain, time_s, longest_m_s=longest_m_s)
-    done = settle.release(rig, pilot, world, LONGEST_S)
-    if done.settling_s is None or done.overshoot_pct > MOST_OVERSHOOT_PCT:
-        return NOT_SETTLED_S
-    return done.settling_s
+    done = settle.release(rig, pilot, world, LONGEST_S, most_overshoot_pct=MOST_OVERSHOOT_PCT)
+    return NOT_SETTLED_S if done.settling_s is None else done.settling_s
 
 
 @dataclass(frozen=True, slots=True)

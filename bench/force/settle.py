@@ -47,21 +47,34 @@ def true_tau_s(world: World) -> float:
     return replace(world, delay_error_ms=0.0).cell().loop_delay_s
 
 
-def release(rig: Rig, pilot: Presser, world: World, longest_s: float = LONGEST_S) -> Release:
-    """Let a law bring the force to zero from where it is."""
+def release(
+    rig: Rig,
+    pilot: Presser,
+    world: World,
+    longest_s: float = LONGEST_S,
+    *,
+    most_overshoot_pct: float = float("inf"),
+) -> Release:
+    """Let a law bring the force to zero from where it is; end early where it lifts off too far."""
     pilot.setpoint_N = 0.0
     trace, t = Trace(), 0.0
     while t < longest_s:
         rig.run(pilot, CHUNK_S, trace)
         t = trace.t_s[-1]
         last = np.array(trace.push_N)[np.array(trace.t_s) > t - ENOUGH_S]
+        over_pct = _overshoot_pct(trace, world)
+        if over_pct > most_overshoot_pct:
+            return Release(None, over_pct, true_tau_s(world))
         if t >= ENOUGH_S and float(np.abs(last).max()) < 0.8 * BAND_N:
             break
+    settled = settling_s(np.array(trace.t_s), np.array(trace.push_N), BAND_N)
+    return Release(settled, _overshoot_pct(trace, world), true_tau_s(world))
+
+
+def _overshoot_pct(trace: Trace, world: World) -> float:
     time_s = np.array(trace.t_s)
     lifted_m = means(time_s, np.array(trace.lift_off_m))[time_s >= IGNORED_S]
-    over = max(0.0, float(lifted_m.max())) * world.stiffness_N_m / PRESS_N
-    settled = settling_s(time_s, np.array(trace.push_N), BAND_N)
-    return Release(settled, 100.0 * over, true_tau_s(world))
+    return 100.0 * float(lifted_m.max(initial=0.0)) * world.stiffness_N_m / PRESS_N
 
 
 def ours(world: World) -> tuple[Release, Release]:
@@ -69,7 +82,7 @@ def ours(world: World) -> tuple[Release, Release]:
     cell = world.cell()
     rig = Rig(cell)
     rig.press(PRESS_N)
-    pilot = Ours(cell, rig.T_base_tcp)
+    pilot = Ours(cell, rig.T_base_tcp, rig.arm.T_base_tcp)
     longest_s = max(1.0, 8.0 / (5e-3 * world.stiffness_N_m))
     first = release(rig, pilot, world, longest_s)
     for setpoint_N in (0.5 * PRESS_N, PRESS_N):
@@ -79,7 +92,7 @@ def ours(world: World) -> tuple[Release, Release]:
             if abs(rig.push_N() - setpoint_N) < 0.5 * BAND_N:
                 break
         rig.run(pilot, 0.3 + 2.0 / (5e-3 * world.stiffness_N_m))
-    believed = float(pilot.memory.stiffness.k[2]) / world.stiffness_N_m
+    believed = float(pilot.memory.k[2]) / world.stiffness_N_m
     met = release(rig, pilot, world, longest_s)
     return first, Release(met.settling_s, met.overshoot_pct, met.tau_s, believed)
 

@@ -2,13 +2,16 @@
 
 Along each axis of the tool, with k the stiffness that is believed and tau the loop's delay:
 
-    Ki  = min(c / (k tau), 1 / (m w_b)),  c from 0.45 to 2 with the part w of the prediction
+    Ki  = min(c / (k tau), 1 / (m w_b)),  c from 0.45 to 3.4 with the part w of the prediction
     F'  = F + 0.5 m a - w k (x_command - x_felt)      force when all commands have arrived
     v   = Ki (F' - F_set) + v_surface                 v_surface along the press axis alone
 
-x_felt is the command passed through the model of the way to the filtered force (`path.py`). The
-prediction fades in with the gain: where inertia caps the gain there is nothing left to predict,
-and a slow loop does not bear it. A surface is followed once the force has been near its set point.
+x_felt is the command passed through the model of the way to the filtered force (`path.py`), k what
+the measured pose tells (`stiffness.py`), less what the arm itself gives way (`response.py`). The
+prediction fades in with the gain: where inertia caps the gain there is little left to predict,
+and a slow loop does not bear it. It never takes all: k is an upper bound, and a tenth too much
+foreseen costs another round trip, a tenth too little a few per cent of overshoot. A surface is
+followed once the force has been near its set point.
 """
 
 from dataclasses import dataclass, replace
@@ -20,21 +23,24 @@ from common.cell import Cell
 from common.frames import Array, rotation_between
 from services.regulator import drift as surface
 from services.regulator import path as way
+from services.regulator import response
 from services.regulator import stiffness as stiff
 from services.regulator.drift import Drift
 from services.regulator.law import LawInput, LawSettings, LawState, PiGains, step
 from services.regulator.path import Path, PathSettings
+from services.regulator.response import Answer, Response
 from services.regulator.stiffness import Stiffness, StiffnessSettings
 from services.regulator.tuning import LOOP_GAIN, tune
 
-FULL_LOOP = 2.0  # k Ki tau when all that is on its way is foreseen; without it LOOP_GAIN
+FULL_LOOP = 3.4  # k Ki tau at most; without the prediction LOOP_GAIN
+FORESEEN_LOOP, MOST_FORESEEN = 2.5, 0.9  # from this k Ki tau on so much is foreseen
 INERTIA_MARGIN = 1.0  # of 1 / (m w_b): the model takes half of the inertia away
 INERTIA_SHARE = 0.5
 FAST_LOOP_S, SLOW_LOOP_S = 0.008, 0.016  # period of a loop that bears all, none of the prediction
 
 MEMORY_TAUS, MEMORY_PERIODS, MEMORY_LEAST_S = 2.0, 10.0, 0.1  # of the stiffness
-STIFFER = 1.1  # the cell's stiffest contact is believed no better than a measured one
-NOISE_N, LEAST_WAY_M, SOFTEST_N_M = 0.15, 1e-5, 200.0
+STIFFER = 1.0  # than the stiffest contact of the cell: what is believed at first
+NOISE_N, LEAST_WAY_M, SOFTEST_N_M = 0.08, 1e-5, 200.0
 TOUCH_SHARE = 0.5  # of the touch force: below it nothing is touched
 FREE_TAUS = 3.0  # so long without touch: what was pressed on is gone, and is forgotten
 DEADBAND_IN_CONTACT = 0.25  # of the deadband: it is there against drift in free space
@@ -104,8 +110,14 @@ class Adaptive:
     command: Path  # base axes
     measured: Path  # the same through the wrench's filter alone
     stiffness: Stiffness  # tool axes
+    response: Response  # tool axes
     follow: Follow = Follow()
     free_s: float = 0.0  # time without touch
+
+    @property
+    def k(self) -> Array:
+        """Stiffness along the tool's axes as the law's commands meet it [N/m]. Shape (3,)."""
+        return self.response.share * self.stiffness.k
 
 
 def begin(
@@ -114,7 +126,8 @@ def begin(
     """Return the memory of a tool at rest; `k`: stiffness that was met here before. Shape (3,)."""
     state = stiff.stiffest(settings.stiffness) if k is None else stiff.believing(k)
     start = way.at_rest(np.zeros(3))
-    return Adaptive(T_command.copy(), T_measured.copy(), start, start, state)
+    heard = response.unheard()
+    return Adaptive(T_command.copy(), T_measured.copy(), start, start, state, heard)
 
 
 def advance(
@@ -140,9 +153,9 @@ def advance(
     """
     R = law.T_base_tcp.rotation
     memory = listen(law, memory, sample, T_measured=T_measured, settings=settings)
-    Ki, w = _tuned(memory.stiffness.k, settings, sample.dt_s)
+    k, command = memory.k, memory.command
+    Ki, w = _tuned(k, settings, sample.dt_s)
     Ki = asked_share(gains, R, settings) * Ki
-    k, command = memory.stiffness.k, memory.command
     foreseen_N = (
         sample.force_N
         + INERTIA_SHARE * settings.inertia_kg * command.acceleration
@@ -158,12 +171,7 @@ def advance(
         foreseen_N = foreseen_N + w[2] * k[2] * ahead_m * R[:, 2]
         speed_m_s = share * follow.drift.speed_in_m_s(ahead_s, follow.calm)
         drift_m_s = (speed_m_s + follow.trim_m_s) * R[:, 2]
-    richer = replace(
-        sample,
-        foreseen_N=foreseen_N,
-        drift_m_s=drift_m_s,
-        R_base_gains=R,
-    )
+    richer = replace(sample, foreseen_N=foreseen_N, drift_m_s=drift_m_s, R_base_gains=R)
     band = DEADBAND_IN_CONTACT if memory.free_s == 0.0 else 1.0
     tuned = replace(gains, force_i_m_per_Ns=Ki)
     return step(law, richer, tuned, replace(plain, deadband_N=band * plain.deadband_N)), memory
@@ -176,7 +184,7 @@ def asked_share(gains: PiGains, R: Array, settings: AdaptiveSettings) -> Array:
 
 def plain_gain(memory: Adaptive, settings: AdaptiveSettings) -> Array:
     """Return the gain rule's integral gains for what is believed, tool axes [m/(N s)]."""
-    Ki = LOOP_GAIN / (memory.stiffness.k * settings.tau_s)
+    Ki = LOOP_GAIN / (memory.k * settings.tau_s)
     return np.minimum(Ki, settings.gain_cap_m_per_Ns)
 
 
@@ -199,18 +207,32 @@ def listen(
         free_s = memory.free_s + sample.dt_s
         if free_s <= FREE_TAUS * settings.tau_s:
             return replace(memory, free_s=free_s)
-        forgotten = stiff.stiffest(settings.stiffness)
-        return replace(memory, stiffness=forgotten, free_s=free_s, follow=Follow())
+        forgotten = replace(memory, response=response.unheard(), follow=Follow(), free_s=free_s)
+        return replace(forgotten, stiffness=stiff.stiffest(settings.stiffness))
     own_N = INERTIA_SHARE * settings.inertia_kg * memory.command.acceleration
+    force_N = R.T @ (sample.force_N + own_N)
     state = stiff.feel(
         memory.stiffness,
         R.T @ memory.measured.felt,
-        R.T @ (sample.force_N + own_N),
+        force_N,
         dt_s=sample.dt_s,
         settings=settings.stiffness,
         may_soften=not memory.follow.near,
     )
-    return replace(memory, stiffness=state, free_s=0.0)
+    memory = replace(memory, stiffness=state, free_s=0.0)
+    if memory.follow.near:
+        return memory
+    known, command = settings.stiffness, memory.command
+    heard = Answer(
+        R.T @ command.felt,
+        R.T @ command.speed,
+        force_N,
+        dt_s=sample.dt_s,
+        memory_s=known.memory_s,
+        noise_N=known.noise,
+        least_way_m=known.way,
+    )
+    return replace(memory, response=response.hear(memory.response, heard, state.k))
 
 
 def _moved(
@@ -241,8 +263,8 @@ def _tuned(k: Array, settings: AdaptiveSettings, dt_s: float) -> tuple[Array, Ar
     bears = min(max((SLOW_LOOP_S - dt_s) / (SLOW_LOOP_S - FAST_LOOP_S), 0.0), 1.0)
     loop = LOOP_GAIN + (FULL_LOOP - LOOP_GAIN) * (bears if settings.predicts else 0.0)
     Ki = np.minimum(loop / (k * settings.tau_s), settings.gain_cap_m_per_Ns)
-    hot = (k * Ki * settings.tau_s - LOOP_GAIN) / (FULL_LOOP - LOOP_GAIN)
-    return Ki, np.clip(hot, 0.0, 1.0)
+    hot = (k * Ki * settings.tau_s - LOOP_GAIN) / (FORESEEN_LOOP - LOOP_GAIN)
+    return Ki, np.clip(hot, 0.0, MOST_FORESEEN)
 
 
 def _worth(speed_m_s: float, k_tau: float) -> float:
@@ -264,7 +286,7 @@ def _followed(
     if not near:
         return Follow(share=share, setpoint_N=sample.setpoint_N)
     seen_m = float(axis @ memory.command.felt)
-    seen_m += float(sample.force_N @ axis) / float(memory.stiffness.k[2])
+    seen_m += float(sample.force_N @ axis) / float(memory.k[2])
     time_s = max(DRIFT_TAUS * settings.tau_s, DRIFT_LEAST_S, dt_s)
     drift = surface.look(before.drift, seen_m, dt_s, time_s)
     is_calm = abs(error_N) < CALM_N

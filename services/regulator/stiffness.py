@@ -21,7 +21,7 @@ Flags = npt.NDArray[np.bool_]
 SLOPE_MARGIN = 1.08
 SIGMAS = 3.0
 SURE = 0.3  # three sigma below this part of the slope: it may raise the estimate as well
-DOWN_S = 0.004  # of approaching a lower bound
+DOWN_S = 0.002  # of approaching a lower bound
 UP_S = 0.002
 FEW = 4.0  # weighted samples below which nothing is concluded
 

@@ -25,7 +25,7 @@ def test_one_setting_releases_every_stiffness_in_time(stiffness_N_m, delay_ms) -
     assert first.taus <= 9.0
     assert met.taus <= 5.0
     assert max(first.overshoot_pct, met.overshoot_pct) <= 5.0
-    assert 1.0 <= met.believed <= 1.35
+    assert 0.9 <= met.believed <= 1.35  # the servos give way as well
 
 
 @pytest.mark.parametrize("error_ms", [10.0, -5.0])
@@ -106,12 +106,11 @@ def test_the_page_is_made_of_the_rows() -> None:
         "one_setting": {"gain_m_per_Ns": 1e-4, "time_s": 0.01},
         "one_s": None,
         "tuned_here_s": 0.2,
-        "first_s": 0.17,
-        "met_s": 0.1,
     }
     rows = {
         "release": [row],
         "slow loops": [],
+        "limited speed": [],
         "fixed gain": [{"fixed_s": 5.0, "met_s": 0.13}],
         "peers": [peer],
         "scenes": [scene_row(("wall vanishes", "adaptive", World(2e4, 10, speed_m_s=0.02)))],

@@ -1,0 +1,90 @@
+"""What the arm itself gives way: believed within bounds, whatever the delay, and kept."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from services.regulator.response import SOFTEST_ARM_N_M, Answer, Response, hear, unheard
+
+DT_S, TIME_S = 0.004, 0.03
+ARM_N_M = 8e5  # the servos', in series with what is touched
+stiffnesses = st.floats(1e4, 2e5)
+lates = st.floats(-0.005, 0.005)
+seeds = st.integers(0, 2**32 - 1)
+
+
+def told(way, speed, force) -> Answer:
+    """Return one sample, the same along all axes."""
+    columns = (np.full(3, value) for value in (way, speed, force))
+    return Answer(*columns, dt_s=DT_S, memory_s=0.1, noise_N=0.15, least_way_m=1e-5)
+
+
+def released(k, felt_k, late_s=0.0, *, noise_N=0.0, seed=0, state=None) -> Response:
+    """Give way from 30 N, first faster; the force answers with `felt_k`, later than assumed."""
+    rng, state = np.random.default_rng(seed), state or unheard()
+    for number in range(80):
+        t = number * DT_S
+        way_m = 30.0 / felt_k * (1.0 - (1.0 + t / TIME_S) * np.exp(-t / TIME_S))
+        speed_m_s = 30.0 / felt_k * t / TIME_S**2 * np.exp(-t / TIME_S)
+        force_N = 30.0 - felt_k * (way_m - late_s * speed_m_s) + noise_N * rng.normal()
+        state = hear(state, told(way_m, speed_m_s, force_N), np.full(3, k))
+    return state
+
+
+def softest(k) -> float:
+    """Return the least share that may be believed."""
+    return 1.0 / (1.0 + k / SOFTEST_ARM_N_M)
+
+
+@given(stiffnesses, lates)
+def test_an_arm_that_gives_way_is_found_whatever_the_delay_is(k, late_s) -> None:
+    """Never softer than it is, at most an eighth stiffer."""
+    share = ARM_N_M / (ARM_N_M + k)
+    believed = released(k, share * k, late_s).share
+    assert (believed >= 0.99 * share).all()
+    assert (believed <= 1.125 * share).all()
+
+
+@settings(max_examples=40)
+@given(stiffnesses, seeds)
+def test_noise_does_not_make_it_soft(k, seed) -> None:
+    """With the sensor's noise it stays above nine tenths of the truth."""
+    share = ARM_N_M / (ARM_N_M + k)
+    assert (released(k, share * k, noise_N=0.1, seed=seed).share >= 0.9 * share).all()
+
+
+@given(stiffnesses, st.floats(0.0, 2.0))
+def test_an_arm_that_does_not_follow_never_looks_soft(k, followed) -> None:
+    """The force answers by any part of what is due, or not at all: the bound holds."""
+    share = released(k, max(followed * k, 1.0)).share
+    assert (share >= softest(k) - 1e-12).all()
+    assert (share <= 1.0).all()
+
+
+@given(seeds)
+def test_without_motion_nothing_is_learnt(seed) -> None:
+    """Noise alone does not move what is believed."""
+    rng, state = np.random.default_rng(seed), unheard()
+    for _ in range(60):
+        state = hear(state, told(0.0, 0.0, 10.0 + rng.normal()), np.full(3, 2e4))
+    assert (state.share == 1.0).all()
+
+
+@given(st.lists(st.tuples(*[st.floats(-1e-2, 1e-2)] * 2, st.floats(-100, 100)), max_size=60))
+def test_it_stays_within_its_bounds_whatever_it_is_told(samples) -> None:
+    """Any ways, speeds and forces: between what the softest arm leaves and all of it."""
+    state = unheard()
+    for sample in samples:
+        state = hear(state, told(*sample), np.full(3, 5e4))
+        assert (state.share >= softest(5e4)).all()
+        assert (state.share <= 1.0).all()
+
+
+def test_what_was_learnt_is_kept_while_nothing_new_is_said() -> None:
+    """A tool that stands still after a release believes what it did."""
+    state = released(2e5, 1.6e5)
+    after = state
+    for _ in range(100):
+        after = hear(after, told(1.9e-4, 0.0, 0.0), np.full(3, 2e5))
+    assert after.share == pytest.approx(state.share, rel=0.03)

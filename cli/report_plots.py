@@ -49,8 +49,15 @@ def _plot(story: "Story", title: str, unit: str, lines: list[tuple[str, str]]) -
     for spine in axes.spines.values():
         spine.set_visible(False)
     if len(lines) > 1:
-        place = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "ncols": len(lines)}
-        axes.legend(fontsize=8, frameon=False, labelcolor=GREY, borderaxespad=0.0, **place)
+        axes.legend(
+            loc="lower right",
+            bbox_to_anchor=(1.0, 1.0),
+            ncols=len(lines),
+            fontsize=8,
+            frameon=False,
+            labelcolor=GREY,
+            borderaxespad=0.0,
+        )
     text = io.StringIO()
     figure.savefig(text, format="svg", metadata={"Date": None, "Creator": None})
     svg = text.getvalue()

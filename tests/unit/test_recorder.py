@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from common import topics
-from common.messages import ArbiterStatus, WrenchAtTcp
+from common.messages import ArbiterState, ArbiterStatus, WrenchAtTcp
 from services.recorder import recording, tape
 from services.recorder.reading import RecordedFile
 from tests.fakes.recorder_bench import RecorderBench
@@ -86,7 +86,7 @@ def test_a_fault_writes_memory_out_and_goes_on_for_a_while(begin: Begin) -> None
 
 
 @pytest.mark.parametrize("state", ["IDLE", "BOOT"])
-def test_an_arm_that_was_not_stopped_is_no_fault(begin: Begin, state: str) -> None:
+def test_an_arm_that_was_not_stopped_is_no_fault(begin: Begin, state: ArbiterState) -> None:
     """Only the change into a stop counts: neither other states nor a stop found at the start."""
     bench = begin()
     bench.pass_s(0.5)

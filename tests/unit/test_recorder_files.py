@@ -67,7 +67,8 @@ def of_every_topic(rounds: int = 3) -> list[Frame]:
 @settings(max_examples=30, suppress_health_check=[HealthCheck.too_slow])
 def test_json_of_a_message_keeps_its_schema_and_every_value(topic: Topic[Any], data: Any) -> None:
     """Random messages: valid by the schema; read back, each number and text is what it was."""
-    message = data.draw(records(topic.message))
+    message_type: Any = topic.message
+    message = data.draw(records(message_type))
     fields = layout_of(topic).shape(unpack(encode(header(1, topic, 5), message)))
     read = from_json(to_json(fields, inf_nan_mode="null"))
     Draft202012Validator(schema_of(topic)).validate(read)
@@ -77,6 +78,7 @@ def test_json_of_a_message_keeps_its_schema_and_every_value(topic: Topic[Any], d
 
 def flat(value: Any, path: str = "") -> dict[str, Any]:
     """Return every value that is no container by its path; vectors by their letters."""
+    items: Any
     if isinstance(value, dict):
         items = value.items()
     elif isinstance(value, list | tuple):

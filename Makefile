@@ -27,7 +27,7 @@ NO_NEW_BRANCH := mistake_is_found or no_way_through or dead_end or every_fault_o
   or judge_sees or no_command_gets_past or wall_that_vanishes or four_times_stiffer
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-long test-subscribers coverage check format readme bench bench-tcp bench-payload bench-force chaos chaos-full chaos-network chaos-flood chaos-clocks soak soak-sensor fuzz fuzz-codec fuzz-commands pki up down sbom compose-test lock clean
+.PHONY: help setup demo test test-long test-browser test-subscribers coverage check format readme bench bench-tcp bench-payload bench-force chaos chaos-full chaos-network chaos-flood chaos-clocks soak soak-sensor fuzz fuzz-codec fuzz-commands pki up down sbom compose-test lock clean
 
 help: ## list these targets
 	@grep -hE '^[a-z-]+:.*##' Makefile | sed -E 's/:[^#]*## */\t/' | expand -t 10
@@ -47,6 +47,9 @@ test: setup ## run every test, then show the largest files and functions: ARGS="
 
 test-long: setup ## run the tests that make test leaves out
 	@LONG=1 PYTHON=$(BIN)/python tools/test.sh $(ARGS)
+
+test-browser: setup ## drive the panel in /usr/bin/chromium against a simulated cell; pictures into out/
+	@$(BIN)/python -m pytest -q -m browser tests/browser $(ARGS)
 
 test-subscribers: setup ## run the subscribers in other languages against a hub (77: some tools are missing); Rust builds for minutes
 	@$(BIN)/python -m tools.subscribers_test
@@ -126,7 +129,7 @@ UP = CELL=$(or $(CELL),$(CELL_OF_$(PROFILE)),$(error PROFILE=$(PROFILE) needs CE
 COMPOSE ?= $(shell docker compose version >/dev/null 2>&1 && echo docker compose || echo docker-compose)
 
 up: ## bring a cell up in containers: PROFILE=sim, emulated or real, the last with CELL=my-cell.yaml
-	@mkdir -p calibration
+	@mkdir -p calibration recordings
 	@$(UP) up -d --build $(ARGS)
 
 down: ## take the containers of PROFILE down

@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 from common.config import load_cell
-from common.topics import HEALTH, ROLES
+from common.topics import HEALTH, HELPER_HEALTH, HELPERS, ROLES
 
 ROOT = Path(__file__).resolve().parents[2]
 COMPOSE_FILE = ROOT / "docker-compose.yml"
@@ -25,6 +25,7 @@ PLAYS: dict[str, set[str]] = {
     "gateway": {"robot"},
     "controller-sim": set(),  # stands for hardware
     "panel": set(),  # a client, as an operator is
+    "recorder": set(),  # a helper: no cell needs it to be whole
 }
 ON_THE_BUS = [name for name in SERVICES if PLAYS.get(name, {name})]
 PROFILES = ("sim", "emulated", "real")
@@ -88,7 +89,7 @@ def test_each_role_is_played_exactly_once_in_a_profile(word: str) -> None:
 def test_one_word_swaps_who_plays_robot_and_sensor() -> None:
     """The profiles differ in who plays robot and sensor, and in the hardware that is emulated."""
     same = set(ROLES) - {"robot", "sensor"}
-    same |= {"panel"}
+    same |= {"panel", "recorder"}
     assert profile("sim") == same | {"robot-sim"}
     assert profile("real") == same | {"gateway", "sensor"}
     assert profile("emulated") == profile("real") | {"controller-sim"}
@@ -172,7 +173,11 @@ def test_container_may_do_nothing_but_its_work(name: str) -> None:
     assert entry["pids_limit"]
     assert entry["restart"] == "unless-stopped"
     assert entry["healthcheck"]["test"][0] == "CMD"
-    more = {"wrench": ["./calibration:/calibration:ro"], "panel": ["./calibration:/calibration"]}
+    more = {
+        "wrench": ["./calibration:/calibration:ro"],
+        "panel": ["./calibration:/calibration"],
+        "recorder": ["./recordings:/recordings"],
+    }
     assert entry["volumes"] == ["./cells:/cells:ro", *more.get(name, [])]
 
 
@@ -194,6 +199,17 @@ def test_panel_listens_for_who_has_its_token_and_asks_with_its_own_certificate()
     assert entry["environment"]["FORCEMESH_ENDPOINT"] == "tls/hub:7447"
     assert entry["secrets"] == ["ca.pem", "panel.pem", "panel.key"]
     assert "/alive" in entry["healthcheck"]["test"][-1]
+
+
+def test_recorder_writes_into_its_folder_alone_and_is_asked_for_its_own_health() -> None:
+    """On the bus it is itself, by its own certificate; its recordings are outside of the image."""
+    entry = SERVICES["recorder"]
+    assert entry["environment"]["FORCEMESH_RECORDINGS"] == "/recordings"
+    assert entry["environment"]["FORCEMESH_ENDPOINT"] == "tls/hub:7447"
+    assert entry["secrets"] == ["ca.pem", "recorder.pem", "recorder.key"]
+    assert entry["networks"] == ["bus"]
+    assert entry["healthcheck"]["test"][-2:] == ["--role", "recorder"]
+    assert set(HELPER_HEALTH) == set(HELPERS) == {"recorder"}
 
 
 def test_networks_lead_only_where_a_container_has_to_go() -> None:

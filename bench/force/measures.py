@@ -6,6 +6,7 @@ in which the tool's own inertia shows up as force.
 
 import numpy as np
 
+from bench.force.rig import Trace
 from common.frames import Array
 
 MEAN_S = 0.008
@@ -26,3 +27,11 @@ def settling_s(t_s: Array, error: Array, band: float) -> float | None:
     if len(outside) == 0:
         return 0.0
     return None if outside[-1] + 1 >= len(t_s) else float(t_s[outside[-1] + 1])
+
+
+def energy_mJ(trace: Trace) -> float:
+    """Return the energy that goes to and fro between tool and surroundings: each way counts."""
+    force_N = np.array(trace.force_N)
+    place_m = np.array([T.translation for T in trace.T_base_tcp])
+    work_J = np.einsum("ij,ij->i", 0.5 * (force_N[1:] + force_N[:-1]), np.diff(place_m, axis=0))
+    return 1e3 * float(np.abs(work_J).sum())

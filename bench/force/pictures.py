@@ -6,7 +6,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib import pyplot as plt
 
-from bench.force import scenes
+from bench.force import scenes, stage
 from bench.force.rig import Rig, World
 from bench.force.run import LAWS, Row
 from bench.force.settle import PRESS_N
@@ -66,7 +66,7 @@ def following(path: Path) -> None:
     for name in ("adaptive", "plain, told k"):
         trace = scenes.followed(World(2e4, 30), LAWS[name], "sine")
         pane.plot(trace.t_s, trace.push_N, label=name)
-    pane.axhline(scenes.HOLD_N, color="black", linewidth=0.8)
+    pane.axhline(stage.HOLD_N, color="black", linewidth=0.8)
     pane.set(title="10 N on waves of 2 mm / 100 mm at 20 mm/s, 2e4 N/m, delay 30 ms")
     pane.set(xlabel="time [s]", ylabel="force [N]")
     pane.grid(alpha=0.3)

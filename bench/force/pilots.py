@@ -7,10 +7,11 @@ import pinocchio as pin
 
 from bench.force.rig import Heard
 from common.cell import Cell
+from common.frames import Array
 from common.messages import Mode
 from services.regulator import adaptive
 from services.regulator.adaptive import AdaptiveSettings
-from services.regulator.law import LawInput, PiGains, start_at, step
+from services.regulator.law import LawInput, LawState, PiGains, start_at, step
 from services.regulator.settings import law_settings, pi_gains
 from services.regulator.tuning import tune
 
@@ -30,14 +31,14 @@ class Ours:
         """Start at rest; the arm is where it is told to be unless `T_measured` says otherwise."""
         self.settings, self.plain = AdaptiveSettings.of(cell), law_settings(cell)
         self.gains = pi_gains(tune(cell).gains)
-        self.mode, self.setpoint_N = mode, setpoint_N
+        self.mode, self.setpoint_N, self.across_m_s = mode, setpoint_N, np.zeros(3)
         self.law = start_at(T_base_tcp)
         self.memory = adaptive.begin(T_base_tcp, T_measured or T_base_tcp, self.settings)
 
     def step(self, heard: Heard) -> pin.SE3:
         """Return the TCP's next pose."""
         law = replace(self.law, T_base_tcp=heard.T_let_through) if heard.limited else self.law
-        sample = LawInput(heard.force_N, heard.torque_Nm, self.setpoint_N, self.mode, heard.dt_s)
+        sample = _sample(heard, self, law)
         self.law, self.memory = adaptive.advance(
             law,
             self.memory,
@@ -47,6 +48,7 @@ class Ours:
             plain=self.plain,
             settings=self.settings,
         )
+        self.law = _moved(self.law, self.across_m_s * heard.dt_s)
         return self.law.T_base_tcp
 
 
@@ -69,12 +71,34 @@ class Plain:
             by_hand = np.full(3, gain_m_per_Ns), np.full(3, gain_p_m_per_N)
             gains = replace(gains, force_i_m_per_Ns=by_hand[0], force_p_m_per_N=by_hand[1])
         self.gains: PiGains = gains
-        self.mode, self.setpoint_N = mode, setpoint_N
+        self.mode, self.setpoint_N, self.across_m_s = mode, setpoint_N, np.zeros(3)
         self.law = start_at(T_base_tcp)
 
     def step(self, heard: Heard) -> pin.SE3:
         """Return the TCP's next pose."""
         law = replace(self.law, T_base_tcp=heard.T_let_through) if heard.limited else self.law
-        sample = LawInput(heard.force_N, heard.torque_Nm, self.setpoint_N, self.mode, heard.dt_s)
+        sample = _sample(heard, self, law)
         self.law = step(law, sample, self.gains, self.plain)
+        self.law = _moved(self.law, self.across_m_s * heard.dt_s)
         return self.law.T_base_tcp
+
+
+def _sample(heard: Heard, pilot: "Ours | Plain", law: LawState) -> LawInput:
+    """Return what a law is told; where the tool is led across, the force does not move it there."""
+    led = bool(pilot.across_m_s.any())
+    return LawInput(
+        heard.force_N,
+        heard.torque_Nm,
+        pilot.setpoint_N,
+        pilot.mode,
+        heard.dt_s,
+        R_base_task=law.T_base_tcp.rotation,
+        axes=(not led, not led, True, True, True, True),
+    )
+
+
+def _moved(law: LawState, way_m: Array) -> LawState:
+    """Lead the tool across its axis, which is not the force's business."""
+    T, axis = law.T_base_tcp, law.T_base_tcp.rotation[:, 2]
+    across_m = way_m - (way_m @ axis) * axis
+    return replace(law, T_base_tcp=pin.SE3(T.rotation, T.translation + across_m))

@@ -8,17 +8,17 @@ from typing import Any
 
 import numpy as np
 
-from bench.force import scenes, search, settle
+from bench.force import scenes, search, settle, stage
 from bench.force.rig import World
 from bench.force.settle import Release
 
 Row = dict[str, Any]
 DELAY_ERRORS_MS = (0.0, 5.0, 10.0, -5.0)
 LOOPS_HZ = (60.0, 30.0, 15.0)
-LAWS: dict[str, scenes.Make] = {
-    "adaptive": scenes.adaptive,
-    "plain, safe at 2e5 N/m": scenes.plain,
-    "plain, told k": scenes.tuned_plain,
+LAWS: dict[str, stage.Make] = {
+    "adaptive": stage.adaptive,
+    "plain, safe at 2e5 N/m": stage.plain,
+    "plain, told k": stage.tuned_plain,
 }
 SCENE_WORLDS = (World(5e3, 10), *(World(k, d) for k, d in product((2e4, 1e5), (10, 30))))
 LIMITED = tuple(World(k, 10, speed_m_s=v) for v, k in product((0.02, 0.05), (1e3, 5e3, 2e4)))

@@ -6,50 +6,19 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 
-from bench.force.measures import means, settling_s
-from bench.force.pilots import Ours, Plain
+from bench.force.measures import energy_mJ, means, settling_s
 from bench.force.rig import Rig, Trace, World
 from bench.force.settle import true_tau_s
+from bench.force.stage import HOLD_N, Make, Measures, holding, plain
+from bench.force.turning import align, lateral, slide
 from common.frames import Array
 from sim.robot.ft_sensor import FtSample
 
-HOLD_N = 10.0
 SLOPE_M_S = 0.02 * float(np.tan(np.radians(10.0)))  # 10 degrees at 20 mm/s across
 SINE_M, SINE_HZ = 0.002, 0.02 / 0.1  # 2 mm in 100 mm at 20 mm/s
 STEP_N = 10.0
 SPIKE_N, SPIKE_SHARE = 20.0, 0.01
 HAND_N_M, HAND_NS_M, HAND_M_S = 500.0, 20.0, 0.03
-
-Pilot = Ours | Plain
-Make = Callable[[Rig], Pilot]
-Measures = dict[str, float]
-
-
-def adaptive(rig: Rig) -> Pilot:
-    """Our law."""
-    return Ours(rig.cell, rig.T_base_tcp, rig.arm.T_base_tcp)
-
-
-def plain(rig: Rig) -> Pilot:
-    """The PI law with the gain rule for the stiffest contact."""
-    return Plain(rig.cell, rig.T_base_tcp)
-
-
-def tuned_plain(rig: Rig) -> Pilot:
-    """The PI law with the gain rule for this scene's stiffness, which it is told."""
-    k, tau_s = rig.arm.settings.stiffness_N_m, rig.cell.loop_delay_s
-    inertia = 0.5 / (rig.cell.contact.inertia_kg * rig.cell.robot.bandwidth_rad_s)
-    return Plain(rig.cell, rig.T_base_tcp, min(0.45 / (k * tau_s), inertia))
-
-
-def holding(world: World, make: Make, setpoint_N: float = HOLD_N) -> tuple[Rig, Pilot, Trace]:
-    """Return a rig whose law has found its set point from a light touch, and how it did."""
-    rig = Rig(world.cell())
-    rig.press(3.0)
-    pilot = make(rig)
-    pilot.setpoint_N = setpoint_N
-    trace = rig.run(pilot, 1.5 if make is not plain else 4.0)
-    return rig, pilot, trace
 
 
 def press(world: World, make: Make) -> Measures:
@@ -62,6 +31,7 @@ def press(world: World, make: Make) -> Measures:
         "overshoot_N": _peak(found) - HOLD_N,
         "steady_error_N": _mean_abs(still),
         "ripple_N": float(np.std(still.push_N)),
+        "energy_mJ": energy_mJ(found),
     }
 
 
@@ -78,6 +48,7 @@ def touch(world: World, make: Make) -> Measures:
         "peak_N": _peak(trace),
         "settling_after_touch_s": float("nan") if settled is None else settled - float(t[first]),
         "contact_lost": float((means(t, push)[first + 10 :] < 0.5).sum() > 0),
+        "energy_mJ": energy_mJ(trace),
     }
 
 
@@ -106,6 +77,7 @@ def follow(world: World, make: Make, kind: str) -> Measures:
         "mean_error_N": float(np.abs(error[t >= 1.0]).mean()),
         "onset_of_k_v_tau": onset / (world.stiffness_N_m * speed * true_tau_s(world)),
         "contact_lost": float((means(t, error) < -HOLD_N + 0.5).any()),
+        "energy_mJ": energy_mJ(trace),
     }
 
 
@@ -118,40 +90,8 @@ def set_point_step(world: World, make: Make) -> Measures:
     return {
         "settling_s": float("nan") if settled is None else settled,
         "overshoot_pct": 100.0 * max(0.0, _peak(trace) - pilot.setpoint_N) / STEP_N,
+        "energy_mJ": energy_mJ(trace),
     }
-
-
-def align(world: World, make: Make) -> Measures:
-    """A face laid flat from 10 degrees in mode both, at 10 N."""
-    rig = Rig(replace(world, tilt_deg=10.0).cell())
-    rig.press(3.0)
-    pilot = make(rig)
-    pilot.mode, pilot.setpoint_N = "both", HOLD_N
-    trace = rig.run(pilot, 8.0)
-    normal = rig.arm.plate.normal
-    cosine = [-float(normal @ T.rotation[:, 2]) for T in trace.T_base_tcp]
-    left_deg = np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
-    force_N = np.linalg.norm(trace.force_N, axis=1)
-    t = np.array(trace.t_s)
-    return {
-        "misalignment_deg": float(left_deg[-1]),
-        "time_to_1_deg_s": float(t[np.argmax(left_deg < 1.0)]),
-        "force_off_N": float(np.abs(force_N - HOLD_N)[t > 1.0].max()),
-    }
-
-
-def lateral(world: World, make: Make) -> Measures:
-    """Mode both at 10 N while something pulls sideways with 3 N at the tool."""
-    rig, pilot, _ = holding(world, make)
-    pilot.mode = "both"
-    tool = rig.arm.model.body("tool").id
-    rig.arm.data.xfrc_applied[tool][:3] = (2.0, 0.0, 0.0)
-    trace = rig.run(pilot, 2.0)
-    t = np.array(trace.t_s)
-    push = np.array(trace.push_N)
-    off = float(np.abs(push[t > 0.5] - HOLD_N).mean())
-    sideways = np.array(trace.force_N)[:, 0]
-    return {"normal_error_N": off, "sideways_left_N": float(np.abs(sideways[t > 1.5]).mean())}
 
 
 def guide(world: World, make: Make) -> Measures:
@@ -240,6 +180,7 @@ def stiffer(world: World, make: Make) -> Measures:
         "peak_N": _peak(trace),
         "peak_bound_N": pilot.setpoint_N + bound_N,
         "settling_s": float("nan") if settled is None else settled,
+        "energy_mJ": energy_mJ(trace),
     }
 
 
@@ -251,6 +192,7 @@ SCENES: dict[str, Callable[[World, Make], Measures]] = {
     "set point step": set_point_step,
     "align": align,
     "lateral": lateral,
+    "slide": slide,
     "guide": guide,
     "payload error": payload_error,
     "spikes": spikes,

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bench.force import scenes, settle
+from bench.force import scenes, settle, stage
 from bench.force.measures import means, settling_s
 from bench.force.page import page
 from bench.force.peers import Admittance, Fdcc
@@ -51,16 +51,16 @@ def test_slow_loops_settle_in_time(loop_hz, first_s, met_s) -> None:
 
 def test_a_surface_is_followed() -> None:
     """10 N on a slope of 10 degrees at 20 mm/s: 0.1 N off; the plain law is far off."""
-    found = scenes.follow(World(1e5, 10), scenes.adaptive, "slope")
+    found = scenes.follow(World(1e5, 10), stage.adaptive, "slope")
     assert found["mean_error_N"] <= 0.1
     assert found["onset_of_k_v_tau"] <= 1.2
     assert found["contact_lost"] == 0.0
-    assert scenes.follow(World(1e5, 10), scenes.tuned_plain, "slope")["mean_error_N"] > 2.0
+    assert scenes.follow(World(1e5, 10), stage.tuned_plain, "slope")["mean_error_N"] > 2.0
 
 
 def test_a_wall_that_vanishes_is_not_run_after() -> None:
     """At 50 mm/s at most three millimetres."""
-    assert scenes.vanish(World(5e3, 10, speed_m_s=0.05), scenes.adaptive)["travel_mm"] <= 3.0
+    assert scenes.vanish(World(5e3, 10, speed_m_s=0.05), stage.adaptive)["travel_mm"] <= 3.0
 
 
 def test_a_plate_ten_times_softer_can_be_had_in_every_scene_that_needs_it() -> None:

@@ -178,8 +178,10 @@ def _row(client: "Cell", feed: "Feed[Message]") -> dict[str, Any]:
 def _rows(client: "Cell", rows: list[dict[str, Any]]) -> Any:
     from rich.table import Table
 
-    table = Table("topic", "writer", "rate", "of", "age", "stale", "fault")
-    table.title = f"cell {client.config.cell}"
+    table = Table(title=f"cell {client.config.cell}")
+    for name in ("topic", "writer", "rate", "of", "age", "stale"):
+        table.add_column(name, no_wrap=True)
+    table.add_column("fault")
     for row in rows:
         colour = "red" if row["fault"] else "green"
         table.add_row(

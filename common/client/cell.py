@@ -56,7 +56,7 @@ class Cell:
         cell: Path | str | CellFile,
         *,
         commander: Asker = "program",
-        patience_s: float = 1.0,
+        patience_s: float = 5.0,
         bus: Bus | None = None,
     ) -> None:
         """Connect.

@@ -39,7 +39,14 @@ def run(*words: str) -> Result:
     return CliRunner().invoke(app, list(words))
 
 
-READ_VERBS = [["status"], ["topics"], ["watch", "wrench", "--count", "1"], ["--help"]]
+READ_VERBS = [
+    ["status"],
+    ["topics", "--schema"],
+    ["watch", "wrench", "--count", "1"],
+    ["config", "show"],
+    ["hold"],
+    ["--help"],
+]
 
 
 @pytest.mark.parametrize("words", READ_VERBS, ids=lambda words: words[0])
@@ -50,7 +57,7 @@ def test_a_verb_that_only_looks_is_light(words: list[str]) -> None:
         "from cli.__main__ import app\n"
         "try: app(sys.argv[1:])\n"
         "except SystemExit: pass\n"
-        "heavy = {'mujoco', 'matplotlib', 'viser', 'pinocchio', 'numpy'}\n"
+        "heavy = {'mujoco', 'matplotlib', 'viser', 'mjviser', 'pinocchio', 'numpy'}\n"
         "print('loaded:', *(heavy & set(sys.modules)), file=sys.stderr)"
     )
     done = subprocess.run(

@@ -1,0 +1,194 @@
+"""The recorder as a process on a real bus: killed, asked, replayed, to the byte."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+import yaml
+from mcap.reader import NonSeekingReader
+
+from common import topics
+from common.bus import ENDPOINT_VARIABLE, open_bus, open_hub
+from common.cell import Cell
+from common.config import load_cell
+from common.endpoints import Bus, Publisher, Reader, Source
+from common.messages import Health, WrenchAtTcp
+from common.requests import Empty, RecordRequest
+from common.topics import CLIENT
+from services.recorder.reading import RecordedFile
+from tests.unit.test_recorder_files import of_every_topic, recorded
+
+pytestmark = pytest.mark.realtime
+
+ROOT = Path(__file__).resolve().parents[2]
+DEMO = ROOT / "cells" / "demo.yaml"
+PATIENCE_S = 30.0
+RATE_S = 0.004
+LOST_S = 1.0  # of the end of a recording, when its recorder is killed
+ROOM = 10_000
+
+
+@pytest.fixture
+def cell(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Cell:
+    """A cell that records into a folder of the test's, on a port that is free."""
+    monkeypatch.delenv(ENDPOINT_VARIABLE, raising=False)
+    settings = {"recorder.folder": str(tmp_path), "recorder.least_free_GB": 0.0}
+    return load_cell(DEMO, {"bus.endpoint": "tcp/127.0.0.1:17431", **settings})
+
+
+@contextmanager
+def started(cell: Cell, folder: Path) -> Iterator[subprocess.Popen[bytes]]:
+    """Run a recorder of the cell as a process."""
+    path = folder / "cell.yaml"
+    path.write_text(yaml.safe_dump(cell.model_dump(mode="json", exclude_none=True)))
+    command = [sys.executable, "-m", "services.recorder", "--cell", str(path)]
+    with subprocess.Popen(command, cwd=ROOT) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
+def until(what: Callable[[], object]) -> None:
+    """Wait until something is true; fail when it does not become true."""
+    give_up_s = time.monotonic() + PATIENCE_S
+    while not what():
+        assert time.monotonic() < give_up_s, "it did not happen"
+        time.sleep(0.01)
+
+
+def say_for(publisher: Publisher[WrenchAtTcp], duration_s: float) -> None:
+    """Write a topic at its usual rate."""
+    end_s = time.monotonic() + duration_s
+    while time.monotonic() < end_s:
+        publisher.put(WrenchAtTcp(force_N=(1.0, 2.0, 3.0)))
+        time.sleep(RATE_S)
+
+
+def alive(client: Bus) -> Reader[Health]:
+    """Return the recorder's health once it is heard."""
+    health = client.reader(topics.RECORDER_HEALTH)
+    until(lambda: health.read(client.clock.now_ns()).fresh)
+    return health
+
+
+def test_after_a_kill_the_file_opens_up_to_the_last_second(cell: Cell, tmp_path: Path) -> None:
+    """Killed in the middle: no gap before, no more than a second lost; any reader opens it."""
+    with (
+        open_hub(cell) as hub,
+        open_bus(cell, CLIENT, patience_s=PATIENCE_S) as client,
+        started(cell, tmp_path) as process,
+    ):
+        alive(client)
+        publisher = hub.playing("wrench").publisher(topics.WRENCH)
+        assert client.ask(topics.RECORD_START, RecordRequest(), PATIENCE_S).accepted
+        say_for(publisher, 3.0)
+        killed_ns = time.time_ns()
+        os.kill(process.pid, signal.SIGKILL)
+        process.wait()
+    (path,) = tmp_path.glob("*.mcap")
+    read = RecordedFile(path)
+    said = list(read.said("wrench"))
+    numbers = [each.fields["seq"] for each in said]
+    assert numbers == list(range(numbers[0], numbers[0] + len(numbers)))
+    assert (killed_ns - said[-1].at_ns) / 1e9 < LOST_S
+    assert not read.is_whole
+    seen: list[object] = []
+    with path.open("rb") as stream, pytest.raises(Exception):  # noqa: B017, PT011 - of mcap, at the end
+        seen.extend(NonSeekingReader(stream).iter_messages(["wrench"], log_time_order=False))
+    assert len(seen) == len(said)
+
+
+@pytest.mark.long
+def test_the_process_ends_its_file_when_it_is_told_to_end(cell: Cell, tmp_path: Path) -> None:
+    """SIGTERM: the file is whole, nothing is lost; stop says how much there is."""
+    with (
+        open_hub(cell) as hub,
+        open_bus(cell, CLIENT, patience_s=PATIENCE_S) as client,
+        started(cell, tmp_path) as process,
+    ):
+        health = alive(client)
+        publisher = hub.playing("wrench").publisher(topics.WRENCH)
+        assert client.ask(topics.RECORD_START, RecordRequest(label="one"), PATIENCE_S).accepted
+        say_for(publisher, 0.5)
+        told = client.ask(topics.RECORD_STOP, Empty(), PATIENCE_S)
+        assert " 0 lost" in told.text
+        assert client.ask(topics.RECORD_START, RecordRequest(label="two"), PATIENCE_S).accepted
+        say_for(publisher, 0.5)
+        message = health.read(client.clock.now_ns()).message
+        assert message is not None
+        assert message.counters["realtime"] == 0
+        process.terminate()
+        assert process.wait(PATIENCE_S) == 0
+    for path in tmp_path.glob("*.mcap"):
+        read = RecordedFile(path)
+        assert len(list(read.said("wrench"))) > 30
+        assert read.is_whole
+
+
+@contextmanager
+def replaying(path: Path, *words: str) -> Iterator["subprocess.Popen[str]"]:
+    """Run the verb `replay`."""
+    command = [sys.executable, "-m", "cli", "replay", str(path), *words]
+    options = {"cwd": ROOT, "stderr": subprocess.PIPE, "text": True}
+    environment = os.environ | {"FORCEMESH_RUN_FOLDER": str(path.parent)}
+    with subprocess.Popen(command, env=environment, **options) as process:  # type: ignore[call-overload]
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
+def test_a_replay_reproduces_every_topic_to_the_byte(cell: Cell, tmp_path: Path) -> None:
+    """A client on the replay's own hub hears what was recorded, in order, and nothing else."""
+    frames = of_every_topic(rounds=4)
+    path = recorded(tmp_path, frames)
+    port = "17432"
+    with replaying(path, "--port", port, "--wait", "2", "--speed", "4") as process:
+        there = load_cell(DEMO, {"bus.endpoint": f"tcp/127.0.0.1:{port}"})
+        with open_bus(there, CLIENT, patience_s=PATIENCE_S) as client:
+            taps = {topic.key: client.tap(topic, ROOM) for topic in topics.TOPICS}
+            assert process.wait(PATIENCE_S) == 0
+            time.sleep(0.2)
+            heard = {key: taken(tap) for key, tap in taps.items()}
+    expected: dict[str, list[bytes]] = {topic.key: [] for topic in topics.TOPICS}
+    for frame in frames:
+        expected[topics.TOPICS[frame.topic].key].append(frame.data)
+    assert heard == expected
+
+
+def taken(tap: Source) -> list[bytes]:
+    """Return all that waits in a tap."""
+    found = []
+    while (data := tap.take()) is not None:
+        found.append(data)
+    return found
+
+
+@pytest.mark.long
+def test_a_replay_never_speaks_to_a_cell_that_is_alive(cell: Cell, tmp_path: Path) -> None:
+    """On its hub it is refused while one of its topics is said; under another name it is not."""
+    path = recorded(tmp_path, of_every_topic(rounds=1))
+    cell_file = tmp_path / "cell.yaml"
+    cell_file.write_text(yaml.safe_dump(cell.model_dump(mode="json", exclude_none=True)))
+    with open_hub(cell) as hub:
+        publisher = hub.playing("wrench").publisher(topics.WRENCH)
+        tap = hub.playing(CLIENT).tap(topics.ROBOT_COMMAND, ROOM)
+        with replaying(path, "--onto", str(cell_file)) as process:
+            while process.poll() is None:
+                say_for(publisher, 0.05)
+            assert process.returncode == 3
+            assert process.stderr is not None
+            assert "refused: a cell demo is alive there, it says wrench" in process.stderr.read()
+        assert tap.take() is None
+        with replaying(path, "--onto", str(cell_file), "--as", "ghost", "--speed", "9") as process:
+            while process.poll() is None:
+                say_for(publisher, 0.05)
+            assert process.returncode == 0
+        assert tap.take() is None

@@ -19,18 +19,23 @@ INTERRUPTED = 130
 
 @contextmanager
 def at_work(named: Path | None) -> "Iterator[tuple[Cell, Tell]]":
-    """Connect and show a bar; Ctrl-C, a closed terminal and a request to end hold the arm.
+    """Connect and show a bar; Ctrl-C, a closed terminal and a request to end hold the arm."""
+    from cli.skills.feel import deaf, like_ctrl_c
+    from common.errors import ForcemeshError
 
-    What is in work stops the arm itself (`force_ends`), a move does so, too; this says it.
-    """
-    from cli.skills.feel import like_ctrl_c
-
-    try:
-        with cell_of(named) as cell, bar() as tell, like_ctrl_c():
-            yield cell, tell
-    except KeyboardInterrupt:
-        typer.echo("interrupted: the arm holds", err=True)
-        raise typer.Exit(INTERRUPTED) from None
+    with cell_of(named) as cell:
+        try:
+            with bar() as tell, like_ctrl_c():
+                yield cell, tell
+        except KeyboardInterrupt:
+            text = "the arm holds"
+            with deaf():
+                try:
+                    cell.hold("a verb was interrupted")
+                except ForcemeshError as error:
+                    text = f"the hold was not answered: {error}"
+            typer.echo(f"interrupted: {text}", err=True)
+            raise typer.Exit(INTERRUPTED) from None
 
 
 @contextmanager

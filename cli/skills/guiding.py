@@ -1,6 +1,6 @@
 """Hand guiding: the tool follows a hand, the way is written down, and gone again."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from cli.skills.feel import Feeler, Felt, Tell, force_ends, silent
-from cli.skills.path_file import read_poses, thinned, write_poses
+from cli.skills.path_file import thinned, write_poses
 from common.client import Cell
 from common.convert import record_of
 from common.messages import Mode
@@ -74,18 +74,20 @@ def guide(
 
 
 def play_back(
-    cell: Cell, path: Path, *, tolerance_m: float, speed_m_s: float | None, tell: Tell = silent
-) -> tuple[int, int]:
-    """Go along a recorded way, from pose to pose; rests at each. Returns poses gone to, and read.
+    cell: Cell,
+    recorded: Sequence[pin.SE3],
+    *,
+    tolerance_m: float,
+    speed_m_s: float | None,
+    tell: Tell = silent,
+) -> int:
+    """Go along recorded poses of the flange; rests at each. Returns how many were needed.
 
     Nothing is felt: it is an ordinary move, and the arbiter's limits alone stop it.
 
-    Raises:
-        DataError: The file cannot be used.
-        RefusedError, ArmStoppedError, NotReachedError, LostError: As a move raises them.
+    Raises RefusedError, ArmStoppedError, NotReachedError, LostError as a move does.
     """
-    read = read_poses(path)
-    poses = thinned(read, tolerance_m)
+    poses = thinned(recorded, tolerance_m)
     for number, T in enumerate(poses):
         tell(float(number), float(len(poses)), f"pose {number + 1} of {len(poses)}")
         record = record_of(T)
@@ -93,4 +95,4 @@ def play_back(
             kind="pose", pose=record, speed_m_s=speed_m_s, commander=cell.session.commander
         )
         cell.move.begin(asked).wait()
-    return len(poses), len(read)
+    return len(poses)

@@ -183,14 +183,15 @@ def guide(
     if playback is None and speed is not None:
         fail("--speed goes with --playback: a guided arm is as fast as the hand", USAGE)
     with at_work(cell) as (client, tell):
-        from cli.skills import guiding
+        from cli.skills import guiding, path_file
 
         if playback is not None:
             speed_m_s = None if speed is None else speed / 1e3
-            gone, read = guiding.play_back(
-                client, playback, tolerance_m=tolerance / 1e3, speed_m_s=speed_m_s, tell=tell
+            poses = _of_the_file(path_file.read_poses, playback)
+            gone = guiding.play_back(
+                client, poses, tolerance_m=tolerance / 1e3, speed_m_s=speed_m_s, tell=tell
             )
-            typer.echo(f"{gone} poses gone to, of {read} recorded ones")
+            typer.echo(f"{gone} poses gone to, of {len(poses)} recorded ones")
             return
         seen = guiding.Recording()
         try:

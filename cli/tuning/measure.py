@@ -6,6 +6,7 @@ must be armed and free; at the end, and after every refusal, it is where it bega
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -203,6 +204,7 @@ class Ears:
     def __init__(self, cell: Cell, T_flange_tcp: pin.SE3) -> None:
         """Subscribe."""
         self._clock, self._T_flange_tcp = cell.session.clock, T_flange_tcp
+        self._period_s = 1.0 / cell.config.rates.control_hz
         self._command = cell.session.bus.reader(topics.ROBOT_COMMAND)
         self._robot = cell.session.bus.reader(topics.ROBOT_STATE)
         self._sent: list[tuple[float, Array]] = []
@@ -217,10 +219,19 @@ class Ears:
             self._hear(self._robot, self._seen, lambda said: said)
 
     def along(self, axis: Array) -> Steps:
-        """Return what was heard along an axis of the base."""
+        """Return what was heard along an axis of the base.
+
+        A machine that is late hears the newest command alone: those between are put back.
+        """
         sent_s, sent = (np.array(part) for part in zip(*self._sent, strict=True))
         seen_s, seen = (np.array(part) for part in zip(*self._seen, strict=True))
-        return Steps(sent_s, sent @ axis, seen_s, seen @ axis)
+        every_s = np.concatenate(
+            [
+                np.linspace(a, b, max(1, round((b - a) / self._period_s)), endpoint=False)
+                for a, b in pairwise(sent_s)
+            ]
+        )
+        return Steps(every_s, np.interp(every_s, sent_s, sent @ axis), seen_s, seen @ axis)
 
     def _hear(
         self, reader: Reader[Any], notes: list[tuple[float, Array]], pose: Callable[[Any], Any]

@@ -12,6 +12,7 @@ from cli.__main__ import app
 from cli.context import one_line_errors
 from cli.skills import at_work, following, guiding, pressing
 from cli.skills.feel import silent
+from cli.skills.path_file import read_poses
 from cli.skills.pressing import How
 from cli.virtual import VirtualCell
 from common.client import Cell
@@ -126,8 +127,9 @@ def test_a_hand_leads_the_arm_and_its_way_is_gone_again(cell: Skilled, tmp_path)
     end = pose_of(client.state()).translation
     seen.save(tmp_path / "way.csv")
     client.jog(shift_m=(0.0, 0.01, 0.0))
-    gone, read = guiding.play_back(client, tmp_path / "way.csv", tolerance_m=0.001, speed_m_s=0.1)
-    assert read == len(seen.poses)
+    poses = read_poses(tmp_path / "way.csv")
+    gone = guiding.play_back(client, poses, tolerance_m=0.001, speed_m_s=0.1)
+    assert len(poses) == len(seen.poses)
     assert gone < 10
     assert pose_of(client.state()).translation == pytest.approx(end, abs=3e-3)
 
@@ -173,11 +175,25 @@ def test_the_verbs_print_a_line_or_an_object(cell: Skilled, monkeypatch, tmp_pat
         (("follow", str(path)), 1, "beside the tool: move there first"),
         (("press", "50"), 3, "refused (setpoint): set point above force.setpoint_max_N"),
         (("guide", "--record", "a", "--playback", "b"), 2, "do not go together"),
+        (("guide", "--playback", "none.csv"), 2, "none.csv: cannot be read: No such file"),
         (("guide", "--speed", "5"), 2, "--speed goes with --playback"),
     ):
         done = said(monkeypatch, cell, silent, *words)
         assert (done.exit_code, done.stdout, done.stderr.count("\n")) == (code, "", 1), words
         assert says in done.stderr
+
+
+def test_ctrl_c_between_two_things_holds_the_arm_too(cell: Skilled, monkeypatch) -> None:
+    """Interrupted before anything has been asked for: what the verb says is what is so."""
+
+    def interrupted(_path) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("cli.skills.path_file.read_points", interrupted)
+    done = said(monkeypatch, cell, silent, "follow", "way.csv")
+    assert (done.exit_code, done.stderr) == (at_work.INTERRUPTED, "interrupted: the arm holds\n")
+    cell.world.advance(0.1)
+    assert cell.client.status().state == "HOLDING"
 
 
 def said(monkeypatch, cell: Skilled, tell, *words: str):

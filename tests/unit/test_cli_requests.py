@@ -5,6 +5,7 @@ import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -15,7 +16,8 @@ from cli.context import CELL_VARIABLE, NO_ANSWER, NOT_WELL, OK, REFUSED
 from cli.runfile import FOLDER_VARIABLE
 from common import topics
 from common.bus import ENDPOINT_VARIABLE, open_hub
-from common.cell import Cell
+from common.cell import Cell as CellFile
+from common.client import Cell, LostError
 from common.config import dump_cell, load_cell
 from common.faults import FAULTS
 from common.messages import (
@@ -71,7 +73,7 @@ REQUESTS = [
 class StandIn:
     """Plays arbiter, regulator, wrench and robot: answers as it is told, moves at once."""
 
-    def __init__(self, cell: Cell) -> None:
+    def __init__(self, cell: CellFile) -> None:
         self.asked: list[object] = []
         self.reply = Reply(accepted=True, text="as you like", value=7.0)
         self.goal = GoalReport()
@@ -248,3 +250,70 @@ def test_watch_gives_up_on_a_topic_on_which_nothing_is_said(
     done = run("watch", "wrench", "--count", "1", "--json")
     assert done.exit_code == NO_ANSWER
     assert "nothing on wrench" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("words", "position_m", "joint_rad"),
+    [
+        (["jog", "z", "-10"], (0.1, 0.2, 0.29), None),
+        (["jog", "x", "5", "--speed", "20"], (0.105, 0.2, 0.3), None),
+        (["jog", "j6", "-90"], None, (0.0, 0.0, 0.0, 0.0, 0.0, -1.5707963268)),
+    ],
+)
+def test_a_jog_is_a_small_move_from_where_the_arm_is(
+    services: StandIn,
+    words: list[str],
+    position_m: tuple[float, ...] | None,
+    joint_rad: tuple[float, ...] | None,
+) -> None:
+    """Millimetres along an axis, or degrees of a joint, with the minus sign in front."""
+    services.goal = GoalReport(id=7, state="done")
+    assert run(*words).exit_code == OK
+    request = services.asked[-1]
+    assert isinstance(request, MoveRequest)
+    if position_m is not None and request.pose is not None:
+        assert request.pose.position_m == pytest.approx(position_m)
+        assert request.pose.orientation_xyzw == pytest.approx((0, 0, 0, 1))
+    assert request.joint_rad == (None if joint_rad is None else pytest.approx(joint_rad))
+
+
+def test_speeds_are_printed_without_options_too(services: StandIn) -> None:
+    """Nothing is asked for when nothing is to be changed."""
+    found = json.loads(run("speed", "--json").stdout)
+    assert (found["accel_fraction"], found["mechanical_m_s"]) == (0.25, 0.1)
+    assert services.asked == []
+    assert "moves run at 100.0 mm/s" in run("speed").stdout
+
+
+@pytest.mark.usefixtures("services")
+def test_watch_without_a_topic_shows_how_all_of_them_come() -> None:
+    """Rate and age of each, and who is silent."""
+    found = json.loads(run("watch", "--count", "1", "--json").stdout)
+    rows = {row["topic"]: row for row in found["topics"]}
+    assert list(rows) == [topic.key for topic in topics.TOPICS]
+    assert rows["robot/state"]["fault"] == ""
+    assert rows["robot/state"]["rate_hz"] > 10.0
+    assert rows["robot/state"]["age_s"] < 1.0
+    assert rows["wrench"]["fault"] == "wrench missing"
+    assert (rows["wrench"]["rate_hz"], rows["wrench"]["age_s"]) == (None, None)
+
+
+def test_a_client_serves_many_threads_at_once(services: StandIn, cell_file: Path) -> None:
+    """Buttons of a panel and its plots: every request is answered, every reading is good."""
+    with Cell(cell_file) as cell, ThreadPoolExecutor(8) as pool:
+        asked = [pool.submit(cell.hold, f"thread {i}") for i in range(16)]
+        seen = [pool.submit(cell.state) for _ in range(64)]
+        assert all(each.result().accepted for each in asked)
+        assert {each.result().position_m for each in seen} == {(0.1, 0.2, 0.3)}
+    assert len(services.asked) == 16
+
+
+def test_a_client_of_a_cell_whose_service_is_silent_says_which(
+    services: StandIn, cell_file: Path
+) -> None:
+    """The hub answers, nobody writes any health: all roles are named."""
+    del services
+    with Cell(cell_file) as cell, pytest.raises(LostError) as caught:
+        cell.wrench(within_s=0.1)
+    assert caught.value.roles == topics.ROLES
+    assert "wrench missing" in str(caught.value)

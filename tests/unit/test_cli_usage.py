@@ -1,6 +1,7 @@
 """The verbs as a person calls them while no cell is up: usage, imports, tables."""
 
 import json
+import os
 import socket
 import subprocess
 import sys
@@ -130,3 +131,31 @@ def test_topics_are_the_table_with_the_rates_of_the_cell(cell_file: Path) -> Non
         assert row["key"] == f"verbs/{topic.key}"
     text = run("topics").stdout
     assert all(topic.key in text for topic in topics.TOPICS)
+
+
+def typed(variables: dict[str, str], *words: str) -> str:
+    """Return what the program prints in an environment of its own."""
+    program = "import sys\nfrom cli.__main__ import main\nmain()"
+    done = subprocess.run(
+        [sys.executable, "-c", program, *words],
+        cwd=ROOT,
+        env=os.environ | variables,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    return done.stdout
+
+
+def test_the_shell_completes_verbs_and_topics() -> None:
+    """As `--install-completion` sets it up."""
+    asked = {"_FORCEMESH_COMPLETE": "complete_bash", "COMP_CWORD": "2"}
+    assert typed({**asked, "COMP_WORDS": "forcemesh watch robot/s"}).split() == ["robot/state"]
+    assert typed({**asked, "COMP_WORDS": "forcemesh force sto"}).split() == ["stop"]
+
+
+def test_no_color_leaves_colours_out() -> None:
+    """Also where they are asked for by another variable: who wants none gets none."""
+    colour = "\x1b[3"
+    assert colour in typed({"FORCE_COLOR": "1"}, "status")
+    assert colour not in typed({"FORCE_COLOR": "1", "NO_COLOR": "1"}, "status")

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from rich.console import Console
 from rich.table import Table
 
-from bench import emulator, faults, installations, latency, sensor_faults, settling
+from bench import emulator, faults, installations, latency, panel, sensor_faults, settling
 
 PARTS: dict[str, Callable[[], Table]] = {
     "settling": settling.table,
@@ -16,8 +16,9 @@ PARTS: dict[str, Callable[[], Table]] = {
     "sensor-faults": sensor_faults.table,
     "latency": latency.table,
     "installations": installations.table,
+    "panel": panel.table,
 }
-ASKED_FOR = {"installations"}  # takes as long as all others together
+ASKED_FOR = {"installations", "panel"}  # long, or with a browser
 
 
 def main() -> None:

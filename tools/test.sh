@@ -6,7 +6,7 @@ set -uo pipefail
 python=${PYTHON:-.venv/bin/python}
 readonly REAL="realtime or processes" NONE_SELECTED=5
 length="not long"
-[ -z "${LONG:-}" ] || length="long"
+[ -z "${LONG:-}" ] || length="long and not browser" # `make test-browser` runs those
 failed=0
 
 run() {

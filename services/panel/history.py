@@ -59,16 +59,16 @@ class Span:
     An axis that follows each sample is never still enough to be read.
     """
 
-    def __init__(self, least: float) -> None:
-        """Begin with a range that noise alone does not fill."""
-        self._least = least
-        self.low, self.high = -least, least
+    def __init__(self, least: float, *, signed: bool = True) -> None:
+        """Begin with a range that noise alone does not fill; without a sign it begins at zero."""
+        self._least, self._signed = least, signed
+        self.low, self.high = -least if signed else 0.0, least
 
     def take(self, lines: tuple[Series, ...]) -> bool:
         """Make room for these numbers; tell whether the range is another one now."""
         known = np.concatenate([line[np.isfinite(line)] for line in lines] or [np.zeros(1)])
         low, high = (float(known.min()), float(known.max())) if len(known) else (0.0, 0.0)
-        wanted = (-self._round(-low), self._round(high))
+        wanted = (-self._round(-low) if self._signed or low < 0.0 else 0.0, self._round(high))
         too_small = low < self.low or high > self.high
         too_large = wanted[1] - wanted[0] < ROOM * (self.high - self.low)
         if not (too_small or too_large):

@@ -10,7 +10,7 @@ from services.panel.readout import ERRORS, FORCES, LATENCIES, TORQUES
 
 PERIOD_S = 0.2
 HEIGHT = 118
-MARGIN = 1.12  # so that the last number of an axis is not cut off
+MARGIN = 1.25  # so that the last number of an axis is not cut off
 
 # The same hue means the same axis in every plot, and in the scene: x red, y green, z blue.
 RED, GREEN, BLUE, ORANGE, GREY = "#e8590c", "#2f9e44", "#1c7ed6", "#f08c00", "#868e96"
@@ -40,13 +40,14 @@ class Kind:
     title: str
     names: tuple[str, ...]
     least: float  # of the axis, to either side of zero
+    signed: bool = True
 
 
 KINDS = (
     Kind("Force [N]", FORCES, 5.0),
     Kind("Torque [N m]", TORQUES, 0.5),
     Kind("Measured from commanded [mm]", ERRORS, 0.5),
-    Kind("Sensor sample to robot [ms]", LATENCIES, 5.0),
+    Kind("Sensor sample to robot [ms]", LATENCIES, 5.0, signed=False),
 )
 
 
@@ -57,7 +58,7 @@ class Plots:
         """Add the panel; it is docked at the left, and a section of the sheet on a phone."""
         self._history = history
         self._panel = server.gui.add_panel()
-        self._spans = {kind: Span(kind.least) for kind in KINDS}
+        self._spans = {kind: Span(kind.least, signed=kind.signed) for kind in KINDS}
         data = {kind: history.series(kind.names, 0.0) for kind in KINDS}
         with self._panel.add_tab("Plots", viser.Icon.CHART_LINE):
             self._handles = {

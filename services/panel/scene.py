@@ -16,7 +16,8 @@ from services.panel.arm_model import FLOOR_Z_M, ArmModel, is_known
 from services.panel.readout import Readout, Tool
 from services.panel.watch import Snapshot
 
-M_PER_N, M_PER_NM = 0.008, 0.2  # length of the arrows
+M_PER_N, M_PER_NM = 0.0045, 0.2  # length of the arrows
+LABEL_M = np.array([-0.07, 0.07, 0.0])  # beside the tool
 LEAST_N, LEAST_NM = 0.5, 0.05  # shorter ones would be noise
 STILL_RAD = 1e-4  # nothing is sent while the arm moves less than this
 TOUCHED_RADIUS_M = 0.06
@@ -96,7 +97,7 @@ class Scene:
         _show(self._label, strong > LEAST_N)
         if strong > LEAST_N:
             self._force.points = _arrow(tool.p_tcp_m, M_PER_N * force_N)
-            self._label.position = tool.p_tcp_m + M_PER_N * force_N + np.array([0.0, 0.0, 0.03])
+            self._label.position = tool.p_tcp_m + 0.5 * M_PER_N * force_N + LABEL_M
             text = f"{strong:.1f} N"
             if self._label.text != text:
                 self._label.text = text

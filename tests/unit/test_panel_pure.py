@@ -85,6 +85,15 @@ def test_an_axis_always_has_room_and_moves_seldom(windows):
     assert not span.take((np.array(windows[-1]),))
 
 
+def test_an_axis_without_a_sign_begins_at_zero_until_something_is_below():
+    """A time is never negative, and if it is after all, that is shown."""
+    span = Span(5.0, signed=False)
+    span.take((np.array([3.0, 70.0]),))
+    assert (span.low, span.high) == (0.0, 100.0)
+    span.take((np.array([-3.0]),))
+    assert span.low < -3.0
+
+
 def test_gaps_alone_do_not_move_an_axis():
     """A plot of nothing keeps its axis."""
     assert not Span(5.0).take((np.full(4, np.nan),))

@@ -1,0 +1,106 @@
+"""A simulated cell in real processes with its panel, and pages of a real browser that look at it.
+
+One cell serves all tests; each begins with an arm at rest that is not armed. Whatever a page asks
+for is written down, and must have stayed on this machine.
+"""
+
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import pytest
+from playwright.sync_api import Browser, sync_playwright
+
+from common.client import Cell
+from common.config import dump_cell, load_cell
+from common.errors import ForcemeshError
+from tests.browser.rig import ROOT, SPARE, Cockpit, answers, free_port, running, wait_until
+
+CHROMIUM = "/usr/bin/chromium"
+FLAGS = [
+    "--no-sandbox",  # the browser's own sandbox needs rights that root in a container lacks
+    "--use-gl=angle",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1, EXCLUDE localhost",
+]
+
+
+@pytest.fixture(scope="session")
+def cell_file(tmp_path_factory) -> Path:
+    """The demo's cell under a name and ports of its own; a slow machine is let be slow."""
+    folder = tmp_path_factory.mktemp("panel")
+    port = free_port()
+    overrides = {
+        "cell": f"panel-{port}",
+        "bus.endpoint": f"tcp/127.0.0.1:{port}",
+        "panel.port": free_port(),
+        "deadlines": {"command_s": 0.8, "sensor_s": 0.8, "status_s": 2.0, "health_s": 3.0},
+        "limits.speed_m_s": 1.0,
+        "rates": {"robot_hz": 60, "sensor_hz": 120, "control_hz": 60},
+        "force.approach_m_s": 0.005,
+    }
+    path = folder / "cell.yaml"
+    text = dump_cell(load_cell(ROOT / "cells" / "demo.yaml", overrides))
+    path.write_text(text + f"calibration: {folder / 'made.yaml'}\n", encoding="utf-8")
+    return path
+
+
+@pytest.fixture(scope="session")
+def cell(cell_file) -> Iterator[Cell]:
+    """The cell, up, as a client of the bus sees it; `up` has started its panel."""
+    folder = {"FORCEMESH_RUN_FOLDER": str(cell_file.parent), "FORCEMESH_NO_PANEL": "0"}
+    with running("-m", "cli", "up", "--cell", cell_file, **folder):
+        port = load_cell(cell_file).panel.port
+        wait_until(lambda: answers(port))
+        with Cell(cell_file, commander="operator", patience_s=10.0) as client:
+            client.wait_ready(60.0)
+            yield client
+
+
+@pytest.fixture
+def ready(cell) -> Cell:
+    """The cell with an arm at rest above its plate that is not armed, and tared."""
+    with suppress(ForcemeshError):
+        cell.hold("a test begins")
+        cell.clear()
+    cell.arm("jog")
+    cell.move.joints(tuple(map(float, (0, 0, -1.5707963, 0, -1.5707963, 0))), speed_m_s=0.1)
+    cell.hold("a test begins")
+    cell.clear()
+    cell.tare(within_s=5.0)
+    return cell
+
+
+@pytest.fixture
+def address(cell) -> str:
+    """Where the panel of the cell is."""
+    return f"http://127.0.0.1:{cell.config.panel.port}/"
+
+
+@pytest.fixture(scope="session")
+def browser() -> Iterator[Browser]:
+    """The system's Chromium; it cannot find any other machine."""
+    with sync_playwright() as playwright:
+        chromium = playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
+        yield chromium
+        chromium.close()
+
+
+@pytest.fixture
+def cockpit(browser):
+    """Return what makes a page of a new person; at the end none may have asked anybody outside."""
+    made: list[Cockpit] = []
+
+    def make(width: int = 1280, height: int = 760, **more) -> Cockpit:
+        context = browser.new_context(viewport={"width": width, "height": height}, **more)
+        context.add_init_script(SPARE)
+        made.append(Cockpit(context.new_page()))
+        return made[-1]
+
+    yield make
+    hosts = {urlsplit(url).hostname for one in made for url in one.asked if "://" in url}
+    for one in made:
+        one.page.context.close()
+    assert hosts <= {"127.0.0.1", None}, hosts

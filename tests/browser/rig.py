@@ -1,0 +1,166 @@
+"""A page as a person uses it, and the processes behind it."""
+
+import os
+import re
+import socket
+import subprocess
+import sys
+import time
+import urllib.request
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from playwright.sync_api import Locator, Page
+
+ROOT = Path(__file__).parents[2]
+PATIENCE_S = 90.0  # of the test, not of the cell: drawing without a graphics card is slow
+# The scene is drawn for pictures only: software WebGL would take the processor from the cell.
+SPARE = """
+window.__draw = false;
+const kinds = ['drawElements', 'drawArrays', 'clear'];
+for (const name of [...kinds, ...kinds.slice(0, 2).map((kind) => kind + 'Instanced')]) {
+  const draw = WebGL2RenderingContext.prototype[name];
+  WebGL2RenderingContext.prototype[name] = function (...all) {
+    if (window.__draw) return draw.apply(this, all);
+  };
+}
+window.requestAnimationFrame = (frame) => setTimeout(() => frame(performance.now()), 150);
+"""
+DRAW_ONCE = (
+    "new Promise(done => { window.__draw = true;"
+    " setTimeout(() => { window.__draw = false; done(); }, 900); })"
+)
+
+
+def free_port() -> int:
+    """Return a TCP port that nobody listens on right now."""
+    with socket.create_server(("127.0.0.1", 0)) as probe:
+        port: int = probe.getsockname()[1]
+        return port
+
+
+class Cockpit:
+    """One page, as a person uses it: what is clicked, and what is read."""
+
+    def __init__(self, page: Page) -> None:
+        self.page = page
+        self.clicks = 0
+        self.asked: list[str] = []
+        page.set_default_timeout(1e3 * PATIENCE_S)
+        page.on("request", lambda request: self.asked.append(request.url))
+        page.on("websocket", lambda socket: self.asked.append(socket.url))
+
+    def open(self, address: str) -> "Cockpit":
+        """Load the page, and wait for this person's own forms."""
+        self.page.goto(address)
+        self.page.get_by_text("What you ask for is answered here.").wait_for()
+        return self
+
+    def button(self, label: str) -> Locator:
+        """Return the visible button with exactly this label."""
+        exactly = re.compile(rf"^\s*{re.escape(label)}\s*$")
+        return self.page.locator("button:visible", has_text=exactly).first
+
+    def click(self, label: str) -> None:
+        """Click a button."""
+        self.clicks += 1
+        hit(self.button(label))
+
+    def tab(self, label: str) -> None:
+        """Go to a tab."""
+        self.clicks += 1
+        hit(self.page.get_by_role("tab", name=label))
+
+    def fill(self, label: str, value: float) -> None:
+        """Type a number into the field behind a label."""
+        name = self.page.locator(f'label:visible:text-is("{label}")').first
+        row = name.locator("xpath=ancestor::div[contains(@class, 'Flex-root')][1]")
+        field = row.locator("input[inputmode]").first
+        field.fill(f"{value:g}")
+        field.press("Enter")
+
+    @property
+    def state(self) -> str:
+        """What the bar says of the arm."""
+        return self.page.locator("#fm-state").inner_text()
+
+    def until_state(self, word: str, within_s: float = PATIENCE_S) -> None:
+        """Wait until the bar says so."""
+        self.page.locator("#fm-state", has_text=re.compile(rf"^{word}")).wait_for(
+            timeout=1e3 * within_s
+        )
+
+    def until_said(self, text: str) -> None:
+        """Wait until the line of answers holds a text."""
+        self.page.get_by_text(text).locator("visible=true").first.wait_for()
+
+    def arm(self) -> None:
+        """Arm, and say yes."""
+        self.click("Arm")
+        self.click("Arm now")
+        self.until_state("ARMED")
+
+    def press(self) -> None:
+        """Start pressing with what the form says, and say yes."""
+        self.click("Start pressing")
+        self.click("Press now")
+        self.until_state("ACTIVE")
+
+    def picture(self, name: str) -> None:
+        """Draw the scene once and keep a picture in out/."""
+        self.page.evaluate(
+            "document.querySelectorAll('.mantine-Notification-closeButton').forEach(e => e.click())"
+        )
+        self.page.evaluate(DRAW_ONCE)
+        (ROOT / "out").mkdir(exist_ok=True)
+        self.page.screenshot(path=ROOT / "out" / f"{name}.png", timeout=1e3 * PATIENCE_S)
+
+
+def hit(target: Locator) -> None:
+    """Click something that can be seen and that nothing else lies over, without waiting for frames.
+
+    The page draws in software here; waiting for it to be still would take longer than a question
+    stays open.
+    """
+    target.wait_for()
+    found = target.evaluate(
+        """e => { e.scrollIntoView({block: 'nearest'});
+          const box = e.getBoundingClientRect();
+          const top = document.elementFromPoint(box.x + box.width / 2, box.y + box.height / 2);
+          if (!e.contains(top)) return 'covered by ' + (top && top.outerHTML.slice(0, 200));
+          e.click(); return ''; }"""
+    )
+    assert not found, found
+
+
+def wait_until(done, within_s=PATIENCE_S) -> None:
+    """Wait until something is so."""
+    give_up_s = time.monotonic() + within_s
+    while not done():
+        assert time.monotonic() < give_up_s, f"not within {within_s:g} s"
+        time.sleep(0.1)
+
+
+@contextmanager
+def running(*words: object, **environment: str) -> Iterator[subprocess.Popen[bytes]]:
+    """Run a Python process until the end of the block."""
+    process = subprocess.Popen(
+        [sys.executable, *(str(word) for word in words)],
+        cwd=ROOT,
+        env=os.environ | environment,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    try:
+        yield process
+    finally:
+        process.terminate()
+        process.wait(30.0)
+
+
+def answers(port: int) -> bool:
+    """Tell whether a panel is there."""
+    with suppress(OSError):
+        return urllib.request.urlopen(f"http://127.0.0.1:{port}/alive", timeout=5.0).status == 200
+    return False

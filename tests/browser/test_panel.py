@@ -1,0 +1,227 @@
+"""The panel in a real browser, in front of the simulated cell: what a person can do, and cannot."""
+
+import os
+import signal
+from pathlib import Path
+
+import pytest
+
+from cli.runfile import Run
+from common.config import load_cell
+from tests.browser.rig import answers, free_port, hit, running, wait_until
+
+pytestmark = [
+    pytest.mark.realtime,
+    pytest.mark.browser,
+    pytest.mark.long,
+    pytest.mark.timeout(400),
+]
+
+SECRET = "0123456789abcdef"  # noqa: S105 - of a panel of this test
+
+
+def test_a_person_presses_and_the_force_follows_the_set_point(ready, address, cockpit):
+    """Arm, press, change the set point: each move is asked for twice, and the force is there."""
+    page = cockpit(1440, 860).open(address)
+    page.click("Arm")
+    assert ready.status().state == "IDLE"  # one click moves nothing
+    page.click("Arm now")
+    page.until_state("ARMED")
+    page.fill("Set point [N]", 15.0)
+    page.click("Start pressing")
+    assert ready.target.reading().fresh is None
+    page.click("Press now")
+    wait_until(lambda: ready.force.pressed_N() > 14.0)
+    page.fill("Set point [N]", 25.0)
+    page.click("Change set point")
+    wait_until(lambda: ready.force.pressed_N() > 24.0)
+    assert page.page.locator(".uplot canvas").count() == 4
+    page.picture("panel")
+    page.click("Stop force feedback")
+    page.until_said("force feedback is off")
+    assert ready.status().state == "ARMED"
+
+
+def test_tare_is_refused_in_contact_and_done_in_free_space(ready, address, cockpit):
+    """The answer is shown, with what to do about it."""
+    page = cockpit().open(address)
+    page.click("Tare")
+    page.until_said("Tare: done")
+    page.arm()
+    page.press()
+    wait_until(lambda: ready.force.pressed_N() > 14.0)
+    page.click("Tare")
+    page.until_said("Tare: refused")
+
+
+@pytest.mark.parametrize("way", ["button", "key"])
+def test_stop_motion_holds_even_over_an_open_question(ready, address, cockpit, way):
+    """The button lies above every dialog, the key works everywhere; clearing is a step apart."""
+    page = cockpit().open(address)
+    page.arm()
+    page.press()
+    page.tab("Move")
+    page.click("Unlock jogging")
+    page.button("Unlock").wait_for()
+    if way == "button":
+        hit(page.page.locator("#fm-stop"))
+    else:
+        page.page.keyboard.press("Shift+S")
+    wait_until(lambda: ready.status().state == "HOLDING")
+    assert "Stop motion was pressed in the panel" in ready.status().trips[0].text
+    page.until_state("HOLDING")
+    page.click("Cancel")
+    page.tab("Faults")
+    page.until_said("Stop motion was pressed in the panel")
+    page.until_said("arm again when the way is free")
+    page.click("Clear")
+    page.until_state("IDLE")
+
+
+def test_a_fault_is_told_with_its_remedy_and_recovered_from(ready, cell_file, address, cockpit):
+    """A service that freezes: the arm stops, the page names it; afterwards clear and arm work."""
+    page = cockpit().open(address)
+    page.arm()
+    run = Run.model_validate_json(next(cell_file.parent.glob("panel-*.json")).read_text())
+    wrench = run.entry("wrench")
+    assert wrench is not None
+    os.kill(wrench.pid, signal.SIGSTOP)
+    try:
+        page.until_state("FAULT")
+        page.tab("Faults")
+        page.until_said("wrench/health stale")
+    finally:
+        os.kill(wrench.pid, signal.SIGCONT)
+    wait_until(lambda: not ready.wrench.reading().fault)
+    page.picture("panel-fault")
+    page.click("Clear")
+    page.until_state("IDLE")
+    page.tab("Force")
+    page.arm()
+
+
+def test_two_people_do_not_disturb_each_other(ready, address, cockpit):
+    """A question is only for who clicked, a form is everybody's own, and anybody may stop."""
+    one, other = cockpit().open(address), cockpit().open(address)
+    one.click("Arm")
+    one.button("Arm now").wait_for()
+    assert other.page.get_by_text("Arm now").count() == 0
+    one.click("Arm now")
+    other.until_state("ARMED")
+    one.fill("Set point [N]", 7.0)
+    one.press()
+    wait_until(lambda: ready.force.pressed_N() > 6.0)
+    assert "15" in other.page.locator("input[inputmode]:visible").first.input_value()
+    other.page.keyboard.press("Shift+S")
+    one.until_state("HOLDING")
+
+
+def test_jogging_is_unlocked_once_and_then_moves_at_each_click(ready, address, cockpit):
+    """Locked buttons do nothing; a step of 5 mm up is a step of 5 mm up."""
+    page = cockpit().open(address)
+    page.tab("Move")
+    page.click("Arm for jog")
+    page.click("Arm now")
+    page.until_state("ARMED for jog")
+    assert page.button("+z").is_disabled()
+    z_mm = 1e3 * ready.state().position_m[2]
+    page.click("Unlock jogging")
+    page.click("Unlock")
+    wait_until(lambda: page.button("+z").is_enabled())
+    page.click("+z")
+    wait_until(lambda: abs(1e3 * ready.state().position_m[2] - z_mm - 5.0) < 0.1)
+    page.picture("panel-move")
+
+
+def test_from_nothing_to_a_calibrated_press_in_eight_clicks(ready, cell_file, address, cockpit):
+    """The wizard to its end, then arm and press with 15 N: by the panel alone."""
+    page = cockpit(1280, 900).open(address)
+    page.tab("Calibrate")
+    page.fill("Poses", 6)
+    page.fill("Fresh poses", 1)
+    page.fill("Speed [mm/s]", 800)
+    page.click("Calibrate")
+    page.click("Move now")
+    page.until_said("running")
+    page.until_said("the cell uses the new calibration")
+    assert load_cell(cell_file).calibration is not None
+    assert page.page.get_by_text("Force left at each pose").is_visible()
+    page.picture("panel-calibrate")
+    page.tab("Force")
+    page.arm()
+    page.press()
+    wait_until(lambda: ready.force.pressed_N() > 14.0)
+    assert ready.wrench().calibrated
+    assert page.clicks <= 8
+
+
+def test_who_may_only_look_sees_everything_and_can_do_nothing(ready, cell_file, cockpit):
+    """A second panel with a token, view only: no form, no Stop motion, and none behind the page."""
+    port = free_port()
+    words = ("-m", "services.panel", "--cell", cell_file, "--port", port, "--view-only")
+    with running(*words, FORCEMESH_PANEL_TOKEN=SECRET):
+        wait_until(lambda: answers(port))
+        page = cockpit()
+        page.page.goto(f"http://127.0.0.1:{port}/")
+        page.page.locator("input[type=password]").fill(SECRET)
+        hit(page.page.get_by_role("button", name="Open"))
+        page.page.get_by_text("This page only looks.").wait_for()
+        page.until_state("IDLE")
+        assert SECRET not in page.page.url
+        assert page.page.locator("#fm-mode").inner_text() == "SIMULATION · view only"
+        assert page.page.locator("#fm-stop").is_hidden()
+        assert page.page.get_by_role("tab", name="Force").count() == 0
+        ask = "fetch('/stop', {headers: {'X-Forcemesh': '1'}}).then(said => said.json())"
+        assert page.page.evaluate(ask) == {"text": "refused: this page may only look"}
+        assert ready.status().state == "IDLE"
+
+
+def test_a_phone_shows_what_matters_and_its_stop_button_works(ready, address, cockpit):
+    """State and Stop motion are in sight, nothing is wider than the screen, a thumb can stop."""
+    page = cockpit(390, 844, has_touch=True, is_mobile=True, device_scale_factor=2.0)
+    page.open(address)
+    ready.arm("jog")
+    page.until_state("ARMED")
+    box = page.page.locator("#fm-stop").bounding_box()
+    assert box is not None
+    assert box["x"] >= 0
+    assert box["x"] + box["width"] <= 390
+    assert box["height"] >= 36
+    assert page.page.evaluate("document.documentElement.scrollWidth") <= 390
+    page.picture("panel-phone")
+    page.page.touchscreen.tap(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    page.until_state("HOLDING")
+
+
+def test_dark_is_remembered_and_the_page_can_call_nobody(ready, address, cockpit):
+    """The browser keeps the choice; and refuses to let the page ask another machine."""
+    page = cockpit().open(address)
+    hit(page.page.get_by_role("checkbox").last)
+    page.page.locator("html[data-mantine-color-scheme=dark]").wait_for()
+    page.picture("panel-dark")
+    page.open(address)
+    page.page.locator("html[data-mantine-color-scheme=dark]").wait_for()
+    out = "fetch('http://192.0.2.1/').then(() => 'asked', () => 'refused')"
+    assert page.page.evaluate(out) == "refused"
+
+
+def test_a_panel_that_is_gone_says_so_and_takes_nothing_with_it(ready, cell_file, cockpit):
+    """The bar tells it, Stop motion tells that there is no answer, and the cell goes on."""
+    port = free_port()
+    with running("-m", "services.panel", "--cell", cell_file, "--port", port) as panel:
+        wait_until(lambda: answers(port))
+        page = cockpit().open(f"http://127.0.0.1:{port}/")
+        page.until_state("IDLE")
+        panel.kill()
+        page.until_state("panel does not answer")
+        hit(page.page.locator("#fm-stop"))
+        page.page.get_by_text("NO ANSWER from the panel").wait_for()
+    assert not ready.silent()
+
+
+def test_the_panel_is_one_of_the_things_up_starts(cell, cell_file):
+    """It has a port of its own, and is not among the processes whose death ends the cell."""
+    run = Run.model_validate_json(next(cell_file.parent.glob("panel-*.json")).read_text())
+    assert answers(cell.config.panel.port)
+    assert "services.panel" not in {entry.module for entry in run.processes}
+    assert Path(run.cell_file) == cell_file

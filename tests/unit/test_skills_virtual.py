@@ -80,7 +80,7 @@ def test_press_holds_a_force_and_align_then_lays_the_face_flat() -> None:
         tilted.client, force_N=10.0, hold_s=0.5, within_s=20.0, how=How("adaptive", "gentle")
     )
     assert held.mean_N == pytest.approx(10.0, abs=0.5)
-    assert held.ripple_N < 0.2
+    assert held.ripple_N < 0.5
     flat = pressing.align(tilted.client, force_N=10.0, within_s=20.0, how=How())
     assert flat.turned_deg == pytest.approx(4.0, abs=1.0)
     assert flat.torque_Nm <= pressing.BAND_NM

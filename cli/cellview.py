@@ -5,7 +5,8 @@ from collections.abc import Callable
 
 from common import topics
 from common.cell import Cell
-from common.endpoints import Bus, Reader, Reading
+from common.client.roles import Roles
+from common.endpoints import Bus, Reading
 from common.messages import ArbiterStatus, Health, SensorWrench
 
 POLL_S = 0.02
@@ -16,21 +17,16 @@ class CellView:
 
     def __init__(self, bus: Bus, cell: Cell) -> None:
         """Subscribe. A sensor of somebody else's has no health here; its readings show it."""
-        external = {"sensor"} if cell.roles.sensor == "external" else set()
         self._clock = bus.clock
         self.longest_wait_s = cell.stale_after_s(topics.HUB_HEALTH)
         self._arbiter = bus.reader(topics.ARBITER_STATUS)
-        self._health: dict[str, Reader[Health]] = {
-            role: bus.reader(topics.HEALTH[role]) for role in topics.ROLES if role not in external
-        }
-        self._external: dict[str, Reader[SensorWrench]] = {
-            role: bus.reader(topics.SENSOR_WRENCH) for role in external
-        }
+        self._roles = Roles(bus, cell)
+        for role in topics.ROLES:
+            self._roles.health(role)
 
     def health(self, role: str) -> Reading[Health] | Reading[SensorWrench]:
         """Return the newest health of a role, judged now."""
-        reader = self._external[role] if role in self._external else self._health[role]
-        return reader.read(self._clock.now_ns())
+        return self._roles.health(role)
 
     def pid(self, role: str) -> int | None:
         """Return the process that plays a role, while its health is fresh."""

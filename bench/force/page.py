@@ -26,6 +26,11 @@ A lead over a peer is turned round, so that smaller is better everywhere.
 MET = """First contact (the law starts from 2e5 N/m) / once the stiffness was met, and what was
 believed then of the stiffness as the commands meet it: the servos give way too, about 8e5 N/m.
 """
+CONTROLLER = """Above, host pc: the robot takes a pose at every turn of the loop. Below, host
+controller, first contact: the emulated controller executes the shipped program, whose loop turns
+as often as its own counter says; the PC sends it wrenches over TCP, and gains as the stiffness
+becomes known. It starts from the gain for 1e5 N/m, and has no prediction.
+"""
 LIMITED = "At 10 ms of delay, with a lower speed limit:\n"
 PEERS = """Every law is tuned by the same search (bench/force/search.py): 10 gains times 3 second
 numbers, each on every scene; more than 5 % overshoot does not count as settled. One setting: the
@@ -45,6 +50,8 @@ def page(rows: Rows, command: str) -> str:
         *_releases(rows["release"]),
         "## Slow loops\n",
         _slow(rows["slow loops"]),
+        CONTROLLER,
+        _controller(rows["controller host"]),
         LIMITED,
         _limited(rows["limited speed"]),
         "## Beside other laws\n",
@@ -95,6 +102,22 @@ def _slow(rows: list[Row]) -> str:
         for r in rows
     ]
     return _table(("loop", "stiffness", "first", "met", "overshoot"), body)
+
+
+def _controller(rows: list[Row]) -> str:
+    body = [
+        (f"{1e3 * r['as_step_s']:g} ms", f"{r['stiffness_N_m']:g}", r["stopped"], "", "")
+        if "stopped" in r
+        else (
+            f"{1e3 * r['as_step_s']:g} ms",
+            f"{r['stiffness_N_m']:g}",
+            _s(r["first_s"]),
+            "unknown" if r["loop_hz"] is None else f"{r['loop_hz']:.0f} /s",
+            f"{r['overshoot_pct']:.1f} %",
+        )
+        for r in rows
+    ]
+    return _table(("AS step", "stiffness", "first", "loop", "overshoot"), body)
 
 
 def _limited(rows: list[Row]) -> str:

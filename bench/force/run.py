@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.force import scenes, search, settle, stage
+from bench.force import on_controller, scenes, search, settle, stage
 from bench.force.rig import World
 from bench.force.settle import Release
 
@@ -37,6 +37,7 @@ class Extent:
     search_scenes: Sequence[World] = search.SCENES
     search_part: int = 1
     limited: Sequence[World] = LIMITED
+    controller: Sequence[on_controller.Case] = on_controller.CASES
 
 
 SHORT = Extent(
@@ -51,6 +52,7 @@ QUICK = Extent(
     (World(5e3, 10), World(1e5, 10)),
     5,
     LIMITED[-1:],
+    on_controller.CASES[:1],
 )
 
 
@@ -67,6 +69,11 @@ def slow_rows(_: Extent, pool: Executor) -> list[Row]:
     """Return the releases with a controller that takes few poses."""
     slow = [World(k, 10, hz) for hz, k in product(LOOPS_HZ, (5e3, 2e4, 1e5))]
     return list(pool.map(release_row, slow))
+
+
+def controller_rows(extent: Extent, pool: Executor) -> list[Row]:
+    """Return the releases with force feedback inside the emulated controller."""
+    return list(pool.map(on_controller.row, extent.controller))
 
 
 def limited_rows(extent: Extent, pool: Executor) -> list[Row]:
@@ -158,6 +165,7 @@ def scene_row(job: tuple[str, str, World]) -> Row:
 TABLES: dict[str, Callable[[Extent, Executor], list[Row]]] = {
     "release": release_rows,
     "slow loops": slow_rows,
+    "controller host": controller_rows,
     "limited speed": limited_rows,
     "fixed gain": fixed_gain_rows,
     "scenes": scene_rows,

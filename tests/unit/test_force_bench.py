@@ -111,6 +111,7 @@ def test_the_page_is_made_of_the_rows() -> None:
         "release": [row],
         "slow loops": [],
         "limited speed": [],
+        "controller host": [],
         "fixed gain": [{"fixed_s": 5.0, "met_s": 0.13}],
         "peers": [peer],
         "scenes": [scene_row(("wall vanishes", "adaptive", World(2e4, 10, speed_m_s=0.02)))],

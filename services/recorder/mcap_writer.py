@@ -16,6 +16,7 @@ from mcap.opcode import Opcode
 
 MAGIC = b"\x89MCAP0\r\n"
 MESSAGE = struct.Struct("<BQHIQQ")  # opcode, length, channel, sequence, log time, publish time
+MESSAGE_OPCODE = int(Opcode.MESSAGE)
 MESSAGE_HEAD_B = MESSAGE.size - 9  # of its length, before the data
 LEVEL = 1  # of zstd: higher levels cost more and pack this data no tighter
 FOOTER_HEAD = struct.Struct("<BQQQ")
@@ -66,16 +67,13 @@ class McapWriter:
 
     def add(self, channel: int, log_ns: int, data: bytes, sequence: int) -> None:
         """Add a message to the chunk to come."""
-        times = self._times[channel]
-        times.append(log_ns)
-        times.append(self._body_bytes)
-        self._body.append(
-            MESSAGE.pack(
-                Opcode.MESSAGE, MESSAGE_HEAD_B + len(data), channel, sequence, log_ns, log_ns
-            )
+        size = len(data)
+        head = MESSAGE.pack(
+            MESSAGE_OPCODE, MESSAGE_HEAD_B + size, channel, sequence, log_ns, log_ns
         )
-        self._body.append(data)
-        self._body_bytes += MESSAGE.size + len(data)
+        self._times[channel] += (log_ns, self._body_bytes)
+        self._body += (head, data)
+        self._body_bytes += MESSAGE.size + size
 
     def add_metadata(self, name: str, data: dict[str, str]) -> None:
         """Write named texts."""

@@ -14,7 +14,7 @@ from common.errors import MessageError
 from common.topics import TOPICS
 from common.version import forcemesh_version
 from services.recorder.folder import new_file
-from services.recorder.frames import Frame, pack_frames
+from services.recorder.frames import HEAD, Frame
 from services.recorder.layout import layout_of, schema_of
 from services.recorder.mcap_writer import McapWriter
 from services.recorder.numbering import Numbering
@@ -42,7 +42,8 @@ class RecordingFile:
         """Write what stands before the messages. Raise OSError where it cannot be written."""
         self.path = path
         self._stream = path.open("xb")
-        self._frames: list[Frame] = []
+        self._frames: list[bytes] = []
+        self._last_ns = 0
         writer = self._writer = McapWriter(self._stream, f"forcemesh {about['version']}")
         writer.add_metadata(METADATA, about)
         # Whoever gets the recording gets no key to the panel.
@@ -60,13 +61,14 @@ class RecordingFile:
         """Its size."""
         return self._writer.bytes
 
-    def add(self, frame: Frame) -> None:
-        """Add a message to the byte; `at_ns` is wall clock time."""
-        self._frames.append(frame)
+    def add(self, topic: int, log_ns: int, data: bytes) -> None:
+        """Add a message to the byte, as a frame."""
+        self._frames += (HEAD.pack(topic, log_ns, len(data)), data)
+        self._last_ns = log_ns
 
-    def add_json(self, frame: Frame, text: bytes, sequence: int) -> None:
+    def add_json(self, topic: int, log_ns: int, text: bytes, sequence: int) -> None:
         """Add the same as people look at it."""
-        self._writer.add(self._channels[frame.topic], frame.at_ns, text, sequence)
+        self._writer.add(self._channels[topic], log_ns, text, sequence)
 
     def note(self, what: str, at_ns: int) -> None:
         """Write down that something happened."""
@@ -75,8 +77,7 @@ class RecordingFile:
     def flush(self) -> None:
         """Let everything so far survive this process."""
         if self._frames:
-            last_ns, packed = self._frames[-1].at_ns, pack_frames(self._frames)
-            self._writer.add(self._frames_channel, last_ns, packed, 0)
+            self._writer.add(self._frames_channel, self._last_ns, b"".join(self._frames), 0)
             self._frames = []
         self._writer.flush()
 
@@ -116,8 +117,9 @@ class Recording:
 
     def write(self, frames: list[Frame], now_ns: int) -> None:
         """Write frames as they came; flush when it is time. Raise OSError when it cannot."""
-        for frame in frames:
-            self._write(frame)
+        write = self._write
+        for topic, at_ns, data in frames:
+            write(topic, at_ns, data)
         if now_ns - self._flushed_ns < FLUSH_NS:
             return
         self._file.flush()
@@ -137,21 +139,20 @@ class Recording:
         """Finish the file."""
         self._file.close()
 
-    def _write(self, frame: Frame) -> None:
+    def _write(self, topic: int, at_ns: int, data: bytes) -> None:
         """Write a message twice: to the byte, and so that people can look at it."""
         self.messages += 1
-        log_ns, text, sequence = self._wall.arrival_ns(frame.at_ns), b"", 0
+        log_ns, text, sequence = self._wall.arrival_ns(at_ns), b"", 0
         try:
-            fields = unpack(frame.data)
-            log_ns = self._wall.written_ns(fields, frame.at_ns)
-            sequence = self.numbering.saw(frame.topic, fields) % SEQUENCE
-            text = to_json(LAYOUTS[frame.topic].shape(fields), inf_nan_mode="null")
+            fields = unpack(data)
+            log_ns = self._wall.written_ns(fields, at_ns)
+            sequence = self.numbering.saw(topic, fields) % SEQUENCE
+            text = to_json(LAYOUTS[topic].shape(fields), inf_nan_mode="null")
         except NOT_OURS:
             self.unshaped += 1
-        timed = Frame(frame.topic, log_ns, frame.data)
-        self._file.add(timed)
+        self._file.add(topic, log_ns, data)
         if text:
-            self._file.add_json(timed, text, sequence)
+            self._file.add_json(topic, log_ns, text, sequence)
 
     def _next_file(self, now_ns: int) -> RecordingFile:
         about = {

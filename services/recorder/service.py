@@ -91,7 +91,8 @@ class Recorder:
     def _hear(self, now_ns: int) -> list[Frame]:
         frames = []
         for place, tap in self._taps:
-            while (data := tap.take()) is not None:
+            take = tap.take
+            while (data := take()) is not None:
                 frames.append(Frame(place, now_ns, data))
         return frames
 

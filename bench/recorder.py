@@ -1,0 +1,237 @@
+"""What recording a whole cell costs, and what is lost: at work, when killed, and played again.
+
+`python -m bench.recorder --minutes 10 --write`: the simulated cell presses with the arm while its
+recorder records; afterwards every message in the files is counted. Then recorders are killed.
+"""
+
+import argparse
+import os
+import random
+import signal
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+
+from chaos.rig import free_port
+from cli.processes import Supervisor
+from cli.running import Process, Running, say_on_stderr
+from common import topics
+from common.bus import ENDPOINT_VARIABLE
+from common.client import Cell as Client
+from common.config import dump_cell, load_cell
+from common.requests import Empty, RecordRequest
+from services.recorder.numbering import Numbering
+from services.recorder.reading import RecordedFile
+
+ROOT = Path(__file__).resolve().parent.parent
+PAGE = ROOT / "docs" / "recordings.md"
+BEGIN, END = "<!-- measured: python -m bench.recorder --minutes 10 --write -->", "<!-- end -->"
+PRESS_N = 15.0
+KILLS = 5
+KILL_AFTER_S = (2.0, 4.0)
+WARM_UP_S = 2.0
+MOST_CPU_PCT = 3.0
+MOST_KILLED_S = 1.0
+WITHIN_S = 60.0
+TICKS_HZ = os.sysconf("SC_CLK_TCK")
+
+
+@dataclass(slots=True)
+class Work:
+    """What minutes of recording came to."""
+
+    minutes: float
+    messages: int  # found in the files
+    lost: int  # by the gaps in the numbers of the files' messages
+    lost_told: int  # by the recorder's own word
+    cpu_pct: float  # of one core, while it records
+    idle_cpu_pct: float  # while it only remembers
+    memory_MB: float  # of the process
+    file_MB: float
+    files: int
+    pressed: bool  # the arm was at work to the end
+
+    @property
+    def good(self) -> bool:
+        """Whether it keeps what is promised."""
+        return self.lost == self.lost_told == 0 and self.cpu_pct < MOST_CPU_PCT
+
+
+class Rig:
+    """A cell at work, and its recorder as a process of its own."""
+
+    def __init__(self, folder: Path, exits: ExitStack) -> None:
+        """Start both."""
+        endpoint = f"tcp/127.0.0.1:{free_port()}"
+        settings = {"cell": "bench", "bus.endpoint": endpoint, "recorder.folder": str(folder)}
+        self.cell = load_cell(ROOT / "cells" / "demo.yaml", settings)
+        self.folder, self._file = folder, folder / "cell.yaml"
+        self._file.write_text(dump_cell(self.cell), encoding="utf-8")
+        supervisor = exits.enter_context(Supervisor(self.cell, self._file))
+        supervisor.wait_ready(WITHIN_S)
+        self.client = exits.enter_context(Client(self.cell, commander="operator", patience_s=5.0))
+        self._exits = exits
+        self.recorder = self.start()
+
+    def start(self) -> Running:
+        """Start a recorder and wait until it is heard."""
+        process = Process("services.recorder", ("recorder",))
+        self.recorder = Running(process, self._file, say_on_stderr)
+        self._exits.callback(self.recorder.finish, 3.0)
+        give_up_s = time.monotonic() + WITHIN_S
+        health = self.client.feed(topics.RECORDER_HEALTH)
+        while getattr(health.reading().fresh, "pid", None) != self.recorder.pid:
+            if time.monotonic() > give_up_s:
+                raise TimeoutError("the recorder is not heard")
+            time.sleep(0.05)
+        return self.recorder
+
+    def press(self) -> None:
+        """Let the arm press, so that everything that moves is in the messages."""
+        self.client.wait_ready(WITHIN_S)
+        self.client.arm(within_s=WITHIN_S)
+        self.client.force.press(PRESS_N, within_s=WITHIN_S)
+
+    def record(self) -> None:
+        """Let the recorder record."""
+        self.client.ask(topics.RECORD_START, RecordRequest(), answer_s=WITHIN_S)
+
+    def cpu_s(self) -> float:
+        """Return the processor time that the recorder has taken so far [s]."""
+        fields = Path(f"/proc/{self.recorder.pid}/stat").read_text(encoding="ascii").split()
+        return (int(fields[13]) + int(fields[14])) / TICKS_HZ
+
+    def cpu_pct(self, duration_s: float) -> float:
+        """Return how much of a core the recorder takes over a while [%]."""
+        before_s, began_s = self.cpu_s(), time.monotonic()
+        time.sleep(duration_s)
+        return 100.0 * (self.cpu_s() - before_s) / (time.monotonic() - began_s)
+
+    def memory_MB(self) -> float:
+        """Return how much memory the recorder's process holds."""
+        pages = int(Path(f"/proc/{self.recorder.pid}/statm").read_text(encoding="ascii").split()[1])
+        return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
+
+
+@contextmanager
+def rig() -> Iterator[Rig]:
+    """A cell and a recorder in a folder that goes with them."""
+    os.environ.pop(ENDPOINT_VARIABLE, None)
+    with tempfile.TemporaryDirectory() as folder, ExitStack() as exits:
+        yield Rig(Path(folder), exits)
+
+
+def work(minutes: float) -> Work:
+    """Record a cell at work for so long, and count what is in the files."""
+    with rig() as here:
+        here.press()
+        idle_pct = here.cpu_pct(min(60.0 * minutes, 20.0))
+        here.record()
+        time.sleep(WARM_UP_S)
+        cpu_pct = here.cpu_pct(60.0 * minutes)
+        memory_MB = here.memory_MB()
+        pressed = here.client.status().state == "ACTIVE"
+        told = here.client.ask(topics.RECORD_STOP, Empty(), answer_s=WITHIN_S).text
+        files = sorted(here.folder.glob("*.mcap"))
+        numbering, messages = Numbering(), 0
+        places = {topic.key: place for place, topic in enumerate(topics.TOPICS)}
+        for path in files:
+            for said in RecordedFile(path).said():
+                numbering.saw(places[said.topic], said.fields)
+                messages += 1
+        return Work(
+            minutes=minutes,
+            messages=messages,
+            lost=numbering.lost,
+            lost_told=int(told.split()[-2]),
+            cpu_pct=cpu_pct,
+            idle_cpu_pct=idle_pct,
+            memory_MB=memory_MB,
+            file_MB=sum(path.stat().st_size for path in files) / 1e6,
+            files=len(files),
+            pressed=pressed,
+        )
+
+
+def kills(count: int = KILLS) -> list[float]:
+    """Kill recorders at any moment; return how much of each recording's end is missing [s]."""
+    missing = []
+    with rig() as here:
+        for number in range(count):
+            if number:
+                here.start()
+            here.record()
+            time.sleep(random.uniform(*KILL_AFTER_S))  # noqa: S311 - no secret
+            killed_ns = time.time_ns()
+            os.kill(here.recorder.pid, signal.SIGKILL)
+            here.recorder.finish(1.0)
+            newest = max(here.folder.glob("*.mcap"), key=lambda path: path.stat().st_mtime_ns)
+            last_ns = max(said.at_ns for said in RecordedFile(newest).said("sensor/wrench"))
+            missing.append((killed_ns - last_ns) / 1e9)
+    return missing
+
+
+def rows(worked: Work, missing: list[float]) -> list[tuple[str, str, str]]:
+    """Return what was measured: name, value, what was promised."""
+    per_s = worked.messages / (60.0 * worked.minutes + WARM_UP_S)
+    per_message_B = 1e6 * worked.file_MB / max(worked.messages, 1)
+    return [
+        ("recorded", f"{worked.minutes:g} min, {worked.messages} messages", f"{per_s:.0f} per s"),
+        ("lost", f"{worked.lost} ({worked.lost_told} by its own word)", "0"),
+        ("processor while recording", f"{worked.cpu_pct:.2f} % of a core", "< 3 %"),
+        ("processor while it only remembers", f"{worked.idle_cpu_pct:.2f} % of a core", ""),
+        ("memory of the process", f"{worked.memory_MB:.0f} MB", ""),
+        ("files", f"{worked.files}, {worked.file_MB:.1f} MB", f"{per_message_B:.0f} B a message"),
+        ("arm at work to the end", "yes" if worked.pressed else "no", "yes"),
+        (
+            f"missing after kill -9, {len(missing)} times",
+            f"{max(missing):.2f} s at most",
+            f"< {MOST_KILLED_S:g} s",
+        ),
+    ]
+
+
+def table(minutes: float = 1.0) -> Table:
+    """Measure, and return what came of it."""
+    return _table(rows(work(minutes), kills()))
+
+
+def _table(measured: list[tuple[str, str, str]]) -> Table:
+    shown = Table("what", "measured", "promised, or more", title="recorder", title_justify="left")
+    for row in measured:
+        shown.add_row(*row)
+    return shown
+
+
+def write(measured: list[tuple[str, str, str]]) -> None:
+    """Put the numbers into docs/recordings.md."""
+    lines = ["| what | measured | promised, or more |", "|---|---|---|"]
+    lines += [f"| {' | '.join(row)} |" for row in measured]
+    before, _, rest = PAGE.read_text(encoding="utf-8").partition(BEGIN)
+    _, _, after = rest.partition(END)
+    text = "\n".join(lines)
+    PAGE.write_text(f"{before}{BEGIN}\n{text}\n{END}{after}", encoding="utf-8")
+
+
+def main() -> int:
+    """Measure, print, and write if asked to; 1 when something that is promised is not kept."""
+    parser = argparse.ArgumentParser(prog="python -m bench.recorder", description=__doc__)
+    parser.add_argument("--minutes", type=float, default=1.0)
+    parser.add_argument("--write", action="store_true", help="into docs/recordings.md")
+    given = parser.parse_args()
+    worked, missing = work(given.minutes), kills()
+    measured = rows(worked, missing)
+    Console().print(_table(measured))
+    if given.write:
+        write(measured)
+    return 0 if worked.good and max(missing) < MOST_KILLED_S else 1
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -16,13 +16,13 @@ seeds = st.integers(0, 2**32 - 1)
 
 def told(way, speed, force) -> Answer:
     """Return one sample, the same along all axes."""
-    columns = (np.full(3, value) for value in (way, speed, force))
-    return Answer(*columns, dt_s=DT_S, memory_s=0.1, noise_N=0.15, least_way_m=1e-5)
+    ways, speeds, forces = np.full(3, way), np.full(3, speed), np.full(3, force)
+    return Answer(ways, speeds, forces, DT_S, memory_s=0.1, noise_N=0.15, least_way_m=1e-5)
 
 
-def released(k, felt_k, late_s=0.0, *, noise_N=0.0, seed=0, state=None) -> Response:
+def released(k, felt_k, late_s=0.0, *, noise_N=0.0, seed=0) -> Response:
     """Give way from 30 N, first faster; the force answers with `felt_k`, later than assumed."""
-    rng, state = np.random.default_rng(seed), state or unheard()
+    rng, state = np.random.default_rng(seed), unheard()
     for number in range(80):
         t = number * DT_S
         way_m = 30.0 / felt_k * (1.0 - (1.0 + t / TIME_S) * np.exp(-t / TIME_S))

@@ -56,6 +56,7 @@ class Work:
     file_MB: float
     files: int
     pressed: bool  # the arm was at work to the end
+    load: float  # tasks that wanted a core meanwhile, on average
 
     @property
     def good(self) -> bool:
@@ -135,7 +136,7 @@ def work(minutes: float) -> Work:
         here.record()
         time.sleep(WARM_UP_S)
         cpu_pct = here.cpu_pct(60.0 * minutes)
-        memory_MB = here.memory_MB()
+        memory_MB, load = here.memory_MB(), os.getloadavg()[1]
         pressed = here.client.status().state == "ACTIVE"
         told = here.client.ask(topics.RECORD_STOP, Empty(), answer_s=WITHIN_S).text
         files = sorted(here.folder.glob("*.mcap"))
@@ -156,6 +157,7 @@ def work(minutes: float) -> Work:
             file_MB=sum(path.stat().st_size for path in files) / 1e6,
             files=len(files),
             pressed=pressed,
+            load=load,
         )
 
 
@@ -188,6 +190,7 @@ def rows(worked: Work, missing: list[float]) -> list[tuple[str, str, str]]:
         ("processor while it only remembers", f"{worked.idle_cpu_pct:.2f} % of a core", ""),
         ("memory of the process", f"{worked.memory_MB:.0f} MB", ""),
         ("files", f"{worked.files}, {worked.file_MB:.1f} MB", f"{per_message_B:.0f} B a message"),
+        ("load of the machine meanwhile", f"{worked.load:.1f} on {os.cpu_count()} cores", ""),
         ("arm at work to the end", "yes" if worked.pressed else "no", "yes"),
         (
             f"missing after kill -9, {len(missing)} times",

@@ -1,7 +1,9 @@
 """Recorder: every topic in, MCAP files out; it never commands, and nobody waits for it."""
 
+from common.bus_settings import listen_with_one_thread
 from common.service import main
 from services.recorder.service import Recorder
 
 if __name__ == "__main__":
+    listen_with_one_thread()
     main("recorder", Recorder, realtime=False)

@@ -73,12 +73,8 @@ def demo(
     from cli.scenario import Plan, ScenarioError
 
     screen = Console(stderr=True)
-    plan = Plan(
-        mode=mode,
-        host=host,
-        press_N=force,
-        setpoint_N=DEFAULT_SETPOINT_N[mode] if setpoint is None else setpoint,
-    )
+    setpoint_N = DEFAULT_SETPOINT_N[mode] if setpoint is None else setpoint
+    plan = Plan(mode=mode, host=host, press_N=force, setpoint_N=setpoint_N)
     try:
         cell = demo_cell(
             cell_file or default_cell_file(),
@@ -95,8 +91,7 @@ def demo(
         check_plan(cell, plan)
         with live_progress(screen, plan) as progress:
             real = partial(play_real, panel=not no_panel, recorder=not no_recorder)
-            play = play_virtual if virtual else real
-            trace = play(cell, plan, progress, linger)
+            trace = (play_virtual if virtual else real)(cell, plan, progress, linger)
     except ForcemeshError as error:
         screen.print(f"[red]demo:[/red] {escape(str(error))}", highlight=False, soft_wrap=True)
         if as_json:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from cli.context import USAGE, fail, one_line_errors, waiting
-from cli.replay import RecordingArgument, chosen_topics
+from cli.replay import OnlyOption, RecordingArgument, chosen_topics
 
 if TYPE_CHECKING:
     from cli.recording_tables import Row
@@ -33,10 +33,7 @@ def export(
             help="One table with LeRobot's columns and the wrench instead of one for each topic.",
         ),
     ] = False,
-    only: Annotated[
-        list[str] | None,
-        typer.Option("--only", metavar="TOPIC", help="Just this topic.", show_default=False),
-    ] = None,
+    only: OnlyOption = None,
     out: Annotated[
         Path | None,
         typer.Option(

@@ -22,20 +22,21 @@ ROOM = 4
 RecordingArgument = Annotated[
     Path, typer.Argument(metavar="FILE", help="A recording, as `forcemesh record` writes it.")
 ]
+OnlyOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--only",
+        metavar="TOPIC",
+        help="Just this topic; may be given several times.",
+        show_default=False,
+    ),
+]
 
 
 def replay(
     file: RecordingArgument,
     *,
-    only: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--only",
-            metavar="TOPIC",
-            help="Just this topic; may be given several times.",
-            show_default=False,
-        ),
-    ] = None,
+    only: OnlyOption = None,
     speed: Annotated[
         float, typer.Option(min=0.01, max=100.0, help="Times the original speed.")
     ] = 1.0,

@@ -161,7 +161,7 @@ def _answers(
 
 def _check(steps: Steps) -> None:
     if min(len(steps.sent_s), len(steps.seen_s)) < LEAST_SAMPLES:
-        raise DataError("too little was heard of commands and poses: is the machine busy? try again")
+        raise DataError("too little was heard of commands and poses: is the machine too busy?")
     if np.ptp(steps.sent_m) < LEAST_WAY_M or np.ptp(steps.seen_m) < 0.3 * np.ptp(steps.sent_m):
         raise DataError("the arm did not go the small steps that it was told")
 

@@ -40,10 +40,13 @@ def record(delay_s, lag_s, noise_m, hz=250.0, seen_hz=250.0, seed=0) -> Steps:
     st.integers(0, 99),
 )
 def test_delay_and_lag_are_found_through_noise(delay_s, lag_s, noise_m, seen_hz, seed) -> None:
-    """Together to a millisecond, which is what gains depend on; each of them to three."""
+    """Together to a millisecond, which is what gains depend on; the split less sharply.
+
+    Reports at 40 Hz hit the corners of the motion by luck: there it is known to 10 ms alone.
+    """
     found = identify(record(delay_s, lag_s, noise_m, seen_hz=seen_hz, seed=seed))
     assert found.delay_s + found.lag_s == pytest.approx(delay_s + lag_s, abs=1.2e-3)
-    assert found.delay_s == pytest.approx(delay_s, abs=4e-3)
+    assert found.delay_s == pytest.approx(delay_s, abs=4e-3 if seen_hz > 50.0 else 1e-2)
     assert found.rest_m < 2.0 * noise_m + 1e-5
     assert found.spread_s < 1e-3
 

@@ -1,0 +1,86 @@
+"""Record every topic: start, stop, and what the recorder says of itself."""
+
+import viser
+
+from common import topics
+from common.errors import BusError
+from common.messages import RecorderStatus
+from common.requests import Empty, RecordRequest
+from services.panel.tabs import Refresh, Tab
+from services.panel.viewer import Viewer
+from services.panel.watch import Snapshot
+
+ANSWER_S = 5.0  # the recorder first writes what waits
+NOBODY = "⚠ no recorder is heard: `forcemesh up` starts one beside the cell"
+
+
+def build(viewer: Viewer) -> Refresh:
+    """Fill the tab."""
+    gui = viewer.gui
+    now = gui.add_markdown("…")
+    label = gui.add_text("Name", "", hint="Goes into the name of the file.")
+    past = gui.add_checkbox("With the last minutes", initial_value=False)
+    start = gui.add_button("Start recording", icon=viser.Icon.PLAYER_RECORD)
+    stop = gui.add_button("Stop recording", icon=viser.Icon.PLAYER_STOP, disabled=True)
+
+    def begin(_event: object) -> None:
+        request = RecordRequest(label=label.value[:100], past=past.value)
+        viewer.do(
+            "Record",
+            lambda cell: cell.ask(topics.RECORD_START, request, answer_s=ANSWER_S).text,
+        )
+
+    def end(_event: object) -> None:
+        viewer.do(
+            "Stop recording",
+            lambda cell: cell.ask(topics.RECORD_STOP, Empty(), answer_s=ANSWER_S).text,
+        )
+
+    start.on_click(begin)
+    stop.on_click(end)
+
+    def refresh(_heard: Snapshot) -> None:
+        status = heard_of_it(viewer)
+        text = words(status)
+        if now.content != text:
+            now.content = text
+        asked = status is not None and status.recording and status.cause == "asked"
+        if start.disabled != asked:
+            start.disabled = asked
+        records = status is not None and status.recording
+        if stop.disabled == records:
+            stop.disabled = not records
+
+    return refresh
+
+
+def heard_of_it(viewer: Viewer) -> RecorderStatus | None:
+    """Return what the recorder says, None while it says nothing."""
+    try:
+        reading = viewer.watch.client.feed(topics.RECORDER_STATUS).reading()
+    except BusError:
+        return None
+    return None if reading.silent else reading.message
+
+
+def words(status: RecorderStatus | None) -> str:
+    """Return what the recorder says, for people."""
+    if status is None:
+        return NOBODY
+    lines = [f"⚠ {status.reason}"] if status.reason else []
+    file = status.file.rpartition("/")[2]
+    if status.recording:
+        why = "" if status.cause == "asked" else f", begun by `{status.cause}`"
+        lines.append(f"**● recording** for {status.recorded_s:.0f} s{why}")
+    else:
+        lines.append("not recording")
+    if file:
+        lines.append(f"`{file}`: {status.messages} messages, {status.lost} lost")
+    lines.append(
+        f"Memory reaches back {status.memory_s:.0f} s: a stop of the arm writes it out by itself. "
+        f"{status.free_bytes / 1e9:.1f} GB are free."
+    )
+    return "\n\n".join(lines)
+
+
+TAB = Tab(80, "Record", viser.Icon.PLAYER_RECORD, build)

@@ -1,0 +1,33 @@
+"""The panel's tab about recordings says what the recorder says."""
+
+import pytest
+
+from common.messages import RecorderStatus
+from services.panel.tabs import all_tabs
+from services.panel.tabs.record import NOBODY, words
+
+FILE = "/somewhere/demo-20261122T080000Z-01.mcap"
+
+
+@pytest.mark.parametrize(
+    ("status", "said"),
+    [
+        (None, NOBODY),
+        (RecorderStatus(memory_s=61.0), "not recording"),
+        (RecorderStatus(memory_s=61.0), "Memory reaches back 61 s"),
+        (RecorderStatus(recording=True, cause="asked", recorded_s=7.0), "● recording** for 7 s"),
+        (RecorderStatus(recording=True, cause="force"), "begun by `force`"),
+        (RecorderStatus(file=FILE, messages=5, lost=2), "`demo-20261122T080000Z-01.mcap`: 5 mes"),
+        (RecorderStatus(valid=False, reason="0.5 GB are free"), "⚠ 0.5 GB are free"),
+    ],
+)
+def test_what_the_recorder_says_is_shown(status: RecorderStatus | None, said: str) -> None:
+    """Silence, rest, a recording of either cause, what was lost, and a fault."""
+    assert said in words(status)
+
+
+def test_the_tab_is_one_of_the_panels() -> None:
+    """It stands there once, before the faults."""
+    labels = [tab.label for tab in all_tabs()]
+    assert labels.count("Record") == 1
+    assert labels.index("Record") < labels.index("Faults")

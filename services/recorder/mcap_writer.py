@@ -43,6 +43,11 @@ class McapWriter:
         self._write(MAGIC)
         self._put(records.Header(profile="", library=library))
 
+    @property
+    def waiting_B(self) -> int:
+        """Size of the chunk to come, before it is packed."""
+        return self._body_bytes
+
     def add_channel(
         self, topic: str, encoding: str, schema: tuple[str, bytes] | None, **metadata: str
     ) -> int:

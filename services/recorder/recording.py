@@ -27,6 +27,7 @@ EVENT = "event"
 CELL_FILE = "cell.yaml"
 MB = 1_000_000
 FLUSH_NS = NS_PER_S // 2  # half of what a kill may cost
+CHUNK_B = 8_000_000  # a chunk is flushed sooner than that: when memory is written out
 SEQUENCE = 2**32
 NOT_OURS = (MessageError, TypeError, ValueError, KeyError, AttributeError)
 
@@ -60,6 +61,11 @@ class RecordingFile:
     def size_B(self) -> int:
         """Its size."""
         return self._writer.bytes
+
+    @property
+    def waiting_B(self) -> int:
+        """What was added and not flushed, before it is packed."""
+        return self._writer.waiting_B
 
     def add(self, topic: int, log_ns: int, data: bytes) -> None:
         """Add a message to the byte, as a frame."""
@@ -120,7 +126,7 @@ class Recording:
         write = self._write
         for topic, at_ns, data in frames:
             write(topic, at_ns, data)
-        if now_ns - self._flushed_ns < FLUSH_NS:
+        if now_ns - self._flushed_ns < FLUSH_NS and self._file.waiting_B < CHUNK_B:
             return
         self._file.flush()
         self._flushed_ns = now_ns

@@ -151,6 +151,21 @@ def test_the_mcap_package_reads_it_with_every_check(tmp_path: Path) -> None:
     assert cell.name == "cell.yaml"
 
 
+def test_memory_that_is_written_out_is_cut_into_chunks(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Much at one moment makes no chunk of any size; all of it is there."""
+    monkeypatch.setattr("services.recorder.recording.CHUNK_B", 5_000)
+    frames = [frame._replace(at_ns=SECOND) for frame in of_every_topic(rounds=9)]
+    path = recorded(tmp_path, frames)
+    with path.open("rb") as stream:
+        summary = make_reader(stream).get_summary()
+    assert summary is not None
+    assert len(summary.chunk_indexes) > 5
+    assert max(chunk.uncompressed_size for chunk in summary.chunk_indexes) < 20_000
+    assert len(list(RecordedFile(path).heard())) == len(frames)
+
+
 def test_the_mcap_package_jumps_to_a_time_in_it(tmp_path: Path) -> None:
     """The chunk and message indexes lead to just the messages of an interval."""
     frames = of_every_topic()

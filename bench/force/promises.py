@@ -31,7 +31,7 @@ def promises(rows: Rows) -> list[Promise]:
     made: list[Promise | None] = [
         *_releases(rows["release"]),
         *_slow(rows["slow loops"]),
-        _limited(rows["limited speed"]),
+        *_limited(rows["limited speed"]),
         *_scenes(rows["scenes"]),
     ]
     made += [*_peers(beside(rows)), _fixed(rows["fixed gain"][0])]
@@ -78,6 +78,9 @@ def _releases(rows: list[Row]) -> Iterable[Promise | None]:
     yield _worst("the same, delay assumed 5 ms long", 5.0, late, _taus("met"))
     yield _worst("both, k <= 1e4 without delay", 6.0, undelayed, _taus("met"))
     yield _worst("overshoot, % (delay right or 5 ms long)", 5.0, safe, _overshoot)
+    far = [row for row in right if row["stiffness_N_m"] >= 1e4 and row["delay_ms"] >= 10]
+    yield _worst("stretch, k >= 1e4, delay >= 10 ms, first, tau", 7.0, far, _taus("first"))
+    yield _worst("the same, met, tau", 4.0, far, _taus("met"))
     wrong = [row for row in stiff if row["delay_error_ms"] == 10.0]
     yield _worst("delay assumed 10 ms long, tau", 11.0, wrong, _taus("first"))
     yield _worst("the same, overshoot, %", 10.0, wrong, _overshoot)
@@ -91,14 +94,16 @@ def _capped_s(row: Row) -> float:
     return 3.5 / (5e-3 * float(row["stiffness_N_m"])) + float(row["tau_s"])
 
 
-def _limited(rows: list[Row]) -> Promise | None:
+def _limited(rows: list[Row]) -> Iterable[Promise | None]:
     def part(row: Row) -> float:
         way_s = (PRESS_N - BAND_N) / (float(row["stiffness_N_m"]) * float(row["speed_m_s"]))
         limited_s = way_s + 5.0 * float(row["tau_s"])
         return _or_never(row["first_s"]) / max(limited_s, _capped_s(row))
 
-    text = "20 and 50 mm/s, first, of (F0 - 1)/(k vmax) + 5 tau, or the line above where longer"
-    return _worst(text, 1.0, rows, part)
+    soft = [row for row in rows if row["stiffness_N_m"] < 5e3]
+    text = "20 and 50 mm/s, first, of (F0 - 1)/(k vmax) + 5 tau"
+    yield _worst(text, 1.0, [row for row in rows if row not in soft], part)
+    yield _worst("the same at 1e3 N/m, or of the line above where longer", 1.0, soft, part)
 
 
 def beside(rows: Rows) -> list[Row]:

@@ -180,5 +180,9 @@ def _by_hand(job: "Job", way: _Way, poses: tuple[int, int, float]) -> int:
 def _by_file(job: "Job", recording: Path, way: _Way) -> int:
     from cli.calibration import by_file
     from cli.payload import named_axes
+    from common.errors import DataError
 
-    return by_file.calibrate(job, recording, way.verify_with, named_axes(way.axes))
+    try:
+        return by_file.calibrate(job, recording, way.verify_with, named_axes(way.axes))
+    except DataError as error:  # as everywhere where a file is at fault
+        fail(str(error), USAGE)

@@ -23,7 +23,7 @@ OK, NOT_WELL, USAGE, REFUSED, NO_ANSWER, INTERRUPTED = 0, 1, 2, 3, 4, 130
 EXITS = {
     OK: "done and well",
     NOT_WELL: "not well: a process died, a role is silent, a move did not get there",
-    USAGE: "wrong usage or a wrong cell file",
+    USAGE: "wrong usage, or a file that cannot be used",
     REFUSED: "refused, with the reason",
     NO_ANSWER: "no answer: the cell is not up, or does not say what was waited for",
     INTERRUPTED: "interrupted; what moved was asked to hold",

@@ -113,10 +113,12 @@ def _read_tree(path: Path, source: str) -> Any:
     except RecursionError:
         raise ConfigError(source, ["not a cell file: lists or sections too deep"]) from None
     except FileNotFoundError:
-        nearby = sorted(str(other) for other in path.parent.glob("*.yaml"))
+        nearby = sorted(str(other) for other in path.parent.glob("[!.]*.yaml"))
         there = f"; there are {', '.join(nearby)}" if nearby else ""
         raise ConfigError(source, [f"no such file{there}"]) from None
-    except (OSError, UnicodeDecodeError) as error:
+    except OSError as error:
+        raise ConfigError(source, [f"cannot be read: {error.strerror or error}"]) from None
+    except UnicodeDecodeError as error:
         raise ConfigError(source, [f"cannot be read: {error}"]) from None
     except (yaml.YAMLError, ValueError, TypeError, LookupError, AttributeError) as error:
         raise ConfigError(source, [f"not YAML: {' '.join(str(error).split())}"]) from None

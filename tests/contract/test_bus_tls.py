@@ -115,24 +115,24 @@ def test_every_name_is_heard_on_its_own_keys_and_on_no_other(
     listening = sessions["monitor"].declare_subscriber(f"{cell.cell}/**", hear)
     expected = set()
     keys = [topic.key for topic in TOPICS] + [request.key for request in REQUESTS]
-    for name, session in sessions.items():
-        for key in keys:
-            session.put(f"{cell.cell}/{key}", name)
     for topic in TOPICS:
         roles = ("robot", "sensor") if topic.writer == "sensor" else (topic.writer,)
         expected |= {(role, f"{cell.cell}/{topic.key}") for role in roles if role != "hub"}
     give_up_s = time.monotonic() + PATIENCE_S
     while not expected <= heard and time.monotonic() < give_up_s:
-        time.sleep(0.02)
-    time.sleep(QUIET_S)
+        for name, session in sessions.items():  # again: a busy machine drops what is put
+            for key in keys:
+                session.put(f"{cell.cell}/{key}", name)
+        time.sleep(QUIET_S)
     listening.undeclare()
     # What a session says it also hears itself, without the hub.
     assert {pair for pair in heard if pair[0] != "monitor"} == expected
 
 
-def test_only_an_operator_is_answered(cell: Cell, sessions: dict[str, zenoh.Session]) -> None:
-    """Every name asks the arbiter for everything: the operator's questions alone arrive."""
+def test_only_people_are_answered(cell: Cell, sessions: dict[str, zenoh.Session]) -> None:
+    """Every name asks the arbiter: the questions of the operator and of the panel alone arrive."""
     asked: set[str] = set()
+    people = {"operator", "panel"}
 
     def answer(query: zenoh.Query) -> None:
         assert query.payload is not None
@@ -141,11 +141,11 @@ def test_only_an_operator_is_answered(cell: Cell, sessions: dict[str, zenoh.Sess
 
     served = sessions["arbiter"].declare_queryable(f"{cell.cell}/{topics.HOLD.key}", answer)
     give_up_s = time.monotonic() + PATIENCE_S
-    while "operator" not in asked and time.monotonic() < give_up_s:
+    while asked < people and time.monotonic() < give_up_s:
         for name in set(sessions) - {"arbiter"}:  # its own question would not leave its session
             list(sessions[name].get(f"{cell.cell}/{topics.HOLD.key}", payload=name, timeout=0.2))
     served.undeclare()
-    assert asked == {"operator"}
+    assert asked == people
 
 
 def test_a_monitor_may_hold_where_the_cell_says_so(scratch: Path) -> None:

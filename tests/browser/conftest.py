@@ -5,7 +5,6 @@ for is written down, and must have stayed on this machine.
 """
 
 from collections.abc import Iterator
-from contextlib import suppress
 from pathlib import Path
 from urllib.parse import urlsplit
 
@@ -18,6 +17,7 @@ from common.errors import ForcemeshError
 from tests.browser.rig import ROOT, SPARE, Cockpit, answers, free_port, running, wait_until
 
 CHROMIUM = "/usr/bin/chromium"
+HOME_RAD = (0.0, 0.0, -1.5707963, 0.0, -1.5707963, 0.0)
 FLAGS = [
     "--no-sandbox",  # the browser's own sandbox needs rights that root in a container lacks
     "--use-gl=angle",
@@ -62,15 +62,23 @@ def cell(cell_file) -> Iterator[Cell]:
 @pytest.fixture
 def ready(cell) -> Cell:
     """The cell with an arm at rest above its plate that is not armed, and tared."""
-    with suppress(ForcemeshError):
+    wait_until(lambda: brought_home(cell))
+    return cell
+
+
+def brought_home(cell: Cell) -> bool:
+    """Bring the arm home; tell whether that went well: a machine that stalls makes it hold."""
+    try:
         cell.hold("a test begins")
         cell.clear()
-    cell.arm("jog")
-    cell.move.joints(tuple(map(float, (0, 0, -1.5707963, 0, -1.5707963, 0))), speed_m_s=0.1)
-    cell.hold("a test begins")
-    cell.clear()
-    cell.tare(within_s=5.0)
-    return cell
+        cell.arm("jog")
+        cell.move.joints(HOME_RAD, speed_m_s=0.1)
+        cell.hold("a test begins")
+        cell.clear()
+        cell.tare(within_s=5.0)
+    except ForcemeshError:
+        return False
+    return True
 
 
 @pytest.fixture

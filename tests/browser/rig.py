@@ -12,8 +12,10 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from playwright.sync_api import Locator, Page
+from playwright.sync_api import TimeoutError as PlaywrightTimeout
 
 ROOT = Path(__file__).parents[2]
+TRIES, HIT_WITHIN_S = 3, 20.0
 PATIENCE_S = 90.0  # of the test, not of the cell: drawing without a graphics card is slow
 # The scene is drawn for pictures only: software WebGL would take the processor from the cell.
 SPARE = """
@@ -74,7 +76,7 @@ class Cockpit:
 
     def fill(self, label: str, value: float) -> None:
         """Type a number into the field behind a label."""
-        name = self.page.locator(f'label:visible:text-is("{label}")').first
+        name = self.page.locator("label:visible").filter(has_text=label).first
         row = name.locator("xpath=ancestor::div[contains(@class, 'Flex-root')][1]")
         field = row.locator("input[inputmode]").first
         field.fill(f"{value:g}")
@@ -96,10 +98,18 @@ class Cockpit:
         self.page.get_by_text(text).locator("visible=true").first.wait_for()
 
     def arm(self) -> None:
-        """Arm, and say yes."""
-        self.click("Arm")
-        self.click("Arm now")
-        self.until_state("ARMED")
+        """Arm, and say yes; again when a machine that stalled made the inputs not good enough."""
+        for _ in range(TRIES):
+            self.click("Arm")
+            self.click("Arm now")
+            with suppress(PlaywrightTimeout):
+                self.until_state("ARMED", within_s=15.0)
+                return
+        raise AssertionError(f"not armed: {self.answer()}")
+
+    def answer(self) -> str:
+        """Return what was answered last, as the page shows it."""
+        return " / ".join(self.page.locator(".mantine-Notification-root").all_inner_texts())
 
     def press(self) -> None:
         """Start pressing with what the form says, and say yes."""
@@ -117,21 +127,27 @@ class Cockpit:
         self.page.screenshot(path=ROOT / "out" / f"{name}.png", timeout=1e3 * PATIENCE_S)
 
 
-def hit(target: Locator) -> None:
-    """Click something that can be seen and that nothing else lies over, without waiting for frames.
+WHERE = """e => { e.scrollIntoView({block: 'nearest'});
+  const box = e.getBoundingClientRect(), x = box.x + box.width / 2, y = box.y + box.height / 2;
+  const top = document.elementFromPoint(x, y);
+  return {x, y, covered: e.contains(top) ? '' : top ? top.outerHTML.slice(0, 200) : 'nothing'}; }"""
 
-    The page draws in software here; waiting for it to be still would take longer than a question
-    stays open.
+
+def hit(target: Locator) -> None:
+    """Click with the mouse what stands still and has nothing above it, without waiting for frames.
+
+    The page is not drawn here, so the library's own wait for it to be still would be long.
     """
     target.wait_for()
-    found = target.evaluate(
-        """e => { e.scrollIntoView({block: 'nearest'});
-          const box = e.getBoundingClientRect();
-          const top = document.elementFromPoint(box.x + box.width / 2, box.y + box.height / 2);
-          if (!e.contains(top)) return 'covered by ' + (top && top.outerHTML.slice(0, 200));
-          e.click(); return ''; }"""
-    )
-    assert not found, found
+    give_up_s, before = time.monotonic() + HIT_WITHIN_S, None
+    while True:
+        found = target.evaluate(WHERE)
+        if not found["covered"] and found == before:
+            break
+        assert time.monotonic() < give_up_s, found
+        before = found
+        time.sleep(0.15)
+    target.page.mouse.click(found["x"], found["y"])
 
 
 def wait_until(done, within_s=PATIENCE_S) -> None:

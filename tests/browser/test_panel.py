@@ -24,9 +24,10 @@ def test_a_person_presses_and_the_force_follows_the_set_point(ready, address, co
     """Arm, press, change the set point: each move is asked for twice, and the force is there."""
     page = cockpit(1440, 860).open(address)
     page.click("Arm")
+    page.button("Arm now").wait_for()
     assert ready.status().state == "IDLE"  # one click moves nothing
-    page.click("Arm now")
-    page.until_state("ARMED")
+    page.click("Cancel")
+    page.arm()
     page.fill("Set point [N]", 15.0)
     page.click("Start pressing")
     assert ready.target.reading().fresh is None

@@ -6,7 +6,16 @@ from collections.abc import Callable
 from rich.console import Console
 from rich.table import Table
 
-from bench import emulator, faults, installations, latency, panel, sensor_faults, settling
+from bench import (
+    emulator,
+    faults,
+    installations,
+    latency,
+    panel,
+    recorder,
+    sensor_faults,
+    settling,
+)
 
 PARTS: dict[str, Callable[[], Table]] = {
     "settling": settling.table,
@@ -17,8 +26,9 @@ PARTS: dict[str, Callable[[], Table]] = {
     "latency": latency.table,
     "installations": installations.table,
     "panel": panel.table,
+    "recorder": recorder.table,
 }
-ASKED_FOR = {"installations", "panel"}  # long, or with a browser
+ASKED_FOR = {"installations", "panel", "recorder"}  # long, or with a browser
 
 
 def main() -> None:

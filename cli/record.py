@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from common.messages import RecorderStatus
 
 WITHOUT_VARIABLE = "FORCEMESH_NO_RECORDER"
-ANSWER_S = 5.0  # it first writes what waits
+ANSWER_S = 15.0  # it first writes what waits, on a busy machine
 
 record = typer.Typer(
     no_args_is_help=True, help="Record every topic of a cell that is up, as an MCAP file."

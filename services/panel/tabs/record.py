@@ -10,7 +10,7 @@ from services.panel.tabs import Refresh, Tab
 from services.panel.viewer import Viewer
 from services.panel.watch import Snapshot
 
-ANSWER_S = 5.0  # the recorder first writes what waits
+ANSWER_S = 15.0  # the recorder first writes what waits
 NOBODY = "⚠ no recorder is heard: `forcemesh up` starts one beside the cell"
 
 

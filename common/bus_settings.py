@@ -7,11 +7,13 @@ from typing import Any
 from common.acl import access_control, rate_limits
 from common.cell import Cell
 from common.tls import identity_of, is_encrypted, refuse_in_the_clear
+from common.topics import HELPERS
 
 ENDPOINT_VARIABLE = "FORCEMESH_ENDPOINT"
 RUNTIME_VARIABLE = "ZENOH_RUNTIME"
 ONE_THREAD = "(rx: (worker_threads: 1), app: (handover: rx))"
 CONNECT_ATTEMPT_MS = 500
+ROOM_B = 4_000_000  # which the kernel doubles, for its own part
 LEASE_MS = 500
 # What no honest client needs more of: the longest message of the table has less than 4 kB.
 LONGEST_MESSAGE_B = 16_384
@@ -73,13 +75,24 @@ def client_settings(endpoint: str, role: str, security: Mapping[str, object]) ->
     part = {
         "mode": "client",
         "connect": {
-            "endpoints": [endpoint],
+            "endpoints": [with_room(endpoint) if role in HELPERS else endpoint],
             "timeout_ms": CONNECT_ATTEMPT_MS,
             "exit_on_failure": True,
             "retry": {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 2},
         },
     }
     return _settings(part, role, security)
+
+
+def with_room(endpoint: str) -> str:
+    """Return an endpoint whose socket lets seconds of a cell wait, as far as the machine allows.
+
+    For a process that must miss nothing and yet goes behind every control loop.
+    """
+    scheme, _, where = endpoint.partition("/")
+    if scheme not in ("tcp", "tls") or "so_rcvbuf" in where:
+        return endpoint
+    return f"{endpoint}{';' if '#' in where else '#'}so_rcvbuf={ROOM_B}"
 
 
 def security_of(cell: Cell, role: str, endpoint: str) -> Mapping[str, object]:

@@ -40,6 +40,7 @@ class Readout:
         self._T_flange_tcp = cell.tool.T_flange_tcp.pose
         self._deadband_N = cell.force.deadband_N
         self._setpoint_N: float | None = None
+        self._taken: tuple[int, int] | None = None
 
     def tool(self, robot: RobotState, wrench: WrenchAtTcp | None) -> Tool:
         """Return where the tool is and what it feels."""
@@ -60,7 +61,7 @@ class Readout:
             found |= dict(zip(TORQUES[:3], wrench.torque_Nm, strict=True))
         if robot is not None:
             found |= distance_mm(heard.command.fresh, robot)
-            found |= latency_ms(robot)
+            found |= self._latency_ms(robot)
         if robot is not None and wrench is not None:
             tool = self.tool(robot, wrench)
             found["press"] = tool.press_N or 0.0
@@ -70,6 +71,15 @@ class Readout:
             if heard.target.fresh is not None and heard.target.fresh.mode != "position":
                 found["wanted"] = 0.0  # moments are always brought to zero
         return found
+
+    def _latency_ms(self, robot: RobotState) -> dict[str, float]:
+        """Return the latency of a command that was not seen before."""
+        taken = robot.accepted
+        number = None if taken is None else (taken.epoch, taken.seq)
+        if number == self._taken:
+            return {}
+        self._taken = number
+        return latency_ms(robot)
 
     def _setpoint(self, heard: Snapshot, tool: Tool) -> float | None:
         """Return the set point, in force and along the tool, which the regulator's error shows.

@@ -13,6 +13,7 @@ from common.endpoints import Reading
 from common.faults import FAULTS, tripped
 from common.frames import rotation_from_vector
 from common.messages import (
+    Accepted,
     ArbiterStatus,
     Goal,
     Health,
@@ -121,6 +122,17 @@ def test_the_set_point_stays_still_once_the_force_is_there():
     readout.numbers(pressing(10.0, -5.0 + CELL.force.deadband_N))
     for force_N in (14.9, 15.2, 14.8):
         assert readout.numbers(pressing(force_N, 0.0))["set point"] == pytest.approx(15.0)
+
+
+def test_a_latency_is_shown_once():
+    """It belongs to a command that the robot took; without a new one there is none."""
+    readout = Readout(CELL)
+    taken = Accepted(epoch=1, seq=7, at_ns=5_000_000, sensor_stamp_ns=1_000_000)
+    now = Snapshot(robot=heard(RobotState(accepted=taken)))
+    assert readout.numbers(now)["chain"] == pytest.approx(4.0)
+    assert "chain" not in readout.numbers(now)
+    later = taken.model_copy(update={"seq": 8})
+    assert "chain" in readout.numbers(Snapshot(robot=heard(RobotState(accepted=later))))
 
 
 def test_what_is_not_known_is_left_out():

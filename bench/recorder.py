@@ -169,12 +169,14 @@ def kills(count: int = KILLS) -> list[float]:
             if number:
                 here.start()
             here.record()
+            began_ns = time.time_ns()
             time.sleep(random.uniform(*KILL_AFTER_S))  # noqa: S311 - no secret
             killed_ns = time.time_ns()
             os.kill(here.recorder.pid, signal.SIGKILL)
             here.recorder.finish(1.0)
             newest = max(here.folder.glob("*.mcap"), key=lambda path: path.stat().st_mtime_ns)
-            last_ns = max(said.at_ns for said in RecordedFile(newest).said("sensor/wrench"))
+            heard = (said.at_ns for said in RecordedFile(newest).said("sensor/wrench"))
+            last_ns = max(heard, default=began_ns)
             missing.append((killed_ns - last_ns) / 1e9)
     return missing
 

@@ -1,11 +1,9 @@
 """Real-time priority for the processes of a control loop, where the machine grants it."""
 
 import os
-import threading
 from contextlib import suppress
 from pathlib import Path
 
-HEARING_PRIORITY = 1  # below every control loop
 PRIORITY = 20  # above everything ordinary, below what the kernel and sound servers use
 
 
@@ -20,22 +18,6 @@ def take_realtime_priority() -> bool:
     try:
         for thread in Path("/proc/self/task").iterdir():
             _set(int(thread.name), os.SCHED_FIFO, PRIORITY)
-    except (AttributeError, OSError):
-        return False
-    return True
-
-
-def hear_first() -> bool:
-    """Let the threads that take in messages go before ordinary ones; tell whether that is allowed.
-
-    For a process that is no control loop but must miss nothing: its work is done at the priority
-    of everybody, its hearing, which takes two percent of a core, behind every control loop.
-    """
-    own = threading.get_native_id()
-    try:
-        for thread in Path("/proc/self/task").iterdir():
-            if int(thread.name) != own:
-                _set(int(thread.name), os.SCHED_FIFO, HEARING_PRIORITY)
     except (AttributeError, OSError):
         return False
     return True

@@ -26,7 +26,6 @@ from common.overruns import Overruns, allowed_gap_s
 from common.priority import (
     give_up_realtime_priority,
     has_realtime_priority,
-    hear_first,
     take_realtime_priority,
 )
 from common.topics import HEALTH, HELPER_HEALTH
@@ -219,8 +218,6 @@ def main(
         runner = Runner(service, [reporter_of(each, cell) for each in buses], bus.clock)
         if realtime:
             spare_the_loop()
-        else:
-            hear_first()
         runner.run(stop)
 
 

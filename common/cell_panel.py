@@ -15,6 +15,6 @@ class PanelSection(Section):
 
     host: str = Field("127.0.0.1", min_length=1, max_length=200)
     port: int = Field(8080, ge=1024, le=65535)
-    # Whoever has it may do what an operator may. The environment's FORCEMESH_PANEL_TOKEN goes first.
+    # Whoever has it may do what an operator may. FORCEMESH_PANEL_TOKEN goes before it.
     token: str = Field("", pattern=r"^[A-Za-z0-9_-]*$", max_length=200)
     view_token: str = Field("", pattern=r"^[A-Za-z0-9_-]*$", max_length=200)  # may look, no more

@@ -31,8 +31,8 @@ controller, first contact: the emulated controller executes the shipped program,
 as often as its own counter says; the PC sends it wrenches over TCP, and gains as the stiffness
 becomes known. It starts from the gain for 1e5 N/m, and has no prediction.
 """
-LIMITED = """At 10 ms of delay, with a lower speed limit. At 1e3 N/m the speed limit bounds the first
-part of the way and the inertia cap the rest, so the times of both add up.
+LIMITED = """At 10 ms of delay, with a lower speed limit. At 1e3 N/m the speed limit bounds the
+first part of the way and the inertia cap the rest, so the times of both add up.
 """
 PEERS = """Every law is tuned by the same search (bench/force/search.py): 10 gains times 3 second
 numbers, each on every scene; more than 5 % overshoot does not count as settled. One setting: the

@@ -39,7 +39,7 @@ PAGE = ROOT / "docs" / "panel.md"
 BEGIN, END = "<!-- made by `python -m bench.panel --write` -->", "<!-- end -->"
 CONTROL = ("robot", "sensor", "wrench", "regulator", "arbiter")
 PRESS_N = 10.0
-PHASE_S, SETTLE_S = 20.0, 8.0
+PHASE_S, SETTLE_S = 20.0, 5.0
 CAMERA = {
     "type": "ViewerCameraMessage",
     "wxyz": (1.0, 0.0, 0.0, 0.0),

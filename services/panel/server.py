@@ -11,6 +11,7 @@ import contextvars
 import http.client
 import io
 import json
+import logging
 import socket
 from collections.abc import Awaitable, Callable, Iterator
 from http import HTTPStatus
@@ -129,6 +130,8 @@ def open_server(gate: Gate, door: Door) -> PanelServer:
     Raises:
         ForcemeshError: The port is taken, or the door did not take effect.
     """
+    # A browser that goes away in the middle of a request is no news.
+    logging.getLogger("websockets.server").setLevel(logging.CRITICAL)
     listening = listen(door.host, door.port)
     with gate.in_front(listening), contextlib.redirect_stdout(io.StringIO()):
         server = PanelServer(host=door.host, port=door.port, verbose=False)

@@ -10,7 +10,7 @@ from typing import Any
 import msgpack
 import pytest
 import zenoh
-from jsonschema import Draft202012Validator  # type: ignore[import-untyped]
+from jsonschema import Draft202012Validator
 
 from cli.virtual import VirtualCell
 from common.bus import open_hub

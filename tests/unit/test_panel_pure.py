@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from common.config import load_cell
+from common.convert import vec3
 from common.endpoints import Reading
 from common.faults import FAULTS, tripped
 from common.frames import rotation_from_vector
@@ -42,14 +43,13 @@ def heard(message, fault=""):
 def pressing(force_N, error_N, *, down=np.pi):
     """Return what is heard while the tool, turned about x, feels a force along its axis."""
     R = rotation_from_vector(np.array([down, 0.0, 0.0]))
-    q = (np.sin(down / 2), 0.0, 0.0, np.cos(down / 2))
-    along = tuple(-force_N * R[:, 2])
-    error = tuple(error_N * R[:, 2] * -1.0)
+    q = (float(np.sin(down / 2)), 0.0, 0.0, float(np.cos(down / 2)))
+    force, error = vec3(-force_N * R[:, 2]), vec3(-error_N * R[:, 2])
     return Snapshot(
         hub_fault="",
-        robot=heard(RobotState(orientation_xyzw=tuple(map(float, q)))),
-        wrench=heard(WrenchAtTcp(force_N=tuple(map(float, along)))),
-        target=heard(RegulatorTarget(mode="position", error_force_N=tuple(map(float, error)))),
+        robot=heard(RobotState(orientation_xyzw=q)),
+        wrench=heard(WrenchAtTcp(force_N=force)),
+        target=heard(RegulatorTarget(mode="position", error_force_N=error)),
     )
 
 
@@ -218,7 +218,8 @@ def test_a_cell_with_an_arm_is_called_real():
 @given(st.lists(st.sets(st.sampled_from(["force", "hold", "stale"])), max_size=30))
 def test_the_log_has_each_reason_once_for_each_time_it_came(stories):
     """A reason that stays is one line; one that goes and comes back is two; newest first."""
-    log, before, expected = FaultLog(lambda: "now"), set(), 0
+    log, expected = FaultLog(lambda: "now"), 0
+    before: set[str] = set()
     for reasons in stories:
         trips = tuple(tripped(code, code) for code in sorted(reasons))
         log.saw(ArbiterStatus(state="HOLDING", trips=trips))

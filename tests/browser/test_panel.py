@@ -144,7 +144,7 @@ def test_from_nothing_to_a_calibrated_press_in_eight_clicks(ready, cell_file, ad
     page.click("Calibrate")
     page.click("Move now")
     page.until_said("running")
-    wait_until(lambda: (cell_file.parent / "made.yaml").exists(), 2.0 * PATIENCE_S)
+    wait_until((cell_file.parent / "made.yaml").exists, 2.0 * PATIENCE_S)
     page.until_said("the cell uses the new calibration")
     assert load_cell(cell_file).calibration is not None
     assert page.page.get_by_text("Force left at each pose").is_visible()

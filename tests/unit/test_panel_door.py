@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from websockets.datastructures import Headers
 from websockets.http11 import Request
 from websockets.sync.client import connect
+from websockets.typing import Origin
 
 from common.cell_panel import PanelSection
 from common.errors import ForcemeshError
@@ -151,13 +152,13 @@ def test_viser_is_behind_the_door():
             asking.request("GET", "/", headers=headers)
             assert asking.getresponse().status == expected
             asking.close()
-        url = f"ws://127.0.0.1:{port}"
+        url, ours = f"ws://127.0.0.1:{port}", Origin(f"http://127.0.0.1:{port}")
         with pytest.raises(Exception, match="503"):
-            connect(url, origin=f"http://127.0.0.1:{port}", proxy=None)
+            connect(url, origin=ours, proxy=None)
         gate.ready = True
         with pytest.raises(Exception, match="403"):
-            connect(url, origin="http://evil.example", proxy=None)
-        connect(url, origin=f"http://127.0.0.1:{port}", proxy=None).close()
+            connect(url, origin=Origin("http://evil.example"), proxy=None)
+        connect(url, origin=ours, proxy=None).close()
         with pytest.raises(ForcemeshError, match="cannot listen"):
             listen("127.0.0.1", port)
     finally:

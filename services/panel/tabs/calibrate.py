@@ -1,5 +1,7 @@
 """The calibration wizard: plan, one question, progress, what is left at each pose."""
 
+from typing import Any
+
 import numpy as np
 import viser
 from viser import uplot
@@ -10,6 +12,7 @@ from services.panel.watch import Snapshot
 from services.panel.wizard import Progress
 
 HEIGHT = 150
+TABLE = tuple("┏┃┡│├└╇─━")  # tables of a terminal; the report has them
 WORDS = {
     "idle": "Payload and sensor bias, by moving the tool through poses inside its workspace.",
     "planning": "planning …",
@@ -75,6 +78,7 @@ class _LeftPlot:
 
     def __init__(self, gui: viser.GuiApi) -> None:
         self._gui = gui
+        self._place = gui.add_folder("What is left", visible=False)
         self._shown: Progress | None = None
         self._handle: viser.GuiUplotHandle | None = None
 
@@ -95,8 +99,14 @@ class _LeftPlot:
         if self._handle is not None:
             self._handle.remove()
         top = 1.2 * max([limit, *fit, *fresh])
+        self._place.visible = True
+        with self._place:
+            self._handle = self._add(x, lines, top)
+
+    def _add(self, x: Any, lines: tuple[Any, ...], top: float) -> viser.GuiUplotHandle:
         dots = uplot.Series_Points(show=True, size=8)
-        self._handle = self._gui.add_uplot(
+        count = len(x)
+        return self._gui.add_uplot(
             (x, *lines),
             (
                 uplot.Series(label="pose"),
@@ -121,7 +131,7 @@ def _question(now: Progress) -> str:
 
 def _notes(now: Progress) -> str:
     verdict = [f"**{now.left['verdict']}**"] if now.left else []
-    shown = [f"`{note}`" for note in now.notes if not note.startswith(("─", "━", "┏", "┡", "└"))]
+    shown = [f"`{note}`" for note in now.notes if note.strip()[:1] not in TABLE]
     return "\n\n".join([*verdict, *shown])
 
 

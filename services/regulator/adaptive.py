@@ -2,7 +2,7 @@
 
 Along each axis of the tool, with k the stiffness that is believed and tau the loop's delay:
 
-    Ki  = min(c / (k tau), 1 / (m w_b)),  c from 0.45 to 3.4 with the part w of the prediction
+    Ki  = min(c / (k tau), 1 / (m w_b)),  c from 0.45 to 2 or 3.4 (`heat.py`) with the prediction w
     F'  = F + 0.5 m a - w k (x_command - x_felt)      force when all commands have arrived
     v   = Ki (F' - F_set) + v_surface                 v_surface along the press axis alone
 
@@ -26,14 +26,13 @@ from services.regulator import path as way
 from services.regulator import response
 from services.regulator import stiffness as stiff
 from services.regulator.drift import Drift
+from services.regulator.heat import Heat, heat_of
 from services.regulator.law import LawInput, LawSettings, LawState, PiGains, step
 from services.regulator.path import Path, PathSettings
 from services.regulator.response import Answer, Response
 from services.regulator.stiffness import Stiffness, StiffnessSettings
 from services.regulator.tuning import LOOP_GAIN, tune
 
-FULL_LOOP = 3.4  # k Ki tau at most; without the prediction LOOP_GAIN
-FORESEEN_LOOP, MOST_FORESEEN = 2.5, 0.9  # from this k Ki tau on so much is foreseen
 INERTIA_MARGIN = 1.0  # of 1 / (m w_b): the model takes half of the inertia away
 INERTIA_SHARE = 0.5
 FAST_LOOP_S, SLOW_LOOP_S = 0.008, 0.016  # period of a loop that bears all, none of the prediction
@@ -63,6 +62,7 @@ class AdaptiveSettings:
     plain_gain_m_per_Ns: float  # what the gain rule says: requested gains below it slow it down
     inertia_kg: float
     touch_N: float
+    heat: Heat
     predicts: bool
     tracks: bool
 
@@ -81,6 +81,7 @@ class AdaptiveSettings:
             plain_gain_m_per_Ns=tune(cell).force_i_m_per_Ns,
             inertia_kg=contact.inertia_kg,
             touch_N=TOUCH_SHARE * cell.force.touch_N,
+            heat=heat_of(cell),
             predicts=cell.force.delay_compensation,
             tracks=cell.force.surface_tracking,
         )
@@ -261,10 +262,11 @@ def _way(T_from: pin.SE3, T_to: pin.SE3, lever_m: Array) -> Array:
 def _tuned(k: Array, settings: AdaptiveSettings, dt_s: float) -> tuple[Array, Array]:
     """Return gain and part of the prediction along each axis."""
     bears = min(max((SLOW_LOOP_S - dt_s) / (SLOW_LOOP_S - FAST_LOOP_S), 0.0), 1.0)
-    loop = LOOP_GAIN + (FULL_LOOP - LOOP_GAIN) * (bears if settings.predicts else 0.0)
+    heat = settings.heat
+    loop = LOOP_GAIN + (heat.loop - LOOP_GAIN) * (bears if settings.predicts else 0.0)
     Ki = np.minimum(loop / (k * settings.tau_s), settings.gain_cap_m_per_Ns)
-    hot = (k * Ki * settings.tau_s - LOOP_GAIN) / (FORESEEN_LOOP - LOOP_GAIN)
-    return Ki, np.clip(hot, 0.0, MOST_FORESEEN)
+    hot = (k * Ki * settings.tau_s - LOOP_GAIN) / (heat.foreseen_loop - LOOP_GAIN)
+    return Ki, np.clip(hot, 0.0, heat.most_foreseen)
 
 
 def _worth(speed_m_s: float, k_tau: float) -> float:

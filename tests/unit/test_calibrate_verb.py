@@ -194,8 +194,8 @@ def test_a_useless_recording_is_one_line(tmp_path, quiet_cell):
     """Three poses, no file, no numbers: the sentence of `payload fit`, and nothing written."""
     lines = write_recording(tmp_path / "a.csv", seed=1).read_text().splitlines()[:4]
     (tmp_path / "few.csv").write_text("\n".join(lines))
-    for name in ("few.csv", "none.csv"):
+    for name, code in (("few.csv", 1), ("none.csv", 2)):
         result = run("--from", tmp_path / name, "--cell", quiet_cell)
-        assert result.exit_code == 1
+        assert result.exit_code == code
         assert len(result.stderr.strip().splitlines()) == 1
     assert not (tmp_path / "made").exists()

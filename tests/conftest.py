@@ -34,6 +34,9 @@ class Repeats:
     def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
         """Repeat once what lives in real time."""
         for item in items:
+            # Not the browser's: a repeat would end the cell that all of them share.
+            if item.get_closest_marker("browser"):
+                continue
             if item.get_closest_marker("realtime") or item.get_closest_marker("processes"):
                 item.add_marker(pytest.mark.flaky(reruns=1))
 

@@ -11,7 +11,7 @@ from cli.numbers import JOINTS, NEGATIVE_NUMBERS, POSE, parse_number, parse_vect
 
 if TYPE_CHECKING:
     from common.client import Cell, Move
-    from common.messages import RobotState, Vec3, Vec6
+    from common.messages import Asker, RobotState, Vec3, Vec6
     from common.requests import MoveRequest
 
 move = typer.Typer(
@@ -63,13 +63,7 @@ def move_joints(
     cell: CellOption = None,
 ) -> None:
     """Move the joints to angles [degrees]."""
-    joint_rad = _radians(joints)
-    from common.requests import MoveRequest
-
-    request = MoveRequest(
-        kind="joints", joint_rad=joint_rad, speed_m_s=_m_s(speed), commander=asker
-    )
-    _move(request, no_wait, cell)
+    _move(_of_joints("joints", joints, speed, asker), no_wait, cell)
 
 
 @move.command("by", context_settings=NEGATIVE_NUMBERS)
@@ -82,11 +76,16 @@ def move_by(
     cell: CellOption = None,
 ) -> None:
     """Move the joints by angles [degrees] from where they are."""
+    _move(_of_joints("by", joints, speed, asker), no_wait, cell)
+
+
+def _of_joints(
+    kind: Literal["joints", "by"], joints: str, speed: float | None, asker: "Asker"
+) -> "MoveRequest":
     joint_rad = _radians(joints)
     from common.requests import MoveRequest
 
-    request = MoveRequest(kind="by", joint_rad=joint_rad, speed_m_s=_m_s(speed), commander=asker)
-    _move(request, no_wait, cell)
+    return MoveRequest(kind=kind, joint_rad=joint_rad, speed_m_s=_m_s(speed), commander=asker)
 
 
 def jog(

@@ -1,15 +1,11 @@
 """The skills on a whole cell in virtual time: they do what they say, and stop as they should."""
 
 import json
-from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
-from cli.__main__ import app
-from cli.context import one_line_errors
 from cli.skills import at_work, following, guiding, pressing
 from cli.skills.feel import silent
 from cli.skills.path_file import read_poses
@@ -20,6 +16,7 @@ from common.config import load_cell
 from common.convert import pose_of
 from common.errors import ArmStoppedError, DataError, NotReachedError
 from tests.fakes.bench import CELL
+from tests.fakes.verbs import said
 
 CELL_FILE = Path(__file__).resolve().parents[2] / "cells" / "demo.yaml"
 assert CELL.sim is not None
@@ -152,7 +149,7 @@ def test_ctrl_c_holds_the_arm(cell: Skilled, monkeypatch) -> None:
         if done > 0.2:
             raise KeyboardInterrupt
 
-    done = said(monkeypatch, cell, interrupted, "touch")
+    done = said(monkeypatch, cell.client, interrupted, "touch")
     assert (done.exit_code, done.stderr) == (at_work.INTERRUPTED, "interrupted: the arm holds\n")
     cell.world.advance(0.1)
     assert cell.client.status().state == "HOLDING"
@@ -160,10 +157,10 @@ def test_ctrl_c_holds_the_arm(cell: Skilled, monkeypatch) -> None:
 
 def test_the_verbs_print_a_line_or_an_object(cell: Skilled, monkeypatch, tmp_path) -> None:
     """Both as they are typed; what is refused is one sentence and its exit code."""
-    touched = said(monkeypatch, cell, silent, "touch", "--json", "--back", "1")
+    touched = said(monkeypatch, cell.client, silent, "touch", "--json", "--back", "1")
     assert touched.exit_code == 0
     assert json.loads(touched.stdout)["way_mm"] == pytest.approx(GAP_MM, abs=0.3)
-    pressed = said(monkeypatch, cell, silent, "press", "8", "--seconds", "0.2")
+    pressed = said(monkeypatch, cell.client, silent, "press", "8", "--seconds", "0.2")
     assert pressed.exit_code == 0
     assert "N held, ripple" in pressed.stdout
     path = tmp_path / "way.csv"
@@ -178,7 +175,7 @@ def test_the_verbs_print_a_line_or_an_object(cell: Skilled, monkeypatch, tmp_pat
         (("guide", "--playback", "none.csv"), 2, "none.csv: cannot be read: No such file"),
         (("guide", "--speed", "5"), 2, "--speed goes with --playback"),
     ):
-        done = said(monkeypatch, cell, silent, *words)
+        done = said(monkeypatch, cell.client, silent, *words)
         assert (done.exit_code, done.stdout, done.stderr.count("\n")) == (code, "", 1), words
         assert says in done.stderr
 
@@ -190,20 +187,7 @@ def test_ctrl_c_between_two_things_holds_the_arm_too(cell: Skilled, monkeypatch)
         raise KeyboardInterrupt
 
     monkeypatch.setattr("cli.skills.path_file.read_points", interrupted)
-    done = said(monkeypatch, cell, silent, "follow", "way.csv")
+    done = said(monkeypatch, cell.client, silent, "follow", "way.csv")
     assert (done.exit_code, done.stderr) == (at_work.INTERRUPTED, "interrupted: the arm holds\n")
     cell.world.advance(0.1)
     assert cell.client.status().state == "HOLDING"
-
-
-def said(monkeypatch, cell: Skilled, tell, *words: str):
-    """Call a verb on the virtual cell."""
-
-    @contextmanager
-    def virtual(_named):
-        with one_line_errors():
-            yield cell.client
-
-    monkeypatch.setattr(at_work, "cell_of", virtual)
-    monkeypatch.setattr(at_work, "bar", lambda: nullcontext(tell))
-    return CliRunner().invoke(app, list(words))

@@ -1,16 +1,11 @@
 """`tune` on a whole cell in virtual time: it finds what is there, and leaves the arm as it was."""
 
 import json
-from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
-from cli.__main__ import app
-from cli.context import one_line_errors
-from cli.skills import at_work
 from cli.skills.feel import silent
 from cli.tuning.measure import Trial, measure
 from cli.virtual import VirtualCell
@@ -18,6 +13,7 @@ from common.client import Cell
 from common.config import load_cell
 from common.errors import NotReachedError
 from services.regulator.tuning import tune
+from tests.fakes.verbs import said
 
 CELLS = Path(__file__).resolve().parents[2] / "cells"
 CHAIN_S = 0.003  # at most, from the arbiter's command to the robot, and back in its report
@@ -102,7 +98,7 @@ def test_the_verb_measures_writes_and_applies(monkeypatch, tmp_path: Path) -> No
     cell = Tuned()
     written, out = tmp_path / "tuning.yaml", tmp_path / "tune.png"
     words = ("--no-press", "--json", "--apply", "--write", str(written), "--out", str(out))
-    done = said(monkeypatch, cell, silent, *words)
+    done = said(monkeypatch, cell.client, silent, "tune", *words)
     assert done.exit_code == 0, done.stderr
     told = json.loads(done.stdout)
     config = cell.client.config
@@ -117,7 +113,7 @@ def test_the_verb_measures_writes_and_applies(monkeypatch, tmp_path: Path) -> No
         (("--force", "90"), "--force 90: the cell allows 40 N"),
         (("--for", "controller"), "--for controller: this cell offers pc"),
     ):
-        done = said(monkeypatch, cell, silent, *wrong)
+        done = said(monkeypatch, cell.client, silent, "tune", *wrong)
         assert (done.exit_code, done.stdout, done.stderr) == (2, "", f"{says}\n")
 
 
@@ -129,7 +125,7 @@ def test_ctrl_c_in_the_middle_of_the_steps_holds_the_arm(monkeypatch) -> None:
         if done > 0.3:
             raise KeyboardInterrupt
 
-    done = said(monkeypatch, cell, interrupt)
+    done = said(monkeypatch, cell.client, interrupt, "tune")
     assert (done.exit_code, done.stderr) == (130, "interrupted: the arm holds\n")
     cell.world.advance(0.1)
     assert cell.client.status().state == "HOLDING"
@@ -138,16 +134,3 @@ def test_ctrl_c_in_the_middle_of_the_steps_holds_the_arm(monkeypatch) -> None:
 def run(cell: Tuned, trial: Trial) -> None:
     """Measure steps alone."""
     measure(cell.client, trial, gain=1e-3, with_press=False, with_controller=False)
-
-
-def said(monkeypatch, cell: Tuned, tell, *words: str):
-    """Call the verb on the virtual cell."""
-
-    @contextmanager
-    def virtual(_named):
-        with one_line_errors():
-            yield cell.client
-
-    monkeypatch.setattr(at_work, "cell_of", virtual)
-    monkeypatch.setattr(at_work, "bar", lambda: nullcontext(tell))
-    return CliRunner().invoke(app, ["tune", *words])

@@ -1,0 +1,25 @@
+"""A verb of the command line, called on a virtual cell."""
+
+from contextlib import contextmanager, nullcontext
+from typing import Any
+
+import pytest
+from typer.testing import CliRunner, Result
+
+from cli.__main__ import app
+from cli.context import one_line_errors
+from cli.skills import at_work
+from common.client import Cell
+
+
+def said(monkeypatch: pytest.MonkeyPatch, client: Cell, tell: Any, *words: str) -> Result:
+    """Call a verb that works on a cell; `tell` takes its progress."""
+
+    @contextmanager
+    def virtual(_named):
+        with one_line_errors():
+            yield client
+
+    monkeypatch.setattr(at_work, "cell_of", virtual)
+    monkeypatch.setattr(at_work, "bar", lambda: nullcontext(tell))
+    return CliRunner().invoke(app, list(words))

@@ -10,6 +10,7 @@ from common.endpoints import Bus, Reading
 from common.messages import ArbiterStatus, Health, SensorWrench
 
 POLL_S = 0.02
+HELPER_PERIODS = 1.5  # a helper that runs has said so by then; nobody waits longer for one
 
 
 class CellView:
@@ -19,10 +20,11 @@ class CellView:
         """Subscribe. A sensor of somebody else's has no health here; its readings show it."""
         self._clock = bus.clock
         self.longest_wait_s = cell.stale_after_s(topics.HUB_HEALTH)
+        self.helper_wait_s = HELPER_PERIODS / cell.rates.health_hz
         self._arbiter = bus.reader(topics.ARBITER_STATUS)
         self._roles = Roles(bus, cell)
-        for role in topics.ROLES:
-            self._roles.health(role)
+        for name in (*topics.ROLES, *topics.HELPERS):
+            self._roles.health(name)
 
     def health(self, role: str) -> Reading[Health] | Reading[SensorWrench]:
         """Return the newest health of a role, judged now."""

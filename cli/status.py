@@ -54,6 +54,8 @@ def cell_status(cell: Cell, run: Run | None, only: str | None = None) -> CellSta
             view = CellView(bus, cell)
             started_s = time.monotonic()
             view.wait(lambda: _is_heard(view, expected), view.longest_wait_s)
+            if not only:
+                view.wait(lambda: _helpers(view) == topics.HELPERS, view.helper_wait_s)
             return _judge(cell, run, view, time.monotonic() - started_s)
     except BusError:
         return _judge(cell, run, None, 0.0)
@@ -90,8 +92,17 @@ def _judge(cell: Cell, run: Run | None, view: CellView | None, waited_s: float) 
         not_ready=[] if heard is None else list(heard.not_ready),
         clears="" if heard is None else heard.clears,
         last_state=run.last_state if run else "",
-        services=[_service(role, run, view, waited_s) for role in topics.ROLES],
+        services=[
+            _service(name, run, view, waited_s) for name in (*topics.ROLES, *_helpers(view))
+        ],
     )
+
+
+def _helpers(view: CellView | None) -> tuple[str, ...]:
+    """Return the helpers that are there; a cell without them lacks nothing."""
+    if view is None:
+        return ()
+    return tuple(name for name in topics.HELPERS if view.health(name).message is not None)
 
 
 def _service(role: str, run: Run | None, view: CellView | None, waited_s: float) -> ServiceStatus:

@@ -79,9 +79,13 @@ def who(status: ArbiterStatus | None) -> str:
 
 
 def services(heard: Snapshot) -> list[dict[str, str]]:
-    """Return each role with its rate, the age of what it says last, and its fault."""
+    """Return each role with its rate, the age of what it says last, and its fault.
+
+    A helper is shown from when it was first heard: a cell without a recorder lacks nothing.
+    """
     rows = []
-    for role in topics.ROLES:
+    heard_helpers = [name for name in topics.HELPERS if has_spoken(heard.health.get(name))]
+    for role in (*topics.ROLES, *heard_helpers):
         reading: Reading[Any] | None = heard.health.get(role)
         stream: Reading[Any] | None = getattr(heard, STREAMS[role]) if role in STREAMS else None
         newest = stream if stream is not None and stream.message is not None else reading
@@ -90,6 +94,11 @@ def services(heard: Snapshot) -> list[dict[str, str]]:
             {"name": role, "text": f"{rate_text(reading)} · {age}", "fault": fault_of(reading)}
         )
     return rows
+
+
+def has_spoken(reading: Reading[Any] | None) -> bool:
+    """Tell whether anything was ever heard."""
+    return reading is not None and reading.message is not None
 
 
 def rate_text(reading: Reading[Any] | None) -> str:

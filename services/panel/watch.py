@@ -87,7 +87,9 @@ class Watch:
             target=client.target.reading(),
             command=client.command.reading(),
             arbiter=client.status.reading(),
-            health={role: client.health(role).reading() for role in topics.ROLES},
+            health={
+                name: client.health(name).reading() for name in (*topics.ROLES, *topics.HELPERS)
+            },
         )
 
     @property

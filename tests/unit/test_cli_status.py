@@ -26,6 +26,7 @@ from common.messages import ArbiterStatus, Health, SensorWrench
 
 ROOT = Path(__file__).resolve().parents[2]
 HUB = Process("services.hub", ("hub",))
+RECORDER = Process("services.recorder", ("recorder",))
 SLEEPER = Process("test", ("wrench",), (sys.executable, "-c", "import time; time.sleep(600)"))
 
 pytestmark = pytest.mark.processes
@@ -91,6 +92,16 @@ def test_a_second_hub_on_the_endpoint_is_told_and_nothing_else_is_started(cell: 
     run = read_run("other")
     assert run is not None
     assert [entry.roles for entry in run.processes] == [("hub",)]
+
+
+def test_a_helper_is_listed_while_it_runs(cell: Cell) -> None:
+    """Without a recorder nothing is missing; one that runs is in the list."""
+    with Supervisor(cell, processes=[HUB, RECORDER]):
+        wait_s = time.monotonic() + 20.0
+        while (rows := cell_status(cell, None)["services"])[-1]["name"] != "recorder":
+            assert time.monotonic() < wait_s, rows
+        assert [row["name"] for row in rows] == [*topics.ROLES, "recorder"]
+        assert rows[-1]["alive"]
 
 
 def put_health(bus: Bus) -> None:

@@ -194,6 +194,15 @@ def test_the_bar_names_each_service_and_what_is_wrong_with_it():
     assert rows["sensor"]["fault"] == "the cable is out"
     assert rows["arbiter"]["fault"] == "arbiter/health stale"
     assert rows["regulator"]["fault"]
+    assert "recorder" not in rows
+
+
+def test_the_bar_shows_a_recorder_once_it_was_heard():
+    """A cell without one lacks nothing; one that was there and is gone is missed."""
+    late = heard(Health(rate_hz=4.0), "recorder/health stale")
+    for reading, fault in ((heard(Health(rate_hz=4.0)), ""), (late, "recorder/health stale")):
+        rows = strip(CELL, all_heard(ArbiterStatus(), recorder=reading), "view")["services"]
+        assert (rows[-1]["name"], rows[-1]["fault"]) == ("recorder", fault)
 
 
 @pytest.mark.parametrize("monitor", [False, True])

@@ -92,9 +92,7 @@ def _judge(cell: Cell, run: Run | None, view: CellView | None, waited_s: float) 
         not_ready=[] if heard is None else list(heard.not_ready),
         clears="" if heard is None else heard.clears,
         last_state=run.last_state if run else "",
-        services=[
-            _service(name, run, view, waited_s) for name in (*topics.ROLES, *_helpers(view))
-        ],
+        services=[_service(name, run, view, waited_s) for name in (*topics.ROLES, *_helpers(view))],
     )
 
 

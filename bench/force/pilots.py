@@ -9,8 +9,9 @@ from bench.force.rig import Heard
 from common.cell import Cell
 from common.frames import Array
 from common.messages import Mode
-from services.regulator import adaptive
+from services.regulator import adaptive, guiding
 from services.regulator.adaptive import AdaptiveSettings
+from services.regulator.guiding import GuideSettings
 from services.regulator.law import LawInput, LawState, PiGains, start_at, step
 from services.regulator.settings import law_settings, pi_gains
 from services.regulator.tuning import tune
@@ -80,6 +81,32 @@ class Plain:
         sample = _sample(heard, self, law)
         self.law = step(law, sample, self.gains, self.plain)
         self.law = _moved(self.law, self.across_m_s * heard.dt_s)
+        return self.law.T_base_tcp
+
+
+class Guided:
+    """Hand guiding as the regulator runs it."""
+
+    def __init__(self, cell: Cell, T_base_tcp: pin.SE3, T_measured: pin.SE3) -> None:
+        """Start at rest, with nobody's hand on it."""
+        self.settings, self.plain = GuideSettings.of(cell), law_settings(cell)
+        self.gains = pi_gains(tune(cell).gains)
+        self.mode: Mode = "position"
+        self.setpoint_N, self.across_m_s = 0.0, np.zeros(3)
+        self.law, self.memory = start_at(T_base_tcp), guiding.begin(T_measured)
+
+    def step(self, heard: Heard) -> pin.SE3:
+        """Return the TCP's next pose."""
+        law = replace(self.law, T_base_tcp=heard.T_let_through) if heard.limited else self.law
+        self.law, self.memory = guiding.advance(
+            law,
+            self.memory,
+            LawInput(heard.force_N, heard.torque_Nm, 0.0, self.mode, heard.dt_s),
+            heard.T_base_tcp,
+            gains=self.gains,
+            plain=self.plain,
+            settings=self.settings,
+        )
         return self.law.T_base_tcp
 
 

@@ -20,6 +20,8 @@ LAWS: dict[str, stage.Make] = {
     "plain, safe at 2e5 N/m": stage.plain,
     "plain, told k": stage.tuned_plain,
 }
+HAND_GUIDING = "hand guiding"
+GUIDED = ("guide", "guide to a wall")
 SCENE_WORLDS = (World(5e3, 10), *(World(k, d) for k, d in product((2e4, 1e5), (10, 30))))
 LIMITED = tuple(World(k, 10, speed_m_s=v) for v, k in product((0.02, 0.05), (1e3, 5e3, 2e4)))
 SLOW_PLAIN_S = 20.0
@@ -143,6 +145,7 @@ def scene_jobs(extent: Extent) -> list[tuple[str, str, World]]:
         for scene, law, world in product(scenes.SCENES, LAWS, extent.scene_worlds)
         if scene != "ten times stiffer" or world.stiffness_N_m >= 10.0 * SOFTEST_PLATE_N_M
     ]
+    jobs += [(scene, HAND_GUIDING, world) for scene, world in product(GUIDED, extent.scene_worlds)]
     slow_wall = ("wall vanishes", "adaptive")
     worlds = [replace(world, speed_m_s=v) for v in (0.02, 0.05) for world in extent.scene_worlds]
     return jobs + [(*slow_wall, world) for world in worlds]
@@ -158,7 +161,8 @@ def scene_row(job: tuple[str, str, World]) -> Row:
         "delay_ms": world.delay_ms,
         "speed_m_s": world.speed_m_s,
     }
-    measures = scenes.SCENES[scene](world, LAWS[law])
+    make = stage.guided if law == HAND_GUIDING else LAWS[law]
+    measures = scenes.SCENES[scene](world, make)
     return row | {name: None if np.isnan(value) else value for name, value in measures.items()}
 
 

@@ -6,19 +6,18 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 
+from bench.force.guided import guide, guide_to_a_wall
 from bench.force.measures import energy_mJ, means, settling_s
 from bench.force.rig import Rig, Trace, World
 from bench.force.settle import true_tau_s
 from bench.force.stage import HOLD_N, Make, Measures, holding, plain
 from bench.force.turning import align, lateral, slide
-from common.frames import Array
 from sim.robot.ft_sensor import FtSample
 
 SLOPE_M_S = 0.02 * float(np.tan(np.radians(10.0)))  # 10 degrees at 20 mm/s across
 SINE_M, SINE_HZ = 0.002, 0.02 / 0.1  # 2 mm in 100 mm at 20 mm/s
 STEP_N = 10.0
 SPIKE_N, SPIKE_SHARE = 20.0, 0.01
-HAND_N_M, HAND_NS_M, HAND_M_S = 500.0, 20.0, 0.03
 
 
 def press(world: World, make: Make) -> Measures:
@@ -92,28 +91,6 @@ def set_point_step(world: World, make: Make) -> Measures:
         "overshoot_pct": 100.0 * max(0.0, _peak(trace) - pilot.setpoint_N) / STEP_N,
         "energy_mJ": energy_mJ(trace),
     }
-
-
-def guide(world: World, make: Make) -> Measures:
-    """A scripted hand pulls the free tool along at 30 mm/s through a soft grip."""
-    rig = Rig(replace(world, gap_m=0.05).cell())
-    pilot = make(rig)
-    tool, start = rig.arm.model.body("tool").id, rig.arm.ticks
-    home: Array = np.array(rig.arm.T_base_tcp.translation)
-    last = [home.copy()]
-
-    def pull(rig: Rig) -> None:
-        t = (rig.arm.ticks - start) * 1e-3
-        at = np.array(rig.arm.T_base_tcp.translation)
-        speed, last[0] = (at - last[0]) / 1e-3, at
-        way = np.array([0.0, HAND_M_S * t, 0.0])
-        hand = HAND_N_M * (home + way - at) + HAND_NS_M * (np.array([0, HAND_M_S, 0]) - speed)
-        rig.arm.data.xfrc_applied[tool][:3] = hand
-
-    rig.every_tick = pull
-    trace = rig.run(pilot, 2.0)
-    force = np.array(trace.force_N)[:, 1][np.array(trace.t_s) > 1.0]
-    return {"hand_N": float(np.abs(force).mean()), "hand_peak_N": float(np.abs(force).max())}
 
 
 def payload_error(world: World, make: Make) -> Measures:
@@ -194,6 +171,7 @@ SCENES: dict[str, Callable[[World, Make], Measures]] = {
     "lateral": lateral,
     "slide": slide,
     "guide": guide,
+    "guide to a wall": guide_to_a_wall,
     "payload error": payload_error,
     "spikes": spikes,
     "wall vanishes": vanish,

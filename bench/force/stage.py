@@ -2,12 +2,12 @@
 
 from collections.abc import Callable
 
-from bench.force.pilots import Ours, Plain
+from bench.force.pilots import Guided, Ours, Plain
 from bench.force.rig import Rig, Trace, World
 
 HOLD_N = 10.0
 
-Pilot = Ours | Plain
+Pilot = Ours | Plain | Guided
 Make = Callable[[Rig], Pilot]
 Measures = dict[str, float]
 
@@ -27,6 +27,11 @@ def tuned_plain(rig: Rig) -> Pilot:
     k, tau_s = rig.arm.settings.stiffness_N_m, rig.cell.loop_delay_s
     inertia = 0.5 / (rig.cell.contact.inertia_kg * rig.cell.robot.bandwidth_rad_s)
     return Plain(rig.cell, rig.T_base_tcp, min(0.45 / (k * tau_s), inertia))
+
+
+def guided(rig: Rig) -> Pilot:
+    """Our law for a hand that leads the tool."""
+    return Guided(rig.cell, rig.T_base_tcp, rig.arm.T_base_tcp)
 
 
 def holding(world: World, make: Make, setpoint_N: float = HOLD_N) -> tuple[Rig, Pilot, Trace]:

@@ -12,20 +12,18 @@ POLL_S = 0.02
 
 
 class Roles:
-    """The roles and helpers of one cell. Subscribes to a role's health when it is first asked for."""
+    """Roles and helpers of one cell. Subscribes to a health when it is first asked for."""
 
     def __init__(self, bus: Bus, cell: CellFile) -> None:
         """A sensor of somebody else's has no health here; its readings show it."""
         self._bus = bus
         self._longest_wait_s = cell.stale_after_s(topics.HUB_HEALTH)
         self.feeds: dict[str, Feed[Health] | Feed[SensorWrench]] = {
-            helper: Feed(bus, topic, LostError) for helper, topic in topics.HELPER_HEALTH.items()
-        } | {
-            role: Feed(bus, topics.SENSOR_WRENCH, LostError)
-            if role == "sensor" and cell.roles.sensor == "external"
-            else Feed(bus, topics.HEALTH[role], LostError)
-            for role in topics.ROLES
+            name: Feed(bus, topic, LostError)
+            for name, topic in (topics.HEALTH | topics.HELPER_HEALTH).items()
         }
+        if cell.roles.sensor == "external":
+            self.feeds["sensor"] = Feed(bus, topics.SENSOR_WRENCH, LostError)
 
     def health(self, role: str) -> Reading[Health] | Reading[SensorWrench]:
         """Return the newest health of a role, judged now."""

@@ -1,0 +1,69 @@
+"""Scenes with a hand that holds the tool through a soft grip: led freely, and to a wall."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from bench.force.measures import means
+from bench.force.rig import Rig, World
+from bench.force.stage import Make, Measures
+from common.frames import Array
+from sim.robot.settings import TICK_S
+
+GRIP_N_M, GRIP_NS_M, HAND_M_S = 500.0, 20.0, 0.03
+FIRM_N_M = 1000.0  # the grip of somebody who leans on the wall
+WALL_M, LEAN_S, BACK_S, END_S = 0.005, 0.4, 1.2, 2.2
+
+Way = Callable[[float], tuple[Array, Array]]  # of the hand, since it took hold [m], [m/s]
+
+
+def guide(world: World, make: Make) -> Measures:
+    """A hand pulls the free tool along at 30 mm/s."""
+    along = np.array([0.0, HAND_M_S, 0.0])
+    rig = Rig(replace(world, gap_m=0.05).cell())
+    pilot = make(rig)
+    rig.every_tick = held(rig, lambda t: (along * t, along), GRIP_N_M)
+    trace = rig.run(pilot, 2.0)
+    force = np.array(trace.force_N)[:, 1][np.array(trace.t_s) > 1.0]
+    return {"hand_N": float(np.abs(force).mean()), "hand_peak_N": float(np.abs(force).max())}
+
+
+def guide_to_a_wall(world: World, make: Make) -> Measures:
+    """A hand leads the tool down against the plate, leans on it, and leads it up again."""
+    down = np.array([0.0, 0.0, -HAND_M_S])
+    rig = Rig(replace(world, gap_m=WALL_M).cell())
+    pilot = make(rig)
+
+    def lean(t: float) -> tuple[Array, Array]:
+        if t < LEAN_S:
+            return down * t, down
+        return down * (LEAN_S - max(0.0, t - BACK_S)), (-down if t > BACK_S else 0.0 * down)
+
+    rig.every_tick = held(rig, lean, FIRM_N_M)
+    trace = rig.run(pilot, END_S)
+    t, push = np.array(trace.t_s), np.array(trace.push_N)
+    z = np.array([T.translation[2] for T in trace.T_base_tcp])
+    leaning = push[(t > 0.5 * (LEAN_S + BACK_S)) & (t < BACK_S)]
+    return {
+        "peak_N": float(means(t, push).max()),
+        "leaning_N": float(leaning.mean()),
+        "ripple_N": float(leaning.std()),
+        "came_back_mm": 1e3 * float(z[-1] - z.min()),
+    }
+
+
+def held(rig: Rig, way: Way, grip_N_m: float) -> Callable[[Rig], None]:
+    """Return what a hand does to the tool at every tick."""
+    tool, start = rig.arm.model.body("tool").id, rig.arm.ticks
+    home: Array = np.array(rig.arm.T_base_tcp.translation)
+    last = [home.copy()]
+
+    def pull(rig: Rig) -> None:
+        at = np.array(rig.arm.T_base_tcp.translation)
+        speed, last[0] = (at - last[0]) / TICK_S, at
+        place, wanted = way((rig.arm.ticks - start) * TICK_S)
+        force_N = grip_N_m * (home + place - at) + GRIP_NS_M * (wanted - speed)
+        rig.arm.data.xfrc_applied[tool][:3] = force_N
+
+    return pull

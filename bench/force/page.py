@@ -10,8 +10,7 @@ HEAD = """# How good the force is
 
 Measured on the simulated RS007L (MuJoCo, 1 ms) with the real wrench filter, motion limits and
 regulator in one loop on a virtual clock; sensor noise 0.1 N at 1 kHz, median of five, low-pass
-5 ms, control at 250 Hz unless said otherwise, 150 mm/s and 10 m/s2 at most (a slower brake wants a
-cooler loop: docs/tuning.md). One set of settings for all: the stiffest contact is said to be
+5 ms, control at 250 Hz unless said otherwise, 150 mm/s and 10 m/s2 at most. One set of settings for all: the stiffest contact is said to be
 2e5 N/m, and the adaptive law starts from that. tau is the true sum of delay, servo lag, filters,
 half a period and the processes. Settled is within 1 N, in means of
 8 ms, after the first 15 ms; overshoot is true lift-off times stiffness, of the 30 N. Surfaces move
@@ -35,6 +34,9 @@ becomes known. It starts from the gain for 1e5 N/m, and has no prediction.
 LIMITED = """At 10 ms of delay, with a lower speed limit. At 1e3 N/m the speed limit bounds the
 first part of the way and the inertia cap the rest, so the times of both add up.
 """
+BRAKES = """The same releases with less acceleration allowed: settling in tau, first contact / once
+the stiffness was met, and overshoot. The loop is only as hot as the arm brakes.
+"""
 PEERS = """Every law is tuned by the same search (bench/force/search.py): 10 gains times 3 second
 numbers, each on every scene; more than 5 % overshoot does not count as settled. One setting: the
 one that settles in most scenes, and is fastest in them. Tuned here: the best for this scene alone,
@@ -57,6 +59,9 @@ def page(rows: Rows, command: str) -> str:
         _controller(rows["controller host"]),
         LIMITED,
         _limited(rows["limited speed"]),
+        "## Arms that brake slowly\n",
+        BRAKES,
+        _brakes(rows["slow brakes"]),
         "## Beside other laws\n",
         PEERS,
         *_peers(beside(rows)),
@@ -83,12 +88,7 @@ def _releases(rows: list[Row]) -> Iterable[str]:
         title = "delay known" if error == 0.0 else f"delay assumed {error:+g} ms wrong"
         body = []
         for delay, line in groupby(these, key=lambda row: int(row["delay_ms"])):
-            cells = [
-                f"{_tau(r, 'first')} / {_tau(r, 'met')}, "
-                f"{max(r['first_overshoot_pct'], r['met_overshoot_pct']):.0f} %, "
-                f"{r['believed']:.2f} k"
-                for r in line
-            ]
+            cells = [f"{_release(r)}, {r['believed']:.2f} k" for r in line]
             body.append((f"{delay} ms", *cells))
         yield _table((title, *(f"{k:g}" for k in stiffnesses)), body)
 
@@ -135,6 +135,20 @@ def _limited(rows: list[Row]) -> str:
         for r in rows
     ]
     return _table(("speed limit", "stiffness", "first", "met", "overshoot"), body)
+
+
+def _brakes(rows: list[Row]) -> str:
+    stiffnesses = sorted({row["stiffness_N_m"] for row in rows})
+    body = [
+        (f"{accel:g} m/s2, {delay} ms", *(_release(row) for row in line))
+        for (accel, delay), line in groupby(rows, key=lambda r: (r["accel_m_s2"], r["delay_ms"]))
+    ]
+    return _table(("at most", *(f"{k:g}" for k in stiffnesses)), body)
+
+
+def _release(row: Row) -> str:
+    overshoot_pct = max(row["first_overshoot_pct"], row["met_overshoot_pct"])
+    return f"{_tau(row, 'first')} / {_tau(row, 'met')}, {overshoot_pct:.0f} %"
 
 
 def _peers(rows: list[Row]) -> Iterable[str]:

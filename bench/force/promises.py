@@ -32,6 +32,7 @@ def promises(rows: Rows) -> list[Promise]:
         *_releases(rows["release"]),
         *_slow(rows["slow loops"]),
         *_limited(rows["limited speed"]),
+        *_brakes(rows["slow brakes"]),
         *_scenes(rows["scenes"]),
     ]
     made += [*_peers(beside(rows)), _fixed(rows["fixed gain"][0])]
@@ -104,6 +105,11 @@ def _limited(rows: list[Row]) -> Iterable[Promise | None]:
     text = "20 and 50 mm/s, first, of (F0 - 1)/(k vmax) + 5 tau"
     yield _worst(text, 1.0, [row for row in rows if row not in soft], part)
     yield _worst("the same at 1e3 N/m, or of the line above where longer", 1.0, soft, part)
+
+
+def _brakes(rows: list[Row]) -> Iterable[Promise | None]:
+    yield _worst("arms that brake slowly, first, tau", 9.0, rows, _taus("first"))
+    yield _worst("the same, overshoot, %", 5.0, rows, _overshoot)
 
 
 def beside(rows: Rows) -> list[Row]:

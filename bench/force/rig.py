@@ -45,6 +45,7 @@ class World:
     tool_mass_kg: float = 1.0
     seed: int = 0
     speed_m_s: float = 0.15
+    accel_m_s2: float = 10.0
     overrides: tuple[tuple[str, object], ...] = ()
 
     def cell(self) -> Cell:
@@ -59,7 +60,7 @@ class World:
             "force.speed_max_m_s": self.speed_m_s,
             "force.law": "adaptive",
             "filter.median": 5,
-            "limits.accel_m_s2": 10.0,
+            "limits.accel_m_s2": self.accel_m_s2,
             "limits.force_N": 500.0,
             "contact.stiffness_N_m": STIFFEST_N_M,
             "sim.stiffness_N_m": self.stiffness_N_m,

@@ -24,6 +24,10 @@ HAND_GUIDING = "hand guiding"
 GUIDED = ("guide", "guide to a wall")
 SCENE_WORLDS = (World(5e3, 10), *(World(k, d) for k, d in product((2e4, 1e5), (10, 30))))
 LIMITED = tuple(World(k, 10, speed_m_s=v) for v, k in product((0.02, 0.05), (1e3, 5e3, 2e4)))
+BRAKES = tuple(
+    World(k, d, accel_m_s2=a)
+    for a, d, k in product((1, 2, 5, 7.5), (0, 10, 30, 60), (5e3, 2e4, 2e5))
+)
 SLOW_PLAIN_S = 20.0
 SOFTEST_PLATE_N_M = 1e3  # that the simulated cell can be given
 
@@ -39,6 +43,7 @@ class Extent:
     search_scenes: Sequence[World] = search.SCENES
     search_part: int = 1
     limited: Sequence[World] = LIMITED
+    brakes: Sequence[World] = BRAKES
     controller: Sequence[on_controller.Case] = on_controller.CASES
 
 
@@ -54,6 +59,7 @@ QUICK = Extent(
     (World(5e3, 10), World(1e5, 10)),
     5,
     LIMITED[-1:],
+    BRAKES[-1:],
     on_controller.CASES[:1],
 )
 
@@ -81,6 +87,13 @@ def controller_rows(extent: Extent, pool: Executor) -> list[Row]:
 def limited_rows(extent: Extent, pool: Executor) -> list[Row]:
     """Return the releases with a lower speed limit."""
     return list(pool.map(release_row, extent.limited))
+
+
+def brake_rows(extent: Extent, pool: Executor) -> list[Row]:
+    """Return the releases with arms that brake slowly."""
+    rows = pool.map(release_row, extent.brakes)
+    worlds = extent.brakes
+    return [row | {"accel_m_s2": world.accel_m_s2} for row, world in zip(rows, worlds, strict=True)]
 
 
 def scene_rows(extent: Extent, pool: Executor) -> list[Row]:
@@ -171,6 +184,7 @@ TABLES: dict[str, Callable[[Extent, Executor], list[Row]]] = {
     "slow loops": slow_rows,
     "controller host": controller_rows,
     "limited speed": limited_rows,
+    "slow brakes": brake_rows,
     "fixed gain": fixed_gain_rows,
     "scenes": scene_rows,
     "peers": peer_rows,

@@ -111,6 +111,7 @@ def test_the_page_is_made_of_the_rows() -> None:
         "release": [row],
         "slow loops": [],
         "limited speed": [],
+        "slow brakes": [],
         "controller host": [],
         "fixed gain": [{"fixed_s": 5.0, "met_s": 0.13}],
         "peers": [peer],

@@ -2,7 +2,7 @@
 
 Along each axis of the tool, with k the stiffness that is believed and tau the loop's delay:
 
-    Ki  = min(c / (k tau), 1 / (m w_b)),  c from 0.45 to 2 or 3.4 (`heat.py`) with the prediction w
+    Ki  = min(c / (k tau), 1 / (m w_b)),  c from 0.45 to 3.4 with the prediction w; braked: heat.py
     F'  = F + 0.5 m a - w k (x_command - x_felt)      force when all commands have arrived
     v   = Ki (F' - F_set) + v_surface                 v_surface along the press axis alone
 
@@ -26,7 +26,7 @@ from services.regulator import path as way
 from services.regulator import response
 from services.regulator import stiffness as stiff
 from services.regulator.drift import Drift
-from services.regulator.heat import Heat, heat_of
+from services.regulator.heat import Heat, braked, heat_of
 from services.regulator.law import LawInput, LawSettings, LawState, PiGains, step
 from services.regulator.path import Path, PathSettings
 from services.regulator.response import Answer, Response
@@ -172,10 +172,15 @@ def advance(
         foreseen_N = foreseen_N + w[2] * k[2] * ahead_m * R[:, 2]
         speed_m_s = share * follow.drift.speed_in_m_s(ahead_s, follow.calm)
         drift_m_s = (speed_m_s + follow.trim_m_s) * R[:, 2]
+    error_N = R.T @ foreseen_N + np.array([0.0, 0.0, sample.setpoint_N])
+    Ki = braked(Ki, error_N, k, settings.heat.brake_m_s2)
     richer = replace(sample, foreseen_N=foreseen_N, drift_m_s=drift_m_s, R_base_gains=R)
     band = DEADBAND_IN_CONTACT if memory.free_s == 0.0 else 1.0
     tuned = replace(gains, force_i_m_per_Ns=Ki)
-    return step(law, richer, tuned, replace(plain, deadband_N=band * plain.deadband_N)), memory
+    plain = replace(
+        plain, deadband_N=band * plain.deadband_N, accel_max_m_s2=settings.heat.accel_m_s2
+    )
+    return step(law, richer, tuned, plain), memory
 
 
 def asked_share(gains: PiGains, R: Array, settings: AdaptiveSettings) -> Array:

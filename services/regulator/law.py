@@ -11,6 +11,7 @@ Positive force is what the environment does to the robot, so giving way means mo
 """
 
 from dataclasses import dataclass
+from math import inf
 from typing import Literal
 
 import numpy as np
@@ -36,6 +37,7 @@ class LawSettings:
     approach_m_s: float
     approach_accel_m_s2: float  # so gentle that the tool's inertia is not taken for contact
     touch_N: float
+    accel_max_m_s2: float = inf  # of a law that foresees what its own commands will do
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,6 +76,7 @@ class LawState:
     error_torque_Nm: Array | None = None
     contact: Contact = "free"
     approach_m_s: float = 0.0  # speed of the approach under way
+    speed_m_s: Array | None = None  # with which it gives way or presses, base axes; None: none
     lever_m: Array | None = None  # from the TCP to the point of contact, base axes; mode both
 
 
@@ -91,6 +94,7 @@ def step(state: LawState, sample: LawInput, gains: PiGains, settings: LawSetting
     contact = next_contact(state.contact, sample, press_axis, settings.touch_N)
     lever_m = contact_point(sample, settings.touch_N) if sample.mode == "both" else None
     turn_rad, shift_m, approach_m_s = np.zeros(3), np.zeros(3), 0.0
+    speed_m_s = None
     if sample.mode != "position":
         proportional_rad = gains.torque_p_rad_per_Nm * change(error_Nm, state.error_torque_Nm)
         turn_rad = proportional_rad + gains.torque_i_rad_per_Nms * error_Nm * sample.dt_s
@@ -99,6 +103,7 @@ def step(state: LawState, sample: LawInput, gains: PiGains, settings: LawSetting
         faster_m_s = state.approach_m_s + settings.approach_accel_m_s2 * sample.dt_s
         approach_m_s = min(faster_m_s, settings.approach_m_s)
         shift_m = approach_m_s * sample.dt_s * press_axis
+        speed_m_s = approach_m_s * press_axis
     elif sample.mode != "orientation":
         foreseen_N = error_N
         if sample.foreseen_N is not None:
@@ -107,14 +112,16 @@ def step(state: LawState, sample: LawInput, gains: PiGains, settings: LawSetting
         integral_m = _along(gain, foreseen_N, sample.R_base_gains) * sample.dt_s
         proportional_m = gains.force_p_m_per_N * change(error_N, state.error_force_N)
         shift_m = proportional_m + integral_m
-        if lever_m is not None:
-            shift_m = shift_m - np.cross(turn_rad, lever_m)
         if sample.drift_m_s is not None:
             shift_m = shift_m + sample.drift_m_s * sample.dt_s
-        shift_m = limit_norm(_masked(shift_m, sample, 0), settings.speed_max_m_s * sample.dt_s)
+        shift_m = _sped_up(state.speed_m_s, shift_m, sample, settings)
+        speed_m_s = shift_m / sample.dt_s
+        if lever_m is not None:
+            shift_m = _masked(shift_m - np.cross(turn_rad, lever_m), sample, 0)
+            shift_m = limit_norm(shift_m, settings.speed_max_m_s * sample.dt_s)
     R_base_tcp = rotate_about_base_axes(state.T_base_tcp.rotation, turn_rad)
     T_base_tcp = pin.SE3(R_base_tcp, state.T_base_tcp.translation + shift_m)
-    return LawState(T_base_tcp, error_N, error_Nm, contact, approach_m_s, lever_m)
+    return LawState(T_base_tcp, error_N, error_Nm, contact, approach_m_s, speed_m_s, lever_m)
 
 
 def next_contact(contact: Contact, sample: LawInput, press_axis: Array, touch_N: float) -> Contact:
@@ -138,6 +145,16 @@ def contact_point(sample: LawInput, touch_N: float) -> Array:
         return np.zeros(3)
     lever_m = np.cross(sample.force_N, sample.torque_Nm) / square
     return limit_norm(lever_m, LONGEST_LEVER_M)
+
+
+def _sped_up(
+    before_m_s: Array | None, shift_m: Array, sample: LawInput, settings: LawSettings
+) -> Array:
+    """Return a shift that speed and acceleration allow, along the axes that may move."""
+    shift_m = limit_norm(_masked(shift_m, sample, 0), settings.speed_max_m_s * sample.dt_s)
+    before_m = np.zeros(3) if before_m_s is None else _masked(before_m_s, sample, 0) * sample.dt_s
+    most_m = settings.accel_max_m_s2 * sample.dt_s**2
+    return before_m + limit_norm(shift_m - before_m, most_m)
 
 
 def _along(gain: Array, error: Array, R: Array | None) -> Array:

@@ -141,7 +141,7 @@ def test_what_was_met_holds_after_a_stop_and_a_start_as_long_as_it_touches_there
         bench.live(3)
         bench.push((0.0, 0.0, 4.0))
         bench.do("start", ("position", "pc", "adaptive", 0.0, (True,) * 6, "base"))
-        bench.live(2)
+        bench.live(5)  # it speeds up no faster than the arm may
         a, b = list(pairwise(bench.poses))[-1]
         speeds.append(float((b.translation - a.translation)[2]) / PERIOD_S)
     assert speeds[0] > 1.5 * speeds[1] > 0.0

@@ -119,17 +119,16 @@ def test_two_people_do_not_disturb_each_other(ready, address, cockpit):
 
 
 def test_jogging_is_unlocked_once_and_then_moves_at_each_click(ready, address, cockpit):
-    """Locked buttons do nothing; a step of 5 mm up is a step of 5 mm up."""
+    """Until then there are no buttons; a step of 5 mm up is a step of 5 mm up."""
     page = cockpit().open(address)
     page.tab("Move")
     page.click("Arm for jog")
     page.click("Arm now")
     page.until_state("ARMED for jog")
-    assert page.button("+z").is_disabled()
+    assert page.button("+z").count() == 0
     z_mm = 1e3 * ready.state().position_m[2]
     page.click("Unlock jogging")
     page.click("Unlock")
-    wait_until(lambda: page.button("+z").is_enabled())
     page.click("+z")
     wait_until(lambda: abs(1e3 * ready.state().position_m[2] - z_mm - 5.0) < 0.1)
     page.picture("panel-move")

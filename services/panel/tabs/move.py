@@ -92,7 +92,7 @@ class Mover:
 
 
 class _Jog:
-    """Steps along axes. One question unlocks the buttons for a while, for this person alone."""
+    """Steps along axes. One question shows the buttons for a while, to this person alone."""
 
     def __init__(self, viewer: Viewer, mover: Mover) -> None:
         gui, self._viewer, self._mover = viewer.gui, viewer, mover
@@ -100,10 +100,10 @@ class _Jog:
         self._unlock = gui.add_button("Unlock jogging", icon=viser.Icon.LOCK, color="orange")
         self._axes = gui.add_dropdown("Axes of", ("base", "tool"))
         self._step = gui.add_dropdown("Step [mm, degrees]", STEPS_MM, initial_value="5")
-        self._shift = gui.add_button_group("Shift", ARROWS, disabled=True)
-        self._turn = gui.add_button_group("Turn", ARROWS, disabled=True)
+        self._shift = gui.add_button_group("Shift", ARROWS, visible=False)
+        self._turn = gui.add_button_group("Turn", ARROWS, visible=False)
         self._joint = gui.add_dropdown("Joint", tuple(f"J{n}" for n in range(1, 7)))
-        self._by = gui.add_button_group("Joint by", ("−", "+"), disabled=True)
+        self._by = gui.add_button_group("Joint by", ("−", "+"), visible=False)
         self._unlock.on_click(
             lambda _event: viewer.confirm("Unlock jogging", JOG_TEXT, "Unlock", self._open)
         )
@@ -124,7 +124,7 @@ class _Jog:
         self._until_ns = self._until_ns if open_ else 0
         self._unlock.visible = not open_
         for handle in (self._shift, self._turn, self._by):
-            handle.disabled = not open_
+            handle.visible = open_  # groups cannot be disabled
 
     def _is_open(self) -> bool:
         return self._viewer.watch.clock.now_ns() < self._until_ns

@@ -35,7 +35,7 @@ LIMITED = """At 10 ms of delay, with a lower speed limit. At 1e3 N/m the speed l
 first part of the way and the inertia cap the rest, so the times of both add up.
 """
 BRAKES = """The same releases with less acceleration allowed: settling in tau, first contact / once
-the stiffness was met, and overshoot. The loop is only as hot as the arm brakes.
+the stiffness was met, and overshoot. Braking takes its time; it does not overshoot.
 """
 PEERS = """Every law is tuned by the same search (bench/force/search.py): 10 gains times 3 second
 numbers, each on every scene; more than 5 % overshoot does not count as settled. One setting: the

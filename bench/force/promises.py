@@ -108,8 +108,7 @@ def _limited(rows: list[Row]) -> Iterable[Promise | None]:
 
 
 def _brakes(rows: list[Row]) -> Iterable[Promise | None]:
-    yield _worst("arms that brake slowly, first, tau", 9.0, rows, _taus("first"))
-    yield _worst("the same, overshoot, %", 5.0, rows, _overshoot)
+    yield _worst("arms that brake slowly, overshoot, %", 5.0, rows, _overshoot)
 
 
 def beside(rows: Rows) -> list[Row]:
@@ -147,6 +146,8 @@ def _scenes(rows: list[Row]) -> Iterable[Promise | None]:
     yield _worst("sine at 1e5, N", 0.5, of("sine", 1e5), value("mean_error_N"))
     onset = [*of("slope"), *of("sine")]
     yield _worst("onset, of k v tau", 1.2, onset, value("onset_of_k_v_tau"))
+    step = of("set point step", 0.0)
+    yield _worst("set point from 10 to 20 N, overshoot, %", 5.0, step, value("overshoot_pct"))
     yield _worst("still surface, N", 0.1, of("press", 0.0), value("steady_error_N"))
     yield _worst("alignment from 10 degrees, degrees", 0.1, of("align"), value("misalignment_deg"))
     lost = [row for row in ours if "contact_lost" in row]

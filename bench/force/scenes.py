@@ -81,10 +81,14 @@ def follow(world: World, make: Make, kind: str) -> Measures:
 
 
 def set_point_step(world: World, make: Make) -> Measures:
-    """From 10 N to 20 N at once."""
+    """From 10 N to 20 N, as fast as the regulator lets a set point change."""
     rig, pilot, _ = holding(world, make)
-    pilot.setpoint_N = HOLD_N + STEP_N
-    trace = rig.run(pilot, 1.5 if make is not plain else 6.0)
+    trace = Trace()
+    rises_N = rig.cell.force.setpoint_ramp_N_s / rig.cell.rates.control_hz
+    while pilot.setpoint_N < HOLD_N + STEP_N:
+        pilot.setpoint_N = min(pilot.setpoint_N + rises_N, HOLD_N + STEP_N)
+        rig.run(pilot, 1.0 / rig.cell.rates.control_hz, trace)
+    rig.run(pilot, 1.5 if make is not plain else 6.0, trace)
     settled = settling_s(np.array(trace.t_s), np.array(trace.push_N) - pilot.setpoint_N, 1.0)
     return {
         "settling_s": float("nan") if settled is None else settled,

@@ -286,7 +286,9 @@ def _followed(
     """Return how the surface is followed after this sample."""
     before, dt_s, axis = memory.follow, sample.dt_s, R[:, 2]
     error_N = float(sample.force_N @ axis) + sample.setpoint_N
-    near = before.near or (abs(error_N) < NEAR_N and bool(memory.stiffness.known[2]))
+    coming_N = float(memory.k[2] * (axis @ (memory.command.command - memory.command.felt)))
+    is_there = max(abs(error_N), abs(coming_N)) < NEAR_N
+    near = before.near or (is_there and bool(memory.stiffness.known[2]))
     if memory.free_s > 0.0 or abs(sample.setpoint_N - before.setpoint_N) > 0.0:
         near = False
     share = before.share + (near - before.share) * min(1.0, dt_s / FADE_S)

@@ -5,7 +5,9 @@ The slope of force over way is estimated by least squares that forget, and
     k = 1.08 slope + 3 sigma(slope)
 
 is believed: too stiff is slow, too soft overshoots. It begins with the stiffest contact that the
-cell allows for, comes down as fast as the data permit, and is kept while they say nothing new.
+cell allows for, comes down as fast as the data permit, and is kept while they say nothing new. It
+rises only where 1.08 slope is above it: a bound that is above for want of data says nothing, and
+would drive it up while the tool stands nearly still.
 """
 
 from dataclasses import dataclass, replace
@@ -21,6 +23,7 @@ Flags = npt.NDArray[np.bool_]
 SLOPE_MARGIN = 1.08
 SIGMAS = 3.0
 SURE = 0.3  # three sigma below this part of the slope: it may raise the estimate as well
+EXPLAINED = 0.9  # of the force by the way: the way is the tool's own, whatever else moves
 DOWN_S = 0.002  # of approaching a lower bound
 UP_S = 0.002
 FEW = 4.0  # weighted samples below which nothing is concluded
@@ -112,9 +115,12 @@ def _believed(
     bound = np.maximum(SLOPE_MARGIN * slope + SIGMAS * sigma, settings.softest)
     bound = np.minimum(bound, settings.stiffest)
     useful = moved & (slope > 0.0) & (now.weight > FEW)
-    lower = useful & (bound < now.k) & may_soften
     sure = useful & (SIGMAS * sigma < SURE * slope)
-    higher = sure & (bound > now.k)
+    explained = sure & (now.both**2 > EXPLAINED * now.ways * now.forces)
+    lower = useful & (bound < now.k) & (may_soften | explained)
+    least = np.minimum(SLOPE_MARGIN * slope, settings.stiffest)
+    higher = sure & (least > now.k)
     down, up = 1.0 - exp(-dt_s / DOWN_S), 1.0 - exp(-dt_s / UP_S)
-    k = now.k + (bound - now.k) * (np.where(lower, down, 0.0) + np.where(higher, up, 0.0))
+    k = now.k + np.where(lower, down * (bound - now.k), 0.0)
+    k = k + np.where(higher, up * (least - now.k), 0.0)
     return replace(now, k=k, known=now.known | sure)

@@ -67,6 +67,24 @@ def test_where_a_surface_is_followed_it_may_only_rise(k, seed) -> None:
         state = after
 
 
+@given(stiffnesses, st.floats(20e-6, 100e-6), seeds)
+def test_a_tool_that_stands_nearly_still_does_not_drive_it_up(k, sway_m, seed) -> None:
+    """Swaying a little, as force feedback does, over and over: it stays where pressing had it."""
+    rng, state = np.random.default_rng(seed), believing(np.full(3, 1.15 * k))
+    for number in range(500):
+        way = np.full(3, sway_m * np.sin(number / 8.0))
+        read = 10.0 - k * way + 0.1 * rng.normal(size=3)
+        state = feel(state, way, read, dt_s=DT_S, settings=SETTINGS, may_soften=False)
+    assert (state.k <= max(1.3 * k, 1.15 * k + 4e3)).all()
+
+
+@given(stiffnesses)
+def test_what_was_believed_too_stiff_comes_down_also_while_following(k) -> None:
+    """Where the way explains the force it is the tool's own way: the rest would be fed forward."""
+    state = believing(np.full(3, 2.0 * k))
+    assert (press(k, state=state, may_soften=False)[-1].k <= 1.33 * k).all()
+
+
 @given(st.floats(1e3, 2e4))
 def test_something_ten_times_stiffer_is_noticed_also_while_following(k) -> None:
     """What was believed rises to the truth within a tenth of a second."""

@@ -23,6 +23,7 @@ app = typer.Typer(no_args_is_help=True, help="Certificates of a bus that leaves 
 TOKEN_VARIABLE = "FORCEMESH_PANEL_TOKEN"  # noqa: S105 - the name of a variable
 IMAGE_USER = 10001  # as in the Dockerfile
 DAYS = 365
+WRITTEN = ("calibration", "recordings")  # as in docker-compose.yml
 
 FolderOption = Annotated[
     Path | None,
@@ -86,6 +87,7 @@ def init(
         lines = [f"FORCEMESH_PKI={where}", f"FORCEMESH_USER={_user()}"]
         if env is not None:
             _write_env(env, [*lines, f"{TOKEN_VARIABLE}={secrets.token_hex(16)}"])
+            make_folders(env.resolve().parent)
         typer.echo("for docker compose, in the file .env: " + " ".join(lines))
 
 
@@ -159,6 +161,15 @@ def _copy_authority(source: Path, target: Path) -> None:
     from common.tls import AUTHORITY
 
     copy_certificate(source, target, AUTHORITY, owner=_owner())
+
+
+def make_folders(beside: Path) -> None:
+    """Make the folders into which containers write, theirs where root would own them otherwise."""
+    for name in WRITTEN:
+        folder = beside / name
+        folder.mkdir(exist_ok=True)
+        if (owner := _owner()) is not None:
+            os.chown(folder, *owner)
 
 
 def _owner() -> tuple[int, int] | None:

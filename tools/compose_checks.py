@@ -3,21 +3,27 @@
 python -m tools.compose_checks PROFILE CELL
 """
 
+import os
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from functools import partial
+from http import HTTPStatus
+from http.client import HTTPConnection
 from pathlib import Path
 
 from cli.scenario import Plan, Scenario, Trace
 from common import topics
 from common.bus import open_bus
 from common.cell import Cell
+from common.client import Cell as Client
 from common.config import load_cell
 from common.messages import MAY_MOVE
+from common.requests import Empty, RecordRequest
 from common.topics import TOPICS
+from services.panel.door import TOKEN_VARIABLE
 from tools.attacks import ATTACKS
 from tools.compose_rig import (
     PROJECT,
@@ -33,6 +39,7 @@ HEALTHY_S = 60.0
 HELD_S = 0.35  # docs/reliability.md: at rest, real processes, deadlines of the demo
 STEADY_S = 2.0
 HARDER_N = 5.0
+PUBLISHED = {"hub 127.0.0.1:7447", "panel 127.0.0.1:8080"}
 
 Check = Callable[[Compose, Cell, Operator], str]
 
@@ -76,21 +83,49 @@ def hardened(compose: Compose, _cell: Cell, _operator: Operator) -> str:
 
 
 def ports(compose: Compose, _cell: Cell, _operator: Operator) -> str:
-    """One port is published, on the loopback address; the wires reach no bus."""
+    """Two ports are published, on the loopback address; the wires reach no bus."""
     published = {
         f"{name} {place['HostIp']}:{place['HostPort']}"
         for name in compose.names()
         for places in (compose.facts(name)["NetworkSettings"]["Ports"] or {}).values()
         for place in places or []
     }
-    if published != {"hub 127.0.0.1:7447"}:
+    if published != PUBLISHED:
         raise PromiseError(f"published: {sorted(published)}")
     if "controller-sim" in compose.names():
         reach = "import socket; socket.create_connection(('hub', 7447), 2)"
         with suppress(PromiseError):
             run("docker", "exec", compose.id("controller-sim"), "python", "-c", reach)
             raise AssertionError("what hangs on the robot's wire reaches the bus")
-    return "hub 127.0.0.1:7447 and nothing else"
+    return f"{' and '.join(sorted(PUBLISHED))}, nothing else"
+
+
+def cockpit(_compose: Compose, cell: Cell, _operator: Operator) -> str:
+    """The panel shows nothing without its token, and its page with it."""
+
+    def get(path: str) -> tuple[int, bytes]:
+        connection = HTTPConnection("127.0.0.1", cell.panel.port, timeout=10.0)
+        connection.request("GET", path)
+        answer = connection.getresponse()
+        return answer.status, answer.read()
+
+    without, _ = get("/")
+    status, page = get(f"/?token={os.environ[TOKEN_VARIABLE]}")
+    if without == HTTPStatus.OK or status != HTTPStatus.OK or b"<html" not in page.lower():
+        raise PromiseError(f"the panel answers {without} without its token, {status} with it")
+    return f"without its token {without}, with it the page"
+
+
+def recorded(_compose: Compose, cell: Cell, _operator: Operator) -> str:
+    """A recording is asked for and ended from outside; its messages are on the PC's own disk."""
+    with Client(cell, patience_s=10.0) as client:
+        began = client.ask(topics.RECORD_START, RecordRequest(label="compose-test"))
+        time.sleep(STEADY_S)
+        ended = client.ask(topics.RECORD_STOP, Empty())
+    name = Path(ended.text.split(":")[0]).name
+    if not (ROOT / "recordings" / name).exists():
+        raise PromiseError(f"no {name} in recordings/: {began.text}")
+    return ended.text
 
 
 def topics_seen(_compose: Compose, _cell: Cell, operator: Operator) -> str:
@@ -231,7 +266,8 @@ def main() -> int:
     with open_bus(cell, topics.CLIENT) as bus:
         operator = Operator(bus, cell)
         operator.at_home()
-        checks: list[Check] = [topics_seen, hardened, ports, demo, attacked, full_disk]
+        checks: list[Check] = [topics_seen, hardened, ports, cockpit, recorded]
+        checks += [demo, attacked, full_disk]
         for each in checks:
             told(each.__name__.replace("_", " "), partial(each, compose, cell, operator))
         for how, name in trials(compose):

@@ -19,6 +19,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from cli.pki import make_folders
 from tools.compose_rig import (
     PROJECT,
     ROOT,
@@ -155,7 +156,7 @@ def make_certificates(scratch: Path) -> None:
     where = ["--folder", str(scratch / "pki"), "--env", str(scratch / "env")]
     subprocess.run([*command, *where], cwd=ROOT, check=True, stdout=subprocess.DEVNULL)
     os.environ.update(environment_of(scratch / "env"))
-    (ROOT / "calibration").mkdir(exist_ok=True)
+    make_folders(ROOT)
 
 
 def check(profile: str, namespace: str) -> int:

@@ -10,11 +10,11 @@ HEAD = """# How good the force is
 
 Measured on the simulated RS007L (MuJoCo, 1 ms) with the real wrench filter, motion limits and
 regulator in one loop on a virtual clock; sensor noise 0.1 N at 1 kHz, median of five, low-pass
-5 ms, control at 250 Hz unless said otherwise, 150 mm/s and 10 m/s2 at most. One set of settings for all: the stiffest contact is said to be
-2e5 N/m, and the adaptive law starts from that. tau is the true sum of delay, servo lag, filters,
-half a period and the processes. Settled is within 1 N, in means of
-8 ms, after the first 15 ms; overshoot is true lift-off times stiffness, of the 30 N. Surfaces move
-under a tool that stands, as they would under one that slides. Made by `{command}`.
+5 ms, control at 250 Hz unless said otherwise, 150 mm/s and 10 m/s2 at most. One set of settings for
+all: the stiffest contact is said to be 2e5 N/m, and the adaptive law starts from that. tau is the
+true sum of delay, servo lag, filters, half a period and the processes. Settled is within 1 N, in
+means of 8 ms, after the first 15 ms; overshoot is true lift-off times stiffness, of the 30 N.
+Surfaces move under a tool that stands, as they would under one that slides. Made by `{command}`.
 
 ![Release from 30 N](pictures/force-releases.png)
 

@@ -4,8 +4,9 @@ The loop's gain is k Ki = c / tau. c falls with the rate at which the robot take
 takes them rarely, each after a time of its own, is not where the model of its way has it.
 
 The law foresees what its own commands will do, so they must be carried out as they are: it speeds
-up no faster than the arm may. An arm brakes with a at most. While the error is large the speed therefore follows its root: from
-there the arm comes to rest just as the force has reached its set point. Where the linear law
+up no faster than the arm may. An arm brakes with a at most. While the error is large the speed
+therefore follows its root: from there the arm comes to rest just as the force has reached its set
+point. Where the linear law
 
     v = Ki e,   dv/dt = -k Ki v
 
@@ -64,4 +65,4 @@ def braked(Ki: Array, error_N: Array, k: Array, brake_m_s2: float) -> Array:
     linear_N = brake_m_s2 / (k * np.maximum(Ki, LEAST_GAIN_M_PER_NS) ** 2)
     error = np.maximum(np.abs(error_N), linear_N)
     speed_m_s = np.sqrt(2.0 * brake_m_s2 * (error - 0.5 * linear_N) / k)
-    return np.minimum(Ki, speed_m_s / error)
+    return np.asarray(np.minimum(Ki, speed_m_s / error))

@@ -134,6 +134,10 @@ def test_compose_settings_are_written_beside_what_was_there(tmp_path: Path) -> N
     assert lines[:2] == ["CELL=mine.yaml", f"FORCEMESH_PKI={tmp_path / 'pki'}"]
     assert lines[2].startswith("FORCEMESH_USER=")
     assert not lines[2].startswith("FORCEMESH_USER=0:")
+    user, _, group = lines[2].removeprefix("FORCEMESH_USER=").partition(":")
+    for name in ("calibration", "recordings"):  # containers write there
+        about = (tmp_path / name).stat()
+        assert (about.st_uid, about.st_gid) == (int(user), int(group))
 
 
 def test_a_good_folder_is_good(folder: Path) -> None:

@@ -77,8 +77,8 @@ errors = st.floats(0.0, 100.0)
 
 
 @given(errors, errors, st.floats(1e-6, 5e-3), st.floats(1e3, 2e5), st.floats(0.5, 10.0))
-def test_at_any_error_the_arm_still_comes_to_rest_in_time(one_N, other_N, Ki, k, brake_m_s2) -> None:
-    """v dv/dx <= a, so half the change of v^2 is at most the way times a; never above v = Ki e."""
+def test_at_any_error_the_arm_still_comes_to_rest(one_N, other_N, Ki, k, brake_m_s2) -> None:
+    """Half the change of v^2 is at most the way times a; the speed is never above Ki e."""
 
     def speed_m_s(error_N):
         gain = braked(np.full(3, Ki), np.full(3, error_N), np.full(3, k), brake_m_s2)

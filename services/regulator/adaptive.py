@@ -21,11 +21,10 @@ import pinocchio as pin
 
 from common.cell import Cell
 from common.frames import Array, rotation_between
-from services.regulator import drift as surface
 from services.regulator import path as way
 from services.regulator import response
 from services.regulator import stiffness as stiff
-from services.regulator.drift import Drift
+from services.regulator.follow import NOT_FOLLOWED, Felt, Follow, followed, worth
 from services.regulator.heat import Heat, braked, heat_of
 from services.regulator.law import LawInput, LawSettings, LawState, PiGains, step
 from services.regulator.path import Path, PathSettings
@@ -43,12 +42,6 @@ NOISE_N, LEAST_WAY_M, SOFTEST_N_M = 0.08, 1e-5, 200.0
 TOUCH_SHARE = 0.5  # of the touch force: below it nothing is touched
 FREE_TAUS = 3.0  # so long without touch: what was pressed on is gone, and is forgotten
 DEADBAND_IN_CONTACT = 0.25  # of the deadband: it is there against drift in free space
-
-NEAR_N = 2.0  # of the set point: from here on the surface is followed
-FADE_S = 0.05
-DRIFT_TAUS, DRIFT_LEAST_S, DRIFT_NOISE_N = 0.7, 0.025, 0.2
-CALM_N, CALM_UP_S, CALM_DOWN_S = 3.0, 0.3, 0.01  # the surface's acceleration is believed
-TRIM_TAUS, TRIM_SHARE, TRIM_LEAST_M_S = 8.0, 0.25, 1e-4
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,21 +80,6 @@ class AdaptiveSettings:
         )
 
 
-NO_DRIFT = Drift()
-
-
-@dataclass(frozen=True, slots=True)
-class Follow:
-    """How the surface is followed along the press axis."""
-
-    near: bool = False  # has been near the set point since it changed or contact was lost
-    drift: Drift = NO_DRIFT
-    share: float = 0.0  # of the drift that is fed forward
-    calm: float = 0.0  # share of its acceleration
-    trim_m_s: float = 0.0  # what the model has left over
-    setpoint_N: float = 0.0
-
-
 @dataclass(frozen=True, slots=True)
 class Adaptive:
     """What the adaptive law remembers beside the plain one. Ways are of the point of contact."""
@@ -112,7 +90,7 @@ class Adaptive:
     measured: Path  # the same through the wrench's filter alone
     stiffness: Stiffness  # tool axes
     response: Response  # tool axes
-    follow: Follow = Follow()
+    follow: Follow = NOT_FOLLOWED
     free_s: float = 0.0  # time without touch
 
     @property
@@ -164,10 +142,11 @@ def advance(
     )
     drift_m_s = None
     if settings.tracks and sample.mode != "orientation":
-        follow = _followed(memory, sample, R, Ki=float(Ki[2]), settings=settings)
+        felt = _press_axis(memory, R[:, 2])
+        follow = followed(memory.follow, felt, sample, Ki=float(Ki[2]), tau_s=settings.tau_s)
         memory = replace(memory, follow=follow)
         ahead_s = settings.tau_s - sample.dt_s
-        share = follow.share * _worth(follow.drift.speed_m_s, float(k[2]) * settings.tau_s)
+        share = follow.share * worth(follow.drift.speed_m_s, felt.k_N_m * settings.tau_s)
         ahead_m = share * follow.drift.ahead_m(ahead_s, follow.calm)
         foreseen_N = foreseen_N + w[2] * k[2] * ahead_m * R[:, 2]
         speed_m_s = share * follow.drift.speed_in_m_s(ahead_s, follow.calm)
@@ -213,7 +192,7 @@ def listen(
         free_s = memory.free_s + sample.dt_s
         if free_s <= FREE_TAUS * settings.tau_s:
             return replace(memory, free_s=free_s)
-        forgotten = replace(memory, response=response.unheard(), follow=Follow(), free_s=free_s)
+        forgotten = replace(memory, response=response.unheard(), follow=NOT_FOLLOWED, free_s=free_s)
         return replace(forgotten, stiffness=stiff.stiffest(settings.stiffness))
     own_N = INERTIA_SHARE * settings.inertia_kg * memory.command.acceleration
     force_N = R.T @ (sample.force_N + own_N)
@@ -274,33 +253,13 @@ def _tuned(k: Array, settings: AdaptiveSettings, dt_s: float) -> tuple[Array, Ar
     return Ki, np.clip(hot, 0.0, heat.most_foreseen)
 
 
-def _worth(speed_m_s: float, k_tau: float) -> float:
-    """Return how much of a speed is more than noise: a still surface shall stay still."""
-    height_N = (k_tau * speed_m_s) ** 2
-    return height_N / (height_N + DRIFT_NOISE_N**2)
-
-
-def _followed(
-    memory: Adaptive, sample: LawInput, R: Array, *, Ki: float, settings: AdaptiveSettings
-) -> Follow:
-    """Return how the surface is followed after this sample."""
-    before, dt_s, axis = memory.follow, sample.dt_s, R[:, 2]
-    error_N = float(sample.force_N @ axis) + sample.setpoint_N
-    coming_N = float(memory.k[2] * (axis @ (memory.command.command - memory.command.felt)))
-    is_there = max(abs(error_N), abs(coming_N)) < NEAR_N
-    near = before.near or (is_there and bool(memory.stiffness.known[2]))
-    if memory.free_s > 0.0 or abs(sample.setpoint_N - before.setpoint_N) > 0.0:
-        near = False
-    share = before.share + (near - before.share) * min(1.0, dt_s / FADE_S)
-    if not near:
-        return Follow(share=share, setpoint_N=sample.setpoint_N)
-    seen_m = float(axis @ memory.command.felt)
-    seen_m += float(sample.force_N @ axis) / float(memory.k[2])
-    time_s = max(DRIFT_TAUS * settings.tau_s, DRIFT_LEAST_S, dt_s)
-    drift = surface.look(before.drift, seen_m, dt_s, time_s)
-    is_calm = abs(error_N) < CALM_N
-    calm_s = CALM_UP_S if is_calm else CALM_DOWN_S
-    calm = before.calm + (is_calm - before.calm) * min(1.0, dt_s / calm_s)
-    most = TRIM_SHARE * share * abs(drift.speed_m_s) + TRIM_LEAST_M_S
-    trim = before.trim_m_s + Ki * error_N / (TRIM_TAUS * settings.tau_s) * share * dt_s
-    return Follow(near, drift, share, calm, min(max(trim, -most), most), sample.setpoint_N)
+def _press_axis(memory: Adaptive, axis: Array) -> Felt:
+    way = memory.command
+    return Felt(
+        axis=axis,
+        k_N_m=float(memory.k[2]),
+        is_known=bool(memory.stiffness.known[2]),
+        way_m=float(axis @ way.felt),
+        coming_m=float(axis @ (way.command - way.felt)),
+        touches=memory.free_s == 0.0,
+    )

@@ -26,6 +26,7 @@ from common.topics import TOPICS
 from services.panel.door import TOKEN_VARIABLE
 from tools.attacks import ATTACKS
 from tools.compose_rig import (
+    PRESS_N,
     PROJECT,
     ROOT,
     Compose,
@@ -184,7 +185,7 @@ def full_disk(compose: Compose, _cell: Cell, operator: Operator) -> str:
 def broken(compose: Compose, how: str, name: str, operator: Operator) -> str:
     """Break one container while the arm presses: it holds in time, and no repair resumes motion."""
     operator.press()
-    container, pressed_N = compose.id(name), operator.force_N()
+    container = compose.id(name)
     network = f"{PROJECT}_{'robot' if name == 'controller-sim' else 'bus'}"
     if how == "kill":
         run("docker", "kill", container)
@@ -208,7 +209,7 @@ def broken(compose: Compose, how: str, name: str, operator: Operator) -> str:
     operator.rests(STEADY_S)
     operator.until(operator.all_well, 30.0, "all well again")
     operator.rests(STEADY_S)
-    harder_N = operator.force_N() - pressed_N
+    harder_N = operator.force_N() - PRESS_N
     if harder_N > HARDER_N:
         raise PromiseError(f"pressed harder by {harder_N:.1f} N")
     operator.retreat()

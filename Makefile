@@ -22,7 +22,7 @@ endif
 # The tests of the modules that `make coverage` measures, without those that only repeat their ways.
 COVERED_BY = $(foreach name,arbiter faults frames gateway guard inbox limits packet permission pure \
   endpoints misrouted service_overruns regulator wrench_compensation wrench_plausibility \
-  wrench_calibrated wrench_inertia wrench_tare wrench_service calibration,$(wildcard tests/unit/test_$(name)*.py))
+  skills_regulator wrench_calibrated wrench_inertia wrench_tare wrench_service calibration,$(wildcard tests/unit/test_$(name)*.py))
 NO_NEW_BRANCH := mistake_is_found or no_way_through or dead_end or every_fault_of_the_sensor \
   or judge_sees or no_command_gets_past or wall_that_vanishes or four_times_stiffer
 

@@ -104,16 +104,17 @@ def ports(compose: Compose, _cell: Cell, _operator: Operator) -> str:
 def cockpit(_compose: Compose, cell: Cell, _operator: Operator) -> str:
     """The panel shows nothing without its token, and its page with it."""
 
-    def get(path: str) -> tuple[int, bytes]:
+    def get(path: str, cookie: str = "") -> tuple[int, str, bytes]:
         connection = HTTPConnection("127.0.0.1", cell.panel.port, timeout=10.0)
-        connection.request("GET", path)
+        connection.request("GET", path, headers={"Cookie": cookie} if cookie else {})
         answer = connection.getresponse()
-        return answer.status, answer.read()
+        return answer.status, answer.getheader("Set-Cookie", ""), answer.read()
 
-    without, _ = get("/")
-    status, page = get(f"/?token={os.environ[TOKEN_VARIABLE]}")
-    if without == HTTPStatus.OK or status != HTTPStatus.OK or b"<html" not in page.lower():
-        raise PromiseError(f"the panel answers {without} without its token, {status} with it")
+    without, _, _ = get("/")
+    _, cookie, _ = get(f"/?token={os.environ[TOKEN_VARIABLE]}")  # kept from now on
+    with_it, _, page = get("/", cookie.split(";")[0])
+    if without == HTTPStatus.OK or with_it != HTTPStatus.OK or b"<html" not in page.lower():
+        raise PromiseError(f"the panel answers {without} without its token, {with_it} with it")
     return f"without its token {without}, with it the page"
 
 

@@ -90,9 +90,7 @@ def go(
     stops_m_s = sqrt(2.0 * route.accel_m_s2 * stop_m)
     faster_m_s = route.now_m_s + route.accel_m_s2 * dt_s
     speed_m_s = min(route.speed_m_s, stops_m_s, faster_m_s)
-    if length_m == 0.0:
-        return replace(route, now_m_s=speed_m_s), np.zeros(3)
-    direction = aim / length_m
+    direction = aim / length_m  # a point that is as near as THERE_M has been reached
     along_m = float(pushed_m @ direction)
     room_m = sqrt(max(0.0, most_m**2 - float(pushed_m @ pushed_m) + along_m**2)) - along_m
     step_m = min(speed_m_s * dt_s, length_m, max(0.0, room_m))

@@ -87,7 +87,7 @@ def init(
         lines = [f"FORCEMESH_PKI={where}", f"FORCEMESH_USER={_user()}"]
         if env is not None:
             _write_env(env, [*lines, f"{TOKEN_VARIABLE}={secrets.token_hex(16)}"])
-            make_folders(env.resolve().parent)
+            _make_folders(env.resolve().parent)
         typer.echo("for docker compose, in the file .env: " + " ".join(lines))
 
 
@@ -163,12 +163,12 @@ def _copy_authority(source: Path, target: Path) -> None:
     copy_certificate(source, target, AUTHORITY, owner=_owner())
 
 
-def make_folders(beside: Path) -> None:
+def _make_folders(beside: Path) -> None:
     """Make the folders into which containers write, theirs where root would own them otherwise."""
     for name in WRITTEN:
         folder = beside / name
         folder.mkdir(exist_ok=True)
-        if (owner := _owner()) is not None:
+        if (owner := _owner()) is not None and folder.stat().st_uid == 0:
             os.chown(folder, *owner)
 
 

@@ -74,7 +74,7 @@ for folder in pathlib.Path('/proc').glob('[0-9]*'):
 
 
 def hardened(compose: Compose, _cell: Cell, _operator: Operator) -> str:
-    """Nobody is root, writes anything but /tmp, has a capability, or somebody else's key."""
+    """Nobody is root, writes more than it must, has a capability, or somebody else's key."""
     for name in compose.names():
         run("docker", "exec", compose.id(name), "python", "-c", INSIDE)
         limits = compose.facts(name)["HostConfig"]
@@ -125,7 +125,7 @@ def recorded(_compose: Compose, cell: Cell, _operator: Operator) -> str:
         time.sleep(STEADY_S)
         ended = client.ask(topics.RECORD_STOP, Empty())
     name = Path(ended.text.split(":")[0]).name
-    if not (ROOT / "recordings" / name).exists():
+    if not (Path(os.environ["FORCEMESH_FILES"]) / "recordings" / name).exists():
         raise PromiseError(f"no {name} in recordings/: {began.text}")
     return ended.text
 
@@ -169,7 +169,7 @@ def attacked(compose: Compose, _cell: Cell, _operator: Operator) -> str:
 
 
 def full_disk(compose: Compose, _cell: Cell, operator: Operator) -> str:
-    """A full /tmp, the only place where a container may write, disturbs nobody."""
+    """A full /tmp, where every container may write, disturbs nobody."""
     fill = "f = open('/tmp/full', 'wb', 0)\nwhile True: f.write(bytes(1 << 20))"
     for name in compose.names():
         with suppress(PromiseError):

@@ -19,7 +19,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from cli.pki import make_folders
 from tools.compose_rig import (
     PROJECT,
     ROOT,
@@ -156,7 +155,7 @@ def make_certificates(scratch: Path) -> None:
     where = ["--folder", str(scratch / "pki"), "--env", str(scratch / "env")]
     subprocess.run([*command, *where], cwd=ROOT, check=True, stdout=subprocess.DEVNULL)
     os.environ.update(environment_of(scratch / "env"))
-    make_folders(ROOT)
+    os.environ["FORCEMESH_FILES"] = str(scratch)  # a person's own recordings stay as they are
 
 
 def check(profile: str, namespace: str) -> int:

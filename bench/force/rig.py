@@ -200,7 +200,7 @@ class Rig:
         )
         T_wished = pilot.step(heard) * self._T_flange_tcp.inverse()
         self._pace = limit_motion(self._limits, self._pace, T_wished, dt_s)
-        self._limited = not self._pace.is_there
+        self._limited = self._pace.lags
         self._on_its_way.append((self.arm.ticks + CHAIN_TICKS, self._pace.T_base_flange))
 
     def _write(self, trace: Trace, t_s: float) -> None:

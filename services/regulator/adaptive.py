@@ -90,6 +90,10 @@ class Adaptive:
     measured: Path  # the same through the wrench's filter alone
     stiffness: Stiffness  # tool axes
     response: Response  # tool axes
+    # What `felt` of both has come to, added up along the tool's axes as they were then: a tool that
+    # turns after a long way across has not moved along its axis.
+    commanded_m: Array
+    measured_m: Array
     follow: Follow = NOT_FOLLOWED
     free_s: float = 0.0  # time without touch
 
@@ -106,7 +110,8 @@ def begin(
     state = stiff.stiffest(settings.stiffness) if k is None else stiff.believing(k)
     start = way.at_rest(np.zeros(3))
     heard = response.unheard()
-    return Adaptive(T_command.copy(), T_measured.copy(), start, start, state, heard)
+    zero = np.zeros(3)
+    return Adaptive(T_command.copy(), T_measured.copy(), start, start, state, heard, zero, zero)
 
 
 def advance(
@@ -141,8 +146,10 @@ def advance(
         - R @ (w * k * (R.T @ (command.command - command.felt)))
     )
     drift_m_s = None
-    if settings.tracks and sample.mode != "orientation":
-        felt = _press_axis(memory, R[:, 2])
+    if not settings.tracks or sample.mode == "orientation":
+        memory = replace(memory, follow=NOT_FOLLOWED)  # where the surface was says nothing later
+    else:
+        felt = _press_axis(memory, R[:, 2], settings)
         follow = followed(memory.follow, felt, sample, Ki=float(Ki[2]), tau_s=settings.tau_s)
         memory = replace(memory, follow=follow)
         ahead_s = settings.tau_s - sample.dt_s
@@ -183,7 +190,7 @@ def listen(
 ) -> Adaptive:
     """Return the memory with what this sample says about the stiffness.
 
-    While a surface is followed, way without force says nothing: the estimate may only rise.
+    While a surface is followed, way without force says nothing about it.
     """
     memory = _moved(memory, law, T_measured, dt_s=sample.dt_s, settings=settings)
     R = law.T_base_tcp.rotation
@@ -198,7 +205,7 @@ def listen(
     force_N = R.T @ (sample.force_N + own_N)
     state = stiff.feel(
         memory.stiffness,
-        R.T @ memory.measured.felt,
+        memory.measured_m,
         force_N,
         dt_s=sample.dt_s,
         settings=settings.stiffness,
@@ -209,7 +216,7 @@ def listen(
         return memory
     known, command = settings.stiffness, memory.command
     heard = Answer(
-        R.T @ command.felt,
+        memory.commanded_m,
         R.T @ command.speed,
         force_N,
         dt_s=sample.dt_s,
@@ -229,12 +236,17 @@ def _moved(
     wrench_only = PathSettings(path.median_s, 0.0, path.filter_s, path.median_s)
     commanded_m = memory.command.command + _way(memory.T_command, law.T_base_tcp, lever_m)
     measured_m = memory.measured.command + _way(memory.T_measured, T_measured, lever_m)
+    command = way.follow(memory.command, commanded_m, dt_s, path)
+    measured = way.follow(memory.measured, measured_m, dt_s, wrench_only)
+    R = law.T_base_tcp.rotation
     return replace(
         memory,
         T_command=law.T_base_tcp,
         T_measured=T_measured,
-        command=way.follow(memory.command, commanded_m, dt_s, path),
-        measured=way.follow(memory.measured, measured_m, dt_s, wrench_only),
+        command=command,
+        measured=measured,
+        commanded_m=memory.commanded_m + R.T @ (command.felt - memory.command.felt),
+        measured_m=memory.measured_m + R.T @ (measured.felt - memory.measured.felt),
     )
 
 
@@ -253,13 +265,14 @@ def _tuned(k: Array, settings: AdaptiveSettings, dt_s: float) -> tuple[Array, Ar
     return Ki, np.clip(hot, 0.0, heat.most_foreseen)
 
 
-def _press_axis(memory: Adaptive, axis: Array) -> Felt:
-    way = memory.command
+def _press_axis(memory: Adaptive, axis: Array, settings: AdaptiveSettings) -> Felt:
+    coming_m = memory.command.command - memory.command.felt
     return Felt(
         axis=axis,
         k_N_m=float(memory.k[2]),
         is_known=bool(memory.stiffness.known[2]),
-        way_m=float(axis @ way.felt),
-        coming_m=float(axis @ (way.command - way.felt)),
+        way_m=float(memory.commanded_m[2]),
+        coming_m=float(axis @ coming_m),
+        own_N=INERTIA_SHARE * settings.inertia_kg * float(axis @ memory.command.acceleration),
         touches=memory.free_s == 0.0,
     )

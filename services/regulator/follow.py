@@ -1,6 +1,7 @@
 """How the surface is followed along the press axis, once the force was near its set point. Pure.
 
-Where the surface is tells the force: seen = x_felt - F / k, with F what it pushes back with. A k
+Where the surface is tells the force: seen = x_felt - F / k, with F what it pushes back with, less
+what the tool's own inertia makes of it: on a soft contact that is the larger part of a swing. A k
 that is too high makes own motion look like a part of the surface's.
 """
 
@@ -44,6 +45,7 @@ class Felt:
     is_known: bool  # whether the data have pinned it down
     way_m: float  # of the command that the filtered force belongs to
     coming_m: float  # of what was commanded since
+    own_N: float  # of the tool's own inertia, which the sensor takes for a push
     touches: bool
 
 
@@ -66,7 +68,7 @@ def followed(before: Follow, felt: Felt, sample: LawInput, *, Ki: float, tau_s: 
     share = before.share + (near - before.share) * min(1.0, dt_s / FADE_S)
     if not near:
         return Follow(share=share, setpoint_N=sample.setpoint_N)
-    seen_m = felt.way_m + force_N / felt.k_N_m
+    seen_m = felt.way_m + (force_N + felt.own_N) / felt.k_N_m
     time_s = max(DRIFT_TAUS * tau_s, DRIFT_LEAST_S, dt_s)
     drift = surface.look(before.drift, seen_m, dt_s, time_s)
     is_calm = abs(error_N) < CALM_N

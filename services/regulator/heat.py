@@ -1,7 +1,7 @@
 """How hot the adaptive loop may be, and how fast it may go where it has to brake. Pure.
 
-The loop's gain is k Ki = c / tau. c falls with the rate at which the robot takes poses: one that
-takes them rarely, each after a time of its own, is not where the model of its way has it.
+The loop's gain is k Ki = c / tau. c falls with `rates.robot_hz`: a controller that reports rarely
+takes poses rarely, each after a time of its own, and is not where the model of its way has it.
 
 The law foresees what its own commands will do, so they must be carried out as they are: it speeds
 up no faster than the arm may. An arm brakes with a at most. While the error is large the speed
@@ -31,6 +31,7 @@ MOST_FORESEEN = (0.9, 1.0)
 ACCEL_SHARE = 0.95  # of the cell's limit: the arbiter shall have nothing to take away
 BRAKE_SHARE = 0.8  # the same: what is left is for what was not foreseen
 LEAST_GAIN_M_PER_NS = 1e-9  # a person may set zero
+LEAST_ERROR_N, LEAST_SHARE = 1e-9, 0.1  # of the braking, for an axis that is almost there
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,12 +57,16 @@ def heat_of(cell: Cell) -> Heat:
 def braked(Ki: Array, error_N: Array, k: Array, brake_m_s2: float) -> Array:
     """Return the gain along each axis with which the arm still comes to rest in time.
 
+    Axes that brake together share what there is as their errors do.
+
     Args:
         Ki: Integral gain of the linear law [m/(N s)]. Shape (3,), as the others.
         error_N: Foreseen force less the set point.
         k: Stiffness [N/m].
         brake_m_s2: What the arm brakes with.
     """
+    size_N = max(float(np.linalg.norm(error_N)), LEAST_ERROR_N)
+    brake_m_s2 = brake_m_s2 * np.maximum(np.abs(error_N) / size_N, LEAST_SHARE)
     linear_N = brake_m_s2 / (k * np.maximum(Ki, LEAST_GAIN_M_PER_NS) ** 2)
     error = np.maximum(np.abs(error_N), linear_N)
     speed_m_s = np.sqrt(2.0 * brake_m_s2 * (error - 0.5 * linear_N) / k)

@@ -186,7 +186,8 @@ class Regulator:
         command = self._command.read(self._now_ns).fresh
         if command is None or not command.limited or command.pose is None:
             return law
-        return replace(law, T_base_tcp=pose_of(command.pose) * self._T_flange_tcp)
+        T_base_tcp = pose_of(command.pose) * self._T_flange_tcp
+        return replace(law, T_base_tcp=T_base_tcp, speed_m_s=None, approach_m_s=0.0)
 
     def _ramp(self, now_N: float, wanted_N: float, dt_s: float) -> float:
         step_N = self._cell.force.setpoint_ramp_N_s * dt_s

@@ -22,7 +22,7 @@ def law_settings(cell: Cell) -> LawSettings:
     return LawSettings(
         deadband_N=force.deadband_N,
         deadband_Nm=force.deadband_Nm,
-        speed_max_m_s=force.speed_max_m_s,
+        speed_max_m_s=min(force.speed_max_m_s, cell.limits.speed_m_s),
         speed_max_rad_s=force.speed_max_rad_s,
         approach_m_s=min(force.approach_m_s, cell.approach_limit_m_s, probe_m_s),
         approach_accel_m_s2=INERTIA_SHARE * force.touch_N / cell.contact.inertia_kg,

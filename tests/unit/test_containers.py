@@ -100,7 +100,7 @@ def test_the_word_changes_no_other_container(name: str) -> None:
     """What does not play robot or sensor belongs to no profile, and nothing in it reads one."""
     assert "profiles" not in SERVICES[name]
     assert set(re.findall(r"\$\{(\w+)", str(SERVICES[name]))) <= {
-        "CELL", "FORCEMESH_USER", "FORCEMESH_PUBLISH",
+        "CELL", "FORCEMESH_FILES", "FORCEMESH_USER", "FORCEMESH_PUBLISH",
     }  # fmt: skip
 
 
@@ -174,9 +174,9 @@ def test_container_may_do_nothing_but_its_work(name: str) -> None:
     assert entry["restart"] == "unless-stopped"
     assert entry["healthcheck"]["test"][0] == "CMD"
     more = {
-        "wrench": ["./calibration:/calibration:ro"],
-        "panel": ["./calibration:/calibration"],
-        "recorder": ["./recordings:/recordings"],
+        "wrench": ["${FORCEMESH_FILES:-.}/calibration:/calibration:ro"],
+        "panel": ["${FORCEMESH_FILES:-.}/calibration:/calibration"],
+        "recorder": ["${FORCEMESH_FILES:-.}/recordings:/recordings"],
     }
     assert entry["volumes"] == ["./cells:/cells:ro", *more.get(name, [])]
 

@@ -49,12 +49,27 @@ def test_slow_loops_settle_in_time(loop_hz, first_s, met_s) -> None:
     assert max(first.overshoot_pct, met.overshoot_pct) <= 5.0
 
 
-def test_a_surface_is_followed() -> None:
-    """10 N on a slope of 10 degrees at 20 mm/s: 0.1 N off; the plain law is far off."""
-    found = scenes.follow(World(1e5, 10), stage.adaptive, "slope")
+@pytest.mark.parametrize("stiffness_N_m", [5e3, 1e5])
+def test_a_surface_is_followed(stiffness_N_m) -> None:
+    """10 N on a slope of 10 degrees at 20 mm/s: 0.1 N off, hard or soft."""
+    found = scenes.follow(World(stiffness_N_m, 10), stage.adaptive, "slope")
     assert found["mean_error_N"] <= 0.1
     assert found["onset_of_k_v_tau"] <= 1.2
     assert found["contact_lost"] == 0.0
+
+
+@pytest.mark.parametrize(("stiffness_N_m", "delay_ms"), [(5e3, 10), (5e3, 30), (2e4, 30)])
+def test_a_set_point_that_changes_is_reached_and_held(stiffness_N_m, delay_ms) -> None:
+    """By 10 N: at most 5 % beyond, and within a quarter of a newton for three seconds more."""
+    world = World(stiffness_N_m, delay_ms)
+    assert scenes.set_point_step(world, stage.adaptive)["overshoot_pct"] <= 5.0
+    rig, pilot, _ = stage.holding(world, stage.adaptive, 20.0)
+    still = rig.run(pilot, 3.0)
+    assert np.abs(means(np.array(still.t_s), np.array(still.push_N)) - 20.0).max() <= 0.25
+
+
+def test_a_slope_is_beyond_the_plain_law() -> None:
+    """Although it is told the stiffness."""
     assert scenes.follow(World(1e5, 10), stage.tuned_plain, "slope")["mean_error_N"] > 2.0
 
 

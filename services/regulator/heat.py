@@ -66,8 +66,8 @@ def braked(Ki: Array, error_N: Array, k: Array, brake_m_s2: float) -> Array:
         brake_m_s2: What the arm brakes with.
     """
     size_N = max(float(np.linalg.norm(error_N)), LEAST_ERROR_N)
-    brake_m_s2 = brake_m_s2 * np.maximum(np.abs(error_N) / size_N, LEAST_SHARE)
-    linear_N = brake_m_s2 / (k * np.maximum(Ki, LEAST_GAIN_M_PER_NS) ** 2)
+    brakes_m_s2 = brake_m_s2 * np.maximum(np.abs(error_N) / size_N, LEAST_SHARE)
+    linear_N = brakes_m_s2 / (k * np.maximum(Ki, LEAST_GAIN_M_PER_NS) ** 2)
     error = np.maximum(np.abs(error_N), linear_N)
-    speed_m_s = np.sqrt(2.0 * brake_m_s2 * (error - 0.5 * linear_N) / k)
+    speed_m_s = np.sqrt(2.0 * brakes_m_s2 * (error - 0.5 * linear_N) / k)
     return np.asarray(np.minimum(Ki, speed_m_s / error))

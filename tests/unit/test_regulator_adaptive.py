@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from common.frames import Oat, R_from_oat, rotation_between
+from common.frames import Oat, R_from_oat, rotation_between, rotation_from_vector
 from services.regulator.adaptive import AdaptiveSettings, advance, begin
 from services.regulator.heat import braked
 from services.regulator.law import LawInput, LawState, start_at
@@ -71,6 +71,21 @@ def test_it_speeds_up_and_brakes_no_faster_than_the_arm_may(history) -> None:
     speeds_m_s = np.diff([START.translation, *ways_m], axis=0) / DT_S
     changes_m_s = np.linalg.norm(np.diff(speeds_m_s, axis=0), axis=1)
     assert changes_m_s.max() <= most_m_s * (1 + 1e-9)
+
+
+def test_a_tool_that_turns_after_a_long_way_across_sees_no_surface_move() -> None:
+    """100 mm across, then 2 degrees of turn about its tip, at the set force: nothing has moved."""
+    T, memory = START.copy(), begin(START, START, SETTINGS, k=np.full(3, 2e4))
+    for number in range(600):
+        if number < 500:
+            T.translation = T.translation + 2e-4 * T.rotation[:, 0]
+        else:
+            T.rotation = T.rotation @ rotation_from_vector(np.array([0.0, 4e-4, 0.0]))
+        law = LawState(T.copy(), contact="contact")
+        sample = pushed(-10.0 * T.rotation[:, 2], 10.0)
+        _, memory = advance(law, memory, sample, T, gains=GAINS, plain=PLAIN, settings=SETTINGS)
+    assert memory.follow.near
+    assert abs(memory.follow.drift.speed_m_s) < 1e-4
 
 
 errors = st.floats(0.0, 100.0)

@@ -12,11 +12,10 @@ from common.bus import open_bus
 from common.cell import Cell
 from common.config import load_cell
 from common.errors import ForcemeshError
-from common.topics import CLIENT, HEALTH, HELPER_HEALTH
+from common.topics import CLIENT, EVERY_HEALTH
 
 CONNECT_WITHIN_S = 1.0
 POLL_S = 0.02
-ALL = HEALTH | HELPER_HEALTH
 
 
 def complaint(cell: Cell, role: str) -> str:
@@ -26,7 +25,7 @@ def complaint(cell: Cell, role: str) -> str:
         ForcemeshError: The hub does not answer, or there is no certificate for asking it.
     """
     with open_bus(cell, CLIENT, patience_s=CONNECT_WITHIN_S) as bus:
-        health = bus.reader(ALL[role])
+        health = bus.reader(EVERY_HEALTH[role])
         give_up_s = time.monotonic() + 2 * health.stale_after_s
         while True:
             reading = health.read(bus.clock.now_ns())
@@ -41,7 +40,7 @@ def main() -> int:
     """Ask, say what is wrong, return the exit code."""
     parser = argparse.ArgumentParser(prog="common.alive", description=__doc__)
     parser.add_argument("--cell", required=True, metavar="FILE")
-    parser.add_argument("--role", required=True, choices=tuple(ALL))
+    parser.add_argument("--role", required=True, choices=tuple(EVERY_HEALTH))
     given = parser.parse_args()
     try:
         said = complaint(load_cell(given.cell), given.role)

@@ -28,7 +28,7 @@ from common.priority import (
     has_realtime_priority,
     take_realtime_priority,
 )
-from common.topics import HEALTH, HELPER_HEALTH
+from common.topics import EVERY_HEALTH
 from common.version import forcemesh_version
 
 LONGEST_PAUSE_S = 0.05  # a process that waits longer would be slow to stop
@@ -180,7 +180,7 @@ class Runner:
 
 def reporter_of(bus: Bus, cell: Cell) -> HealthReporter:
     """Return what publishes the health of the bus's role."""
-    topic = (HEALTH | HELPER_HEALTH)[bus.role]
+    topic = EVERY_HEALTH[bus.role]
     return HealthReporter(bus, cell, bus.publisher(topic))
 
 

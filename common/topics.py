@@ -96,6 +96,7 @@ HEALTH = {
     "arbiter": ARBITER_HEALTH,
 }
 HELPER_HEALTH = {"recorder": RECORDER_HEALTH}
+EVERY_HEALTH = HEALTH | HELPER_HEALTH
 TOPICS: tuple[Topic[m.Message], ...] = tuple(
     value for value in list(globals().values()) if isinstance(value, Topic)
 )

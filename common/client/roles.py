@@ -19,8 +19,7 @@ class Roles:
         self._bus = bus
         self._longest_wait_s = cell.stale_after_s(topics.HUB_HEALTH)
         self.feeds: dict[str, Feed[Health] | Feed[SensorWrench]] = {
-            name: Feed(bus, topic, LostError)
-            for name, topic in (topics.HEALTH | topics.HELPER_HEALTH).items()
+            name: Feed(bus, topic, LostError) for name, topic in topics.EVERY_HEALTH.items()
         }
         if cell.roles.sensor == "external":
             self.feeds["sensor"] = Feed(bus, topics.SENSOR_WRENCH, LostError)

@@ -97,7 +97,11 @@ class Force:
         append: bool = False,
         in_contact: bool = True,
     ) -> Reply:
-        """Go along points of the TCP in base axes while force feedback runs; none: stand."""
+        """Go along points of the TCP in base axes while force feedback runs; none: stand.
+
+        Start with the tool's side axes left out (`axes`, frame tool): where friction is felt there,
+        force feedback would give way to it.
+        """
         request = PathRequest(
             points_m=points_m, speed_m_s=speed_m_s, append=append, in_contact=in_contact
         )

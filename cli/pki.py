@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 
 app = typer.Typer(no_args_is_help=True, help="Certificates of a bus that leaves this machine.")
 
-TOKEN_VARIABLE = "FORCEMESH_PANEL_TOKEN"  # noqa: S105 - the name of a variable
 IMAGE_USER = 10001  # as in the Dockerfile
 DAYS = 365
 WRITTEN = ("calibration", "recordings")  # as in docker-compose.yml
@@ -65,6 +64,7 @@ def init(
     """Make the authority and a certificate for every role and person of a cell."""
     from common.pki import make_authority, read_authority, write_pair
     from common.tls import AUTHORITY, NAMES
+    from services.panel.door import TOKEN_VARIABLE
 
     with one_line_errors():
         loaded, where = _cell_and_folder(cell, folder)

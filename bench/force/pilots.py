@@ -12,7 +12,7 @@ from common.messages import Mode
 from services.regulator import adaptive, guiding
 from services.regulator.adaptive import AdaptiveSettings
 from services.regulator.guiding import GuideSettings
-from services.regulator.law import LawInput, LawState, PiGains, start_at, step
+from services.regulator.law import LawInput, LawState, PiGains, put_back, start_at, step
 from services.regulator.settings import law_settings, pi_gains
 from services.regulator.tuning import tune
 
@@ -38,7 +38,7 @@ class Ours:
 
     def step(self, heard: Heard) -> pin.SE3:
         """Return the TCP's next pose."""
-        law = _let_through(self.law, heard)
+        law = put_back(self.law, heard.T_let_through) if heard.limited else self.law
         sample = _sample(heard, self, law)
         self.law, self.memory = adaptive.advance(
             law,
@@ -77,7 +77,7 @@ class Plain:
 
     def step(self, heard: Heard) -> pin.SE3:
         """Return the TCP's next pose."""
-        law = _let_through(self.law, heard)
+        law = put_back(self.law, heard.T_let_through) if heard.limited else self.law
         sample = _sample(heard, self, law)
         self.law = step(law, sample, self.gains, self.plain)
         self.law = _moved(self.law, self.across_m_s * heard.dt_s)
@@ -97,7 +97,7 @@ class Guided:
 
     def step(self, heard: Heard) -> pin.SE3:
         """Return the TCP's next pose."""
-        law = _let_through(self.law, heard)
+        law = put_back(self.law, heard.T_let_through) if heard.limited else self.law
         self.law, self.memory = guiding.advance(
             law,
             self.memory,
@@ -108,13 +108,6 @@ class Guided:
             settings=self.settings,
         )
         return self.law.T_base_tcp
-
-
-def _let_through(law: LawState, heard: Heard) -> LawState:
-    """Go on from what a limit has let through, as the regulator does."""
-    if not heard.limited:
-        return law
-    return replace(law, T_base_tcp=heard.T_let_through, speed_m_s=None, approach_m_s=0.0)
 
 
 def _sample(heard: Heard, pilot: "Ours | Plain", law: LawState) -> LawInput:

@@ -91,9 +91,7 @@ def limited_rows(extent: Extent, pool: Executor) -> list[Row]:
 
 def brake_rows(extent: Extent, pool: Executor) -> list[Row]:
     """Return the releases with arms that brake slowly."""
-    rows = pool.map(release_row, extent.brakes)
-    worlds = extent.brakes
-    return [row | {"accel_m_s2": world.accel_m_s2} for row, world in zip(rows, worlds, strict=True)]
+    return list(pool.map(release_row, extent.brakes))
 
 
 def scene_rows(extent: Extent, pool: Executor) -> list[Row]:
@@ -109,6 +107,7 @@ def release_row(world: World) -> Row:
         "delay_ms": world.delay_ms,
         "loop_hz": world.loop_hz,
         "speed_m_s": world.speed_m_s,
+        "accel_m_s2": world.accel_m_s2,
         "delay_error_ms": world.delay_error_ms,
         "tau_s": first.tau_s,
         "believed": met.believed,

@@ -10,7 +10,7 @@ In mode both, the turning is fed forward to the position so that the point of co
 Positive force is what the environment does to the robot, so giving way means moving along it.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import inf
 from typing import Literal
 
@@ -83,6 +83,11 @@ class LawState:
 def start_at(T_base_tcp: pin.SE3) -> LawState:
     """Return the state that commands the pose where the tool is: no bump."""
     return LawState(T_base_tcp.copy())
+
+
+def put_back(state: LawState, T_base_tcp: pin.SE3) -> LawState:
+    """Return the state that goes on, from rest, where a limit has let the tool come to."""
+    return replace(state, T_base_tcp=T_base_tcp, speed_m_s=None, approach_m_s=0.0)
 
 
 def step(state: LawState, sample: LawInput, gains: PiGains, settings: LawSettings) -> LawState:

@@ -28,7 +28,7 @@ from services.regulator.control import (
 )
 from services.regulator.guards import GuardSettings, Watch, watch
 from services.regulator.guiding import GuideSettings
-from services.regulator.law import LawInput, LawState, start_at
+from services.regulator.law import LawInput, LawState, put_back, start_at
 from services.regulator.refusals import refused_path, refused_start
 from services.regulator.session import (
     Failure,
@@ -186,8 +186,7 @@ class Regulator:
         command = self._command.read(self._now_ns).fresh
         if command is None or not command.limited or command.pose is None:
             return law
-        T_base_tcp = pose_of(command.pose) * self._T_flange_tcp
-        return replace(law, T_base_tcp=T_base_tcp, speed_m_s=None, approach_m_s=0.0)
+        return put_back(law, pose_of(command.pose) * self._T_flange_tcp)
 
     def _ramp(self, now_N: float, wanted_N: float, dt_s: float) -> float:
         step_N = self._cell.force.setpoint_ramp_N_s * dt_s

@@ -32,8 +32,8 @@ from services.regulator.response import Answer, Response
 from services.regulator.stiffness import Stiffness, StiffnessSettings
 from services.regulator.tuning import LOOP_GAIN, tune
 
-INERTIA_MARGIN = 1.0  # of 1 / (m w_b): the model takes half of the inertia away
-INERTIA_SHARE = 0.5
+INERTIA_SHARE = 0.7  # of the tool's inertia that the model takes out of the readings
+INERTIA_MARGIN = 1.5  # of 1 / (m w_b): of what is left of m, less than a half
 FAST_LOOP_S, SLOW_LOOP_S = 0.008, 0.016  # period of a loop that bears all, none of the prediction
 
 MEMORY_TAUS, MEMORY_PERIODS, MEMORY_LEAST_S = 2.0, 10.0, 0.1  # of the stiffness

@@ -14,6 +14,7 @@ from common.frames import rotation_between
 from common.payload import Payload
 
 SAME_M, SAME_DEG = 1e-4, 0.1  # a pose that was typed once more is the same one
+HEAVIER = 1.1  # than `contact.inertia_kg`: less than the adaptive law's own margin (bench.force)
 OF_THE_CELL_FILE = "cell file"
 
 
@@ -57,6 +58,7 @@ def of_cell(cell: Cell) -> InUse:
             "payload.mass_kg and payload.com_m are zero: the tool's weight would pass for contact; "
             "run `forcemesh calibrate`"
         )
+    objection = objection or _too_heavy(section.mass_kg, cell)
     return InUse(section.payload, OF_THE_CELL_FILE, objection=objection)
 
 
@@ -92,7 +94,18 @@ def _objection(found: CalibrationSection, cell: Cell) -> str:
         apart = _apart(then, now)
         if apart:
             return f"{what} was {apart} away when {name} was made: calibrate again"
-    return ""
+    return _too_heavy(found.payload.payload.mass_kg, cell)
+
+
+def _too_heavy(mass_kg: float, cell: Cell) -> str:
+    """Say when the tool is heavier than what the regulator's gains were bounded for."""
+    inertia_kg = cell.contact.inertia_kg
+    if mass_kg <= HEAVIER * inertia_kg:
+        return ""
+    return (
+        f"the tool weighs {mass_kg:.2f} kg, but contact.inertia_kg is {inertia_kg:g}: on a soft "
+        f"contact the force would swing; write at least {mass_kg:.2f} there"
+    )
 
 
 def _apart(then: FrameSection, now: FrameSection) -> str:

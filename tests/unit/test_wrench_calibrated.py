@@ -17,6 +17,7 @@ from tests.fakes.wrench_bench import BIAS_N, IDEAL, WrenchBench
 from tests.unit.test_calibration import calibration
 
 TRUTH = IDEAL.payload
+HEAVY = TRUTH.model_copy(update={"mass_kg": 2.0})
 FRAMES = {"T_flange_tcp": IDEAL.tool.T_flange_tcp, "T_flange_sensor": IDEAL.sensor.T_flange_sensor}
 
 
@@ -80,7 +81,14 @@ OTHERS = [
         {"T_flange_sensor": FrameSection(position_m=(0.0, 0.0, 0.02), oat_deg=(120.0, 0.0, 0.0))},
         "90.0 degrees",
     ),
+    ({"payload": HEAVY}, "2.00 kg, but contact.inertia_kg is 1.2"),
 ]
+
+
+def test_a_heavier_tool_than_the_gains_are_bounded_for_does_not_hold() -> None:
+    """Written by hand it swings on a soft contact just the same; within a tenth it is believed."""
+    assert not WrenchBench(with_calibration(None, mass_kg=2.0)).settle().calibrated
+    assert WrenchBench(with_calibration(None, mass_kg=1.3)).settle().calibrated
 
 
 @pytest.mark.parametrize(("changes", "told"), OTHERS)
@@ -125,10 +133,10 @@ def test_a_newer_calibration_is_used_at_once(bench: WrenchBench) -> None:
 
 def test_a_calibration_that_leaves_a_force_is_refused_with_it(bench: WrenchBench) -> None:
     """The tool is in contact, or it is not this tool; the one in use stays."""
-    heavier = TRUTH.model_copy(update={"mass_kg": TRUTH.mass_kg + 1.0})
-    reply = ask(bench, of_the_demo(payload=heavier))
+    lighter = TRUTH.model_copy(update={"mass_kg": TRUTH.mass_kg - 0.5})
+    reply = ask(bench, of_the_demo(payload=lighter))
     assert (reply.accepted, reply.code) == (False, "contact")
-    assert (reply.value, reply.limit) == (pytest.approx(9.81, abs=0.01), IDEAL.force.idle_max_N)
+    assert (reply.value, reply.limit) == (pytest.approx(4.905, abs=0.01), IDEAL.force.idle_max_N)
     bench.settle()
     assert bench.said().calibration == "cell file"
 

@@ -110,6 +110,7 @@ FAULTS: dict[str, Fault] = {fault.code: fault for fault in (
     Fault(517, "payload",           "REFUSAL", "the payload is not calibrated for this tool, or what is left of it in free space is too much", "calibrate, or tare in free space"),
     Fault(518, "preempted",         "HOLD",    "somebody of a higher rank took the arm over; it stays armed", "wait until the arm is free, then ask again"),
     Fault(519, "handover",          "HOLD",    "the arm did not come to rest, so the next commander did not begin", "look what keeps it moving, arm again"),
+    Fault(520, "axes",              "REFUSAL", "force feedback may move along axes that a path would go along", "start force feedback with axes that leave them out"),
     # --- 6xx: recordings ---------------------------------------------------------------------------
     Fault(601, "recording",         "REFUSAL", "the recorder cannot write: no space, or no folder", "make space, or name another recorder.folder in the cell file"),
 )}

@@ -99,8 +99,8 @@ class Force:
     ) -> Reply:
         """Go along points of the TCP in base axes while force feedback runs; none: stand.
 
-        Start with the tool's side axes left out (`axes`, frame tool): where friction is felt there,
-        force feedback would give way to it.
+        Start with the tool's side axes left out (`axes`, frame tool): force feedback would give way
+        to friction there. The adaptive law would go back, so it refuses a path without.
         """
         request = PathRequest(
             points_m=points_m, speed_m_s=speed_m_s, append=append, in_contact=in_contact

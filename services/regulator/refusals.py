@@ -49,6 +49,12 @@ def refused_path(wanted: PathRequest, session: Session | None, cell: Cell) -> Re
         return refusal("not_armed", "no force feedback is running: start it first")
     if session.wanted.host != "pc":
         return refusal("host", "the controller cannot follow points, the PC can")
+    if session.memory is not None and _gives_way_across(session.wanted):
+        text = (
+            "the adaptive law would take the way for a push and go back: start force feedback "
+            "in frame tool, with axes that leave out x and y"
+        )
+        return refusal("axes", text)
     if wanted.speed_m_s > cell.force.speed_max_m_s:
         most_m_s = cell.force.speed_max_m_s
         text = "the path is faster than force.speed_max_m_s"
@@ -58,3 +64,8 @@ def refused_path(wanted: PathRequest, session: Session | None, cell: Cell) -> Re
     if count > MOST_POINTS:
         return refusal("busy", "too many points ahead", value=count, limit=MOST_POINTS)
     return None
+
+
+def _gives_way_across(wanted: ForceStartRequest) -> bool:
+    """Return whether force feedback may move the tool across its axis, where a path goes."""
+    return wanted.mode != "orientation" and (wanted.frame != "tool" or any(wanted.axes[:2]))

@@ -18,7 +18,7 @@ from common.messages import (
     Trip,
 )
 from common.motion_limits import Window, check_rate
-from common.requests import Empty, ForceStartRequest, Reply
+from common.requests import Empty, ForceStartRequest, PathRequest, Reply
 from common.stream_budget import StreamBudget
 from common.tracking import Tracking
 from services.gateway.link import News
@@ -77,6 +77,15 @@ def start(**wanted: Any) -> str:
     bench = RegulatorBench()
     bench.pass_s(0.1)
     return bench.start(ForceStartRequest(mode="position", **wanted)).code
+
+
+def go_where_force_may_move() -> str:
+    """Ask for a path while the adaptive law may give way along it."""
+    bench = RegulatorBench()
+    bench.pass_s(0.1)
+    bench.start(ForceStartRequest(mode="position", law="adaptive"))
+    bench.pass_s(0.1)
+    return bench.ask(topics.FORCE_PATH, PathRequest(points_m=((0.1, 0.1, 0.0),))).code
 
 
 def start_without_a_wrench() -> str:

@@ -215,6 +215,25 @@ def test_a_pressed_tool_goes_along_points_and_stops_where_contact_ends() -> None
     assert (fast.code, fast.limit) == ("setpoint", SPEED)
 
 
+@pytest.mark.parametrize(
+    ("changes", "code"),
+    [
+        ({"law": "plain"}, "ok"),
+        ({"frame": "base"}, "axes"),
+        ({"frame": "tool"}, "ok"),
+        ({"frame": "tool", "axes": (True, False, True) * 2}, "axes"),
+        ({"mode": "orientation"}, "ok"),
+    ],
+)
+def test_the_adaptive_law_goes_along_points_only_across_what_it_presses(changes, code) -> None:
+    """It foresees what its own commands do: a path beside them would pass for a push."""
+    bench = Obedient()
+    bench.push((0.0, 0.0, 5.0))
+    bench.start(PRESS.model_copy(update={"law": "adaptive"} | changes))
+    bench.live(0.1)
+    assert bench.ask(topics.FORCE_PATH, PathRequest(points_m=((0.1, 0.1, 0.0),))).code == code
+
+
 # --- presets --------------------------------------------------------------------------------------
 
 

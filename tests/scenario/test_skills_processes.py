@@ -1,0 +1,58 @@
+"""Measuring the loop and playing a guided way back, on a cell in real processes."""
+
+import json
+import subprocess
+
+import pytest
+
+from common.config import load_cell
+from tests.scenario.test_calibrate_processes import wait_for
+
+PATIENCE_S = 90.0  # of the test, not of the cell: a loaded machine is slow to start processes
+UP_MM, ASIDE_MM = 20.0, 10.0
+
+pytestmark = [pytest.mark.realtime, pytest.mark.long, pytest.mark.timeout(150)]
+
+
+@pytest.fixture
+def say(cell_file, start):
+    """A command line on a cell that is up, tared and armed: what it prints."""
+
+    def run(*words: object) -> str:
+        process: subprocess.Popen[str] = start("-m", "cli", *words, "--cell", cell_file)
+        printed, said = process.communicate(timeout=PATIENCE_S)
+        assert process.returncode == 0, said
+        return printed
+
+    wait_for(start("-m", "cli", "up", "--cell", cell_file), "is up")
+    run("tare")
+    run("arm")
+    return run
+
+
+def test_the_cell_measures_itself_sets_its_gains_and_writes_them_down(say, cell_file):
+    """What was written is what the cell file then says; the gains are those recommended."""
+    tuned = cell_file.parent / "tuned.yaml"
+    found = json.loads(say("tune", "--no-controller", "--apply", "--write", tuned, "--json"))
+    assert found["stiffness_N_m"] == pytest.approx(20_000.0, rel=0.05)
+    cell_file.write_text(cell_file.read_text() + f"tuning: {tuned.name}\n")
+    told = load_cell(cell_file)
+    assert told.robot.delay_s + told.robot.lag_s == pytest.approx(0.0207, abs=0.004)
+    assert told.contact.stiffness_N_m == pytest.approx(20_000.0, rel=0.05)
+    gains = json.loads(say("force", "gains", "--json"))
+    assert gains == found["hosts"]["pc"]["gains"]
+
+
+def test_a_way_that_was_recorded_is_gone_again(say, cell_file):
+    """Recorded while nobody pushes; the way up and aside that is put into the file is then gone."""
+    way = cell_file.parent / "way.csv"
+    say("guide", "--seconds", 1, "--record", way)
+    head, first = way.read_text().splitlines()[:2]
+    t_s, x_mm, y_mm, z_mm, *turn = (float(word) for word in first.split(","))
+    rows = [[t_s, x_mm, y_mm, z_mm + UP_MM], [t_s, x_mm + ASIDE_MM, y_mm, z_mm + UP_MM]]
+    lines = [head, first, *(",".join(str(each) for each in [*row, *turn]) for row in rows)]
+    way.write_text("\n".join(lines) + "\n")
+    assert "3 poses gone to" in say("guide", "--playback", way, "--speed", 50)
+    state = json.loads(say("watch", "robot/state", "--count", 1, "--json"))
+    reached_mm = [1e3 * each for each in state["position_m"]]
+    assert reached_mm == pytest.approx([x_mm + ASIDE_MM, y_mm, z_mm + UP_MM], abs=0.3)

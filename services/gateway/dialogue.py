@@ -50,6 +50,7 @@ class Dialogue:
         self._last_sent_ns = 0
         self._motion_id = self._hold_id = NO_ID  # the last ones; a hold voids the motion before
         self._speed: Speed | None = None
+        self._sent_gains: tuple[Command, ...] = ()
         self._wanted_bits = _NO_BITS  # force feedback that was asked for
         self._was_running = False
         self._forget_motion()
@@ -59,6 +60,7 @@ class Dialogue:
         self._setpoint: pin.SE3 | None = None
         self._wrench: Command | None = None
         self._centre: Command | None = None
+        self._gains: tuple[Command, ...] = ()
         self._untaken: deque[int] = deque()
         self._carry = PoseCarry()
 
@@ -175,15 +177,17 @@ class Dialogue:
             raise LocalProtocolError("no force feedback runs whose centre could be moved")
         self._centre = commands.tcp(T_flange_tcp, self.scales)
 
+    def offer_gains(self, gains: Gains) -> None:
+        """Give the newest gains of running force feedback; `tick` sends those that are new."""
+        if not self.feedback_active:
+            raise LocalProtocolError("no force feedback runs whose gains could be changed")
+        self._gains = commands.gains(gains)
+
     def set_speed(self, speed: Speed, now_ns: int) -> bytes:
         """Send the speeds if the controller does not have them yet."""
         data = self._send(now_ns, *self._speed_first(speed))
         self._speed = speed
         return data
-
-    def set_gains(self, gains: Gains, now_ns: int) -> bytes:
-        """Send both sets of gains; allowed also while force feedback runs."""
-        return self._send(now_ns, *commands.gains(gains))
 
     def set_up(self, kept: ControllerLimits, now_ns: int) -> bytes:
         """After hello: hold (it empties the ring), then what the controller keeps to by itself."""
@@ -203,10 +207,11 @@ class Dialogue:
                 "force feedback may not start without the arbiter's permission"
             )
         self._refuse_during_feedback(Com.FEEDBACK)
+        self._sent_gains = commands.gains(gains)
         data = self._send(
             now_ns,
             commands.limits(kept, self.scales),
-            *commands.gains(gains),
+            *self._sent_gains,
             *commands.start_feedback(mode),
         )
         self._forget_motion()
@@ -222,8 +227,10 @@ class Dialogue:
         """Return what is due now: a set point, a wrench, or a heartbeat; nothing unpermitted."""
         if not permitted or not self.ready:
             self._setpoint = self._wrench = self._centre = None
+            self._gains = ()
             return b""
-        data = self._due_setpoint(now_ns) + self._due_centre(now_ns) + self._due_wrench(now_ns)
+        to_ring = self._due_setpoint(now_ns) + self._due_centre(now_ns) + self._due_gains(now_ns)
+        data = to_ring + self._due_wrench(now_ns)
         silence_s = (now_ns - self._last_sent_ns) * S_PER_NS
         if data or silence_s < self._pacing.heartbeat_after_s:
             return data
@@ -260,6 +267,13 @@ class Dialogue:
             return b""
         command, self._centre = self._centre, None
         return self._send_to_ring(now_ns, command)
+
+    def _due_gains(self, now_ns: int) -> bytes:
+        if not self._gains or self.untaken >= self._pacing.max_untaken:
+            return b""
+        new = [command for command in self._gains if command not in self._sent_gains]
+        self._sent_gains, self._gains = self._gains, ()
+        return b"".join(self._send_to_ring(now_ns, command) for command in new)
 
     def _send_to_ring(self, now_ns: int, command: Command) -> bytes:
         data = self._send(now_ns, command)

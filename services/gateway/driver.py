@@ -237,7 +237,7 @@ class Driver:
             self._end_feedback(now_ns)
         else:
             if feedback.gains != running.feedback.gains:
-                self._send(self._dialogue.set_gains(feedback.gains, now_ns), now_ns)
+                self._dialogue.offer_gains(feedback.gains)
             self._running = replace(
                 running, feedback=feedback, lever_m=self._turn_about(running, feedback)
             )

@@ -3,6 +3,7 @@
 import pytest
 
 from common.errors import LocalProtocolError
+from common.messages import Gains
 from common.packet_table import Status
 from tests.fakes.dialogues import (
     GAINS,
@@ -117,3 +118,36 @@ def test_no_centre_without_feedback_or_permission() -> None:
     dialogue.offer_centre(at(1))
     assert dialogue.tick(0, permitted=False) == b""
     assert dialogue.tick(0, permitted=True) == b""
+
+
+def test_gains_that_change_faster_than_they_are_taken_do_not_queue_up() -> None:
+    """A slow controller would fall behind, and behind it every hold: only the newest go."""
+    dialogue = in_feedback()
+    for share in (2.0, 3.0, 4.0):
+        dialogue.offer_gains(gains_of(share))
+    (first,) = packets(dialogue.tick(0, permitted=True))
+    assert (first.com, first.param) == (6, 0)
+    for share in (5.0, 6.0, 7.0):
+        dialogue.offer_gains(gains_of(share))
+        assert dialogue.tick(0, permitted=True) == b""
+    dialogue.feed(pose_report(first.id, Status.POSITION_FEEDBACK), 0)
+    (last,) = packets(dialogue.tick(0, permitted=True))
+    assert last.vec[0] / first.vec[0] == pytest.approx(7.0 / 4.0)
+    dialogue.offer_gains(gains_of(7.0))
+    dialogue.feed(pose_report(last.id, Status.POSITION_FEEDBACK), 0)
+    assert dialogue.tick(0, permitted=True) == b""
+
+
+def test_gains_are_for_force_feedback_that_runs_and_is_permitted() -> None:
+    """Without it they are refused; without permission they are forgotten."""
+    with pytest.raises(LocalProtocolError, match="no force feedback runs"):
+        greeted().offer_gains(GAINS)
+    dialogue = in_feedback()
+    dialogue.offer_gains(gains_of(2.0))
+    assert dialogue.tick(0, permitted=False) == b""
+    assert dialogue.tick(0, permitted=True) == b""
+
+
+def gains_of(share: float) -> Gains:
+    """Return the dialogue's gains, but with another proportional part."""
+    return Gains(force_p_m_per_N=(share * GAINS.force_p_m_per_N[0],) * 3)

@@ -19,7 +19,7 @@ from services.gateway.round_trips import (
     RoundTrips,
     Turns,
 )
-from tests.fakes.dialogues import GAINS, MS, greeted, in_feedback, joint_report, pose_report
+from tests.fakes.dialogues import MS, SPEED, at, greeted, in_feedback, joint_report, pose_report
 
 delays = st.lists(st.integers(0, 2 * NS_PER_S), min_size=1, max_size=60)
 first_ids = st.integers(ID_FIRST, ID_LAST)
@@ -136,17 +136,17 @@ def test_a_dialogue_times_both_echoes_of_its_packets() -> None:
     """102 names the framed, 101 the taken one; a hold makes void what was not taken."""
     dialogue = greeted()
     dialogue.feed(joint_report(dialogue.last_id), MS)
-    dialogue.set_gains(GAINS, 10 * MS)
+    dialogue.move_to_pose(at(1), SPEED, 10 * MS)
     dialogue.feed(joint_report(dialogue.last_id) + pose_report(dialogue.last_id), 14 * MS)
     assert dialogue.echoes.framed.last_s == pytest.approx(0.004)
     assert dialogue.echoes.taken.last_s == pytest.approx(0.004)
-    dialogue.set_gains(GAINS, 20 * MS)
+    dialogue.move_to_pose(at(2), SPEED, 20 * MS)
     dialogue.hold(21 * MS)
-    dialogue.set_gains(GAINS, 30 * MS)
+    dialogue.move_to_pose(at(3), SPEED, 30 * MS)
     dialogue.feed(pose_report(dialogue.last_id), 37 * MS)
     assert dialogue.echoes.taken.last_s == pytest.approx(0.007)
     taken = [took for _, took in dialogue.echoes.taken._times]
-    assert taken == [4 * MS] * 2 + [7 * MS] * 2
+    assert taken == [4 * MS] * 2 + [7 * MS]
 
 
 def test_wrenches_and_heartbeats_are_framed_and_a_new_connection_starts_anew() -> None:

@@ -26,18 +26,19 @@ def load_cell(path: Path | str, overrides: dict[str, Any] | None = None) -> Cell
     """Read a cell file.
 
     Args:
-        path: The YAML file.
+        path: The YAML file, or a link to it: what it names is beside the file itself.
         overrides: Values that replace the file's, by dotted path ("sim.tilt_deg").
 
     Raises:
         ConfigError: The file cannot be read or holds mistakes; all of them are listed.
     """
+    path = _followed(Path(path))
     source = str(path)
-    tree = _read_tree(Path(path), source)
-    _take_tuning(tree, Path(path), source)
+    tree = _read_tree(path, source)
+    _take_tuning(tree, path, source)
     for dotted, value in (overrides or {}).items():
         _set(tree, dotted, value, source)
-    if (calibration := _calibration_file(tree, Path(path))) is not None:
+    if (calibration := _calibration_file(tree, path)) is not None:
         tree["calibration"] = (
             _read_tree(calibration, str(calibration)) if calibration.exists() else None
         )
@@ -50,7 +51,12 @@ def calibration_file(path: Path) -> Path | None:
     Raises:
         ConfigError: The cell file cannot be read.
     """
+    path = _followed(path)
     return _calibration_file(_read_tree(path, str(path)), path)
+
+
+def _followed(path: Path) -> Path:
+    return path.resolve() if path.is_symlink() else path
 
 
 def _calibration_file(tree: Any, path: Path) -> Path | None:

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from pydantic import BaseModel
 
 from common.cell import Cell
-from common.config import cell_from_tree, cell_hash, dump_cell, load_cell
+from common.config import calibration_file, cell_from_tree, cell_hash, dump_cell, load_cell
 from common.errors import ConfigError
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -303,3 +303,15 @@ def test_every_number_changes_the_hash(path: str) -> None:
 def test_who_only_watches_may_be_set_up_otherwise(path: str, value: float) -> None:
     """Panel and recorder move nothing: their settings keep nobody from arming."""
     assert cell_hash(load_cell(DEMO, {path: value})) == cell_hash(DEMO_CELL)
+
+
+def test_what_a_cell_file_names_is_beside_the_file_and_not_beside_a_link(tmp_path: Path) -> None:
+    """Calibration and tuning are found through a link as they are without it."""
+    file, link = tmp_path / "mine.yaml", tmp_path / "elsewhere" / "cell.yaml"
+    file.write_text(DEMO.read_text("utf-8") + "tuning: tuned.yaml\n", "utf-8")
+    (tmp_path / "tuned.yaml").write_text("robot: {delay_s: 0.033}\n", "utf-8")
+    link.parent.mkdir()
+    link.symlink_to(file)
+
+    assert load_cell(link).robot.delay_s == 0.033
+    assert calibration_file(link) == calibration_file(file)

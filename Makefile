@@ -121,19 +121,18 @@ fuzz-codec: setup ## spoil ten million streams of packets, none may be believed:
 pki: setup ## make the certificates of the bus and tell docker compose (.env) where they are: ARGS="--host labpc"
 	@$(BIN)/forcemesh pki init --env .env $(ARGS)
 
-CELL_OF_sim := demo.yaml
-CELL_OF_emulated := emulated.yaml
 PROFILE ?= sim
-UP = CELL=$(or $(CELL),$(CELL_OF_$(PROFILE)),$(error PROFILE=$(PROFILE) needs CELL=FILE, a file in cells/)) \
-     $(COMPOSE) --profile $(PROFILE)
+PROFILES := --profile sim --profile emulated --profile real
+UP = $(COMPOSE) --profile $(PROFILE)
 COMPOSE ?= $(shell docker compose version >/dev/null 2>&1 && echo docker compose || echo docker-compose)
 
 up: ## bring a cell up in containers: PROFILE=sim, emulated or real, the last with CELL=my-cell.yaml
 	@mkdir -p calibration recordings
 	@$(UP) up -d --build $(ARGS)
+	@$(UP) exec -T $(PROFILE)-cell python -m common.in_use check $(PROFILE)
 
-down: ## take the containers of PROFILE down
-	@$(UP) down $(ARGS)
+down: ## take the containers down, of whichever profile
+	@$(COMPOSE) $(PROFILES) down $(ARGS)
 
 sbom: setup ## write what the image is made of into out/sbom.cdx.json (CycloneDX)
 	@mkdir -p out

@@ -10,38 +10,24 @@ from typing import Any
 import pytest
 import yaml
 
-from common.config import load_cell
 from common.topics import HEALTH, HELPER_HEALTH, HELPERS, ROLES
-
-ROOT = Path(__file__).resolve().parents[2]
-COMPOSE_FILE = ROOT / "docker-compose.yml"
-COMPOSE: dict[str, Any] = yaml.safe_load(COMPOSE_FILE.read_text(encoding="utf-8"))
-SERVICES: dict[str, dict[str, Any]] = COMPOSE["services"]
-CELL = "/cells/${CELL:-demo.yaml}"
-
-# Which roles of the bus a container plays, where that is not its own name.
-PLAYS: dict[str, set[str]] = {
-    "robot-sim": {"robot", "sensor"},
-    "gateway": {"robot"},
-    "controller-sim": set(),  # stands for hardware
-    "panel": set(),  # a client, as an operator is
-    "recorder": set(),  # a helper: no cell needs it to be whole
-}
-ON_THE_BUS = [name for name in SERVICES if PLAYS.get(name, {name})]
-PROFILES = ("sim", "emulated", "real")
+from tests.fakes.compose_file import (
+    CELL,
+    COMPOSE,
+    COMPOSE_FILE,
+    ON_THE_BUS,
+    PROFILES,
+    ROOT,
+    RUN,
+    SAY,
+    SERVICES,
+    profile,
+    roles_of,
+)
 
 service = pytest.mark.parametrize("name", SERVICES)
+process = pytest.mark.parametrize("name", RUN)
 on_the_bus = pytest.mark.parametrize("name", ON_THE_BUS)
-
-
-def roles_of(name: str) -> set[str]:
-    """Return the roles that a container plays."""
-    return PLAYS.get(name, {name})
-
-
-def profile(word: str) -> set[str]:
-    """Return the containers that `docker compose --profile WORD up` starts."""
-    return {name for name, entry in SERVICES.items() if word in entry.get("profiles", [word])}
 
 
 def keys(tree: Any) -> set[str]:
@@ -86,36 +72,7 @@ def test_each_role_is_played_exactly_once_in_a_profile(word: str) -> None:
     assert played == sorted(ROLES)
 
 
-def test_one_word_swaps_who_plays_robot_and_sensor() -> None:
-    """The profiles differ in who plays robot and sensor, and in the hardware that is emulated."""
-    same = set(ROLES) - {"robot", "sensor"}
-    same |= {"panel", "recorder"}
-    assert profile("sim") == same | {"robot-sim"}
-    assert profile("real") == same | {"gateway", "sensor"}
-    assert profile("emulated") == profile("real") | {"controller-sim"}
-
-
-@pytest.mark.parametrize("name", sorted(set(ROLES) - {"robot", "sensor"}))
-def test_the_word_changes_no_other_container(name: str) -> None:
-    """What does not play robot or sensor belongs to no profile, and nothing in it reads one."""
-    assert "profiles" not in SERVICES[name]
-    assert set(re.findall(r"\$\{(\w+)", str(SERVICES[name]))) <= {
-        "CELL", "FORCEMESH_FILES", "FORCEMESH_USER", "FORCEMESH_PUBLISH",
-    }  # fmt: skip
-
-
-@pytest.mark.parametrize("word", ["sim", "emulated"])
-def test_make_up_takes_the_cell_of_the_profile(word: str) -> None:
-    """`make up PROFILE=word` is that one word: the cell goes with it and fits its players."""
-    makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
-    found = re.search(rf"^CELL_OF_{word} := (\S+)$", makefile, re.MULTILINE)
-    assert found
-    roles = load_cell(ROOT / "cells" / found[1]).roles
-    wanted = ("sim", "sim") if word == "sim" else ("gateway", "driver")
-    assert (roles.robot, roles.sensor) == wanted
-
-
-@service
+@process
 def test_container_runs_the_module_of_its_name(name: str) -> None:
     """One name: container `x` runs services.x, container `x-sim` runs sim.x, and both exist."""
     python, flag, module, *words = SERVICES[name]["command"]
@@ -150,6 +107,12 @@ def test_secrets_are_files_and_never_the_authoritys_key() -> None:
     assert used == set(COMPOSE["secrets"])
 
 
+@pytest.mark.parametrize("name", SAY)
+def test_what_says_the_cell_file_has_no_key_and_no_network(name: str) -> None:
+    """It writes one link for the others, and reaches nobody."""
+    assert not SERVICES[name].keys() & {"secrets", "networks", "ports", "depends_on"}
+
+
 def test_what_stands_for_hardware_knows_nothing_of_the_bus() -> None:
     """The emulated controller has two wires, no certificate and no way to the hub."""
     entry = SERVICES["controller-sim"]
@@ -166,7 +129,8 @@ def test_container_may_do_nothing_but_its_work(name: str) -> None:
     assert entry["security_opt"] == ["no-new-privileges:true"]
     assert entry["init"] is True
     assert entry["logging"]["options"].keys() == {"max-size", "max-file"}
-    assert not entry.keys() & {"privileged", "cap_add", "devices", "network_mode", "pid"}
+    assert not entry.keys() & {"privileged", "cap_add", "devices", "pid"}
+    assert entry.get("network_mode") == ("none" if name in SAY else None)
     assert entry["user"] == "${FORCEMESH_USER:-10001:10001}"
     assert entry["tmpfs"] == ["/tmp:noexec,nosuid,nodev,size=16m"]  # noqa: S108 - in there
     assert entry["mem_limit"]
@@ -178,7 +142,8 @@ def test_container_may_do_nothing_but_its_work(name: str) -> None:
         "panel": ["${FORCEMESH_FILES:-.}/calibration:/calibration"],
         "recorder": ["${FORCEMESH_FILES:-.}/recordings:/recordings"],
     }
-    assert entry["volumes"] == ["./cells:/cells:ro", *more.get(name, [])]
+    in_use = "in-use:/in-use" if name in SAY else "in-use:/in-use:ro"
+    assert entry["volumes"] == ["./cells:/cells:ro", in_use, *more.get(name, [])]
 
 
 def test_hub_and_panel_are_published_and_only_on_this_machine() -> None:
@@ -214,7 +179,7 @@ def test_recorder_writes_into_its_folder_alone_and_is_asked_for_its_own_health()
 
 def test_networks_lead_only_where_a_container_has_to_go() -> None:
     """The bus reaches nothing outside; only gateway and sensor have a way to their hardware."""
-    ways = {name: set(entry["networks"]) - {"bus"} for name, entry in SERVICES.items()}
+    ways = {name: set(SERVICES[name]["networks"]) - {"bus"} for name in RUN}
     assert COMPOSE["networks"]["bus"] == {"internal": True}
     assert all("bus" in SERVICES[name]["networks"] for name in ON_THE_BUS)
     assert {name: way for name, way in ways.items() if way} == {
@@ -255,12 +220,6 @@ def test_a_role_on_another_machine_is_told_where_its_hub_is() -> None:
         assert entry["networks"] == ["front"]
         assert entry["environment"]["FORCEMESH_ENDPOINT"].startswith("${FORCEMESH_ENDPOINT:?")
     assert schema_check(path) == 0
-
-
-def test_default_cell_is_the_one_that_the_simulated_profile_needs() -> None:
-    """Without CELL the cell file exists and gives robot and sensor to the simulation."""
-    roles = load_cell(ROOT / "cells" / "demo.yaml").roles
-    assert (roles.robot, roles.sensor) == ("sim", "sim")
 
 
 def dockerfile_stages() -> list[list[str]]:

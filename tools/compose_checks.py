@@ -25,6 +25,7 @@ from common.requests import Empty, RecordRequest
 from common.topics import TOPICS
 from services.panel.door import TOKEN_VARIABLE
 from tools.attacks import ATTACKS
+from tools.compose_profiles import another_profile
 from tools.compose_rig import (
     PRESS_N,
     PROJECT,
@@ -34,6 +35,7 @@ from tools.compose_rig import (
     PromiseError,
     compose_command,
     run,
+    told,
 )
 
 HEALTHY_S = 60.0
@@ -45,14 +47,14 @@ PUBLISHED = {"hub 127.0.0.1:7447", "panel 127.0.0.1:8080"}
 Check = Callable[[Compose, Cell, Operator], str]
 
 INSIDE = """
-import os, pathlib
+import os, pathlib, sys
 lines = pathlib.Path('/proc/self/status').read_text().splitlines()
 status = dict(line.split(':\\t', 1) for line in lines if ':\\t' in line)
 assert os.getuid() != 0 and os.getgid() != 0, 'root'
 assert int(status['CapEff'], 16) == int(status['CapBnd'], 16) == 0, 'capabilities'
 assert status['NoNewPrivs'] == '1', 'may gain privileges'
 assert status['Seccomp'] == '2', 'no system call filter'
-for path in ('/app/x', '/venv/x', '/etc/x', '/cells/x'):
+for path in ('/app/x', '/venv/x', '/etc/x', '/cells/x', *sys.argv[1:]):
     try:
         open(path, 'w')
     except OSError as error:
@@ -76,7 +78,8 @@ for folder in pathlib.Path('/proc').glob('[0-9]*'):
 def hardened(compose: Compose, _cell: Cell, _operator: Operator) -> str:
     """Nobody is root, writes more than it must, has a capability, or somebody else's key."""
     for name in compose.names():
-        run("docker", "exec", compose.id(name), "python", "-c", INSIDE)
+        others = [] if name.endswith("-cell") else ["/in-use/x"]
+        run("docker", "exec", compose.id(name), "python", "-c", INSIDE, *others)
         limits = compose.facts(name)["HostConfig"]
         if not (limits["Memory"] and limits["PidsLimit"] and limits["ReadonlyRootfs"]):
             raise PromiseError(f"{name} has no limits")
@@ -250,31 +253,19 @@ def main() -> int:
     """Check everything of one profile; say what was found; return how much was wrong."""
     compose = Compose(sys.argv[1], compose_command())
     cell = load_cell(_file_of(compose))
-    wrong = 0
-
-    def told(name: str, check: Callable[[], str]) -> None:
-        nonlocal wrong
-        began_s = time.monotonic()
-        try:
-            said = check()
-        except Exception as error:  # noqa: BLE001 - whatever it is, the others are checked as well
-            wrong += 1
-            said = f"FAILED: {error}"
-        print(
-            f"{compose.profile:8} {name:26} {time.monotonic() - began_s:5.1f} s  {said}", flush=True
-        )
-
-    told("healthy", lambda: f"after {compose.wait_healthy(HEALTHY_S):.0f} s")
+    where = compose.profile
+    wrong = told(where, "healthy", lambda: f"after {compose.wait_healthy(HEALTHY_S):.0f} s")
     with open_bus(cell, topics.CLIENT) as bus:
         operator = Operator(bus, cell)
         operator.at_home()
         checks: list[Check] = [topics_seen, hardened, ports, cockpit, recorded]
-        checks += [demo, attacked, full_disk]
+        checks += [demo, attacked, full_disk, another_profile]
         for each in checks:
-            told(each.__name__.replace("_", " "), partial(each, compose, cell, operator))
+            name = each.__name__.replace("_", " ")
+            wrong += told(where, name, partial(each, compose, cell, operator))
         for how, name in trials(compose):
-            told(f"{how} {name}", partial(broken, compose, how, name, operator))
-        told("crash wrench", partial(crashed, compose, "wrench", operator))
+            wrong += told(where, f"{how} {name}", partial(broken, compose, how, name, operator))
+        wrong += told(where, "crash wrench", partial(crashed, compose, "wrench", operator))
     return wrong
 
 

@@ -47,6 +47,17 @@ def run(*words: str, timeout_s: float = 120.0, **environment: str) -> str:
     return done.stdout.strip()
 
 
+def told(where: str, name: str, check: Callable[[], str]) -> int:
+    """Check something and say what was found; return 1 when a promise was not kept, else 0."""
+    began_s, wrong = time.monotonic(), 0
+    try:
+        said = check()
+    except Exception as error:  # noqa: BLE001 - whatever it is, the others are checked as well
+        said, wrong = f"FAILED: {error}", 1
+    print(f"{where:8} {name:26} {time.monotonic() - began_s:5.1f} s  {said}", flush=True)
+    return wrong
+
+
 @dataclass(frozen=True, slots=True)
 class Compose:
     """The containers of one profile."""
@@ -78,6 +89,14 @@ class Compose:
     def facts(self, name: str) -> Any:
         """Return all that the engine knows of a container."""
         return json.loads(run("docker", "inspect", self.id(name)))[0]
+
+    def says(self, name: str, text: str, within_s: float = 30.0) -> None:
+        """Wait until a container has said something."""
+        give_up_s = time.monotonic() + within_s
+        while text not in (log := self("logs", "--no-color", name)):
+            if time.monotonic() > give_up_s:
+                raise PromiseError(f"{name} does not say {text!r} but {log}")
+            time.sleep(0.2)
 
     def wait_healthy(self, within_s: float) -> float:
         """Wait until every container is healthy; return how long that took [s]."""

@@ -19,6 +19,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from tools.compose_profiles import check_profiles
 from tools.compose_rig import (
     PROJECT,
     ROOT,
@@ -31,7 +32,7 @@ from tools.compose_rig import (
 )
 
 NO_ENGINE = 77
-CELLS = {"sim": "demo.yaml", "emulated": "emulated.yaml"}
+PROFILES = ("sim", "emulated")
 OWN_TOOLS = ("dockerd", "docker", "ip", "nsenter", "chroot", "dpkg", "python3.11")
 IMAGE = "forcemesh:local"
 BASE = "python:3.11-slim-bookworm"
@@ -47,12 +48,13 @@ class NoEngineError(Exception):
 def main() -> int:
     """Run what was asked for; return the exit code."""
     parser = argparse.ArgumentParser(prog="tools.compose_test", description=__doc__)
-    parser.add_argument("--profile", action="append", choices=tuple(CELLS), help="again for more")
+    parser.add_argument("--profile", action="append", choices=PROFILES, help="again for more")
     parser.add_argument("--optional", action="store_true", help="0 where no engine can be had")
     given = parser.parse_args()
     # Whoever is ended on the way takes everything down all the same.
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: sys.exit(1))
+    os.environ.pop("CELL", None)  # the profile says it
     with tempfile.TemporaryDirectory(prefix="fm-") as scratch:
         if missing := what_is_missing():
             return not_tested(missing, optional=given.optional)
@@ -60,7 +62,8 @@ def main() -> int:
             with engine(Path(scratch) / "engine") as namespace:
                 build()
                 make_certificates(Path(scratch))
-                return max(check(profile, namespace) for profile in given.profile or CELLS)
+                codes = [check(profile, namespace) for profile in given.profile or PROFILES]
+                return max(*codes, check_profiles(compose_command()))
         except NoEngineError as error:
             return not_tested(str(error), optional=given.optional)
 
@@ -160,7 +163,6 @@ def make_certificates(scratch: Path) -> None:
 
 def check(profile: str, namespace: str) -> int:
     """Bring a profile up, check it, take it down in any case; return the exit code."""
-    os.environ["CELL"] = CELLS[profile]
     compose = Compose(profile, compose_command())
     began_s = time.monotonic()
     try:

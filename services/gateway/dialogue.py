@@ -18,6 +18,7 @@ from common.packet import Packet, PacketReader, encode
 from common.packet_table import FEEDBACK_BITS, NO_ID, Com, Status, id_reached, ids_since, next_id
 from services.gateway import commands
 from services.gateway.commands import Command, ControllerLimits, Pacing, PoseCarry
+from services.gateway.offers import Offers
 from services.gateway.reports import Event, JointReport, PoseReport, parse_hello, parse_report
 from services.gateway.round_trips import Echoes
 from services.gateway.scales import Scales
@@ -50,19 +51,14 @@ class Dialogue:
         self._last_sent_ns = 0
         self._motion_id = self._hold_id = NO_ID  # the last ones; a hold voids the motion before
         self._speed: Speed | None = None
-        self._sent_gains: tuple[Command, ...] = ()
         self._wanted_bits = _NO_BITS  # force feedback that was asked for
         self._was_running = False
         self._forget_motion()
 
     def _forget_motion(self) -> None:
         """A stream of set points starts anew: nothing pending, no rounding carried."""
-        self._setpoint: pin.SE3 | None = None
-        self._wrench: Command | None = None
-        self._centre: Command | None = None
-        self._gains: tuple[Command, ...] = ()
+        self._offers = Offers(self.scales, self._pacing)
         self._untaken: deque[int] = deque()
-        self._carry = PoseCarry()
 
     # --- connection -------------------------------------------------------------------------------
 
@@ -162,26 +158,22 @@ class Dialogue:
     def offer_setpoint(self, T_base_flange: pin.SE3) -> None:
         """Give the newest pose of a stream; `tick` sends it when its turn comes."""
         self._refuse_during_feedback(Com.MOVE_POSE)
-        commands.move_to_pose(T_base_flange, self.scales, self._carry)  # refuses what cannot go
-        self._setpoint = T_base_flange
+        self._offers.offer_setpoint(T_base_flange)
 
     def offer_wrench(self, force_N: Vec3, torque_Nm: Vec3) -> None:
         """Give the newest wrench minus set point; `tick` sends it when its turn comes."""
-        if not self.feedback_active:
-            raise LocalProtocolError("command 4 is for running force feedback, and none runs")
-        self._wrench = commands.wrench(force_N, torque_Nm, self.scales)
+        self._refuse_without_feedback("to take a wrench")
+        self._offers.wrench = commands.wrench(force_N, torque_Nm, self.scales)
 
     def offer_centre(self, T_flange_tcp: pin.SE3) -> None:
         """Give the newest point that force feedback turns about; `tick` sends it in its turn."""
-        if not self.feedback_active:
-            raise LocalProtocolError("no force feedback runs whose centre could be moved")
-        self._centre = commands.tcp(T_flange_tcp, self.scales)
+        self._refuse_without_feedback("whose centre could be moved")
+        self._offers.centre = commands.tcp(T_flange_tcp, self.scales)
 
     def offer_gains(self, gains: Gains) -> None:
         """Give the newest gains of running force feedback; `tick` sends those that are new."""
-        if not self.feedback_active:
-            raise LocalProtocolError("no force feedback runs whose gains could be changed")
-        self._gains = commands.gains(gains)
+        self._refuse_without_feedback("whose gains could be changed")
+        self._offers.gains = commands.gains(gains)
 
     def set_speed(self, speed: Speed, now_ns: int) -> bytes:
         """Send the speeds if the controller does not have them yet."""
@@ -207,14 +199,11 @@ class Dialogue:
                 "force feedback may not start without the arbiter's permission"
             )
         self._refuse_during_feedback(Com.FEEDBACK)
-        self._sent_gains = commands.gains(gains)
-        data = self._send(
-            now_ns,
-            commands.limits(kept, self.scales),
-            *self._sent_gains,
-            *commands.start_feedback(mode),
-        )
+        both = commands.gains(gains)
+        limits = commands.limits(kept, self.scales)
+        data = self._send(now_ns, limits, *both, *commands.start_feedback(mode))
         self._forget_motion()
+        self._offers.sent_gains = both
         self._wanted_bits, self._was_running = commands.BITS_OF_MODE[mode], False
         return data
 
@@ -226,11 +215,11 @@ class Dialogue:
     def tick(self, now_ns: int, *, permitted: bool) -> bytes:
         """Return what is due now: a set point, a wrench, or a heartbeat; nothing unpermitted."""
         if not permitted or not self.ready:
-            self._setpoint = self._wrench = self._centre = None
-            self._gains = ()
+            self._offers.forget()
             return b""
-        to_ring = self._due_setpoint(now_ns) + self._due_centre(now_ns) + self._due_gains(now_ns)
-        data = to_ring + self._due_wrench(now_ns)
+        to_ring = self._offers.due_to_ring(now_ns, room=self._pacing.max_untaken - self.untaken)
+        data = b"".join(self._send_to_ring(now_ns, command) for command in to_ring)
+        data += self._due_wrench(now_ns)
         silence_s = (now_ns - self._last_sent_ns) * S_PER_NS
         if data or silence_s < self._pacing.heartbeat_after_s:
             return data
@@ -253,28 +242,6 @@ class Dialogue:
         self._forget_motion()
         return data
 
-    def _due_setpoint(self, now_ns: int) -> bytes:
-        if (wanted := self._setpoint) is None or self.untaken >= self._pacing.max_untaken:
-            return b""
-        if (leaves := self._pacing.leave(wanted, now_ns)) is None:
-            return b""
-        command, self._carry = commands.move_to_pose(leaves, self.scales, self._carry)
-        self._setpoint = None if leaves is wanted else wanted
-        return self._send_to_ring(now_ns, command)
-
-    def _due_centre(self, now_ns: int) -> bytes:
-        if self._centre is None or self.untaken >= self._pacing.max_untaken:
-            return b""
-        command, self._centre = self._centre, None
-        return self._send_to_ring(now_ns, command)
-
-    def _due_gains(self, now_ns: int) -> bytes:
-        if not self._gains or self.untaken >= self._pacing.max_untaken:
-            return b""
-        new = [command for command in self._gains if command not in self._sent_gains]
-        self._sent_gains, self._gains = self._gains, ()
-        return b"".join(self._send_to_ring(now_ns, command) for command in new)
-
     def _send_to_ring(self, now_ns: int, command: Command) -> bytes:
         data = self._send(now_ns, command)
         self._untaken.append(self.last_id)
@@ -282,9 +249,9 @@ class Dialogue:
         return data
 
     def _due_wrench(self, now_ns: int) -> bytes:
-        if self._wrench is None or self.unframed >= self._pacing.max_unframed:
+        if (command := self._offers.wrench) is None or self.unframed >= self._pacing.max_unframed:
             return b""
-        command, self._wrench = self._wrench, None
+        self._offers.wrench = None
         return self._send(now_ns, command)
 
     def _speed_first(self, speed: Speed) -> tuple[Command, ...]:
@@ -295,6 +262,10 @@ class Dialogue:
             raise LocalProtocolError(
                 f"command {int(com)} is refused while force feedback runs in the controller"
             )
+
+    def _refuse_without_feedback(self, what_for: str) -> None:
+        if not self.feedback_active:
+            raise LocalProtocolError(f"no force feedback runs {what_for}")
 
     def _send(self, now_ns: int, *batch: Command) -> bytes:
         """Number and encode a batch: all of it, or an error and nothing."""

@@ -20,21 +20,22 @@ import numpy as np
 import pinocchio as pin
 
 from common.cell import Cell
-from common.frames import Array, rotation_between
-from services.regulator import path as way
-from services.regulator import response
+from common.frames import Array
+from services.regulator import response, ways
 from services.regulator import stiffness as stiff
 from services.regulator.follow import NOT_FOLLOWED, Felt, Follow, followed, worth
 from services.regulator.heat import Heat, braked, heat_of
 from services.regulator.law import LawInput, LawSettings, LawState, PiGains, step
-from services.regulator.path import Path, PathSettings
+from services.regulator.path import PathSettings
 from services.regulator.response import Answer, Response
 from services.regulator.stiffness import Stiffness, StiffnessSettings
 from services.regulator.tuning import LOOP_GAIN, tune
+from services.regulator.ways import Reports, Way
 
 INERTIA_SHARE = 0.7  # of the tool's inertia that the model takes out of the readings
-INERTIA_MARGIN = 1.5  # of 1 / (m w_b): of what is left of m, less than a half
-FAST_LOOP_S, SLOW_LOOP_S = 0.008, 0.016  # period of a loop that bears all, none of the prediction
+INERTIA_MARGIN = (1.5, 0.4)  # of 1 / (m w_b), in a fast loop and a slow one
+LOOPS_S = (0.008, 0.016)  # periods of a loop that bears all, and none, of the prediction
+LEAST_FADE = 0.05
 
 MEMORY_TAUS, MEMORY_PERIODS, MEMORY_LEAST_S = 2.0, 10.0, 0.1  # of the stiffness
 STIFFER = 1.0  # than the stiffest contact of the cell: what is believed at first
@@ -52,6 +53,7 @@ class AdaptiveSettings:
     path: PathSettings
     stiffness: StiffnessSettings
     gain_cap_m_per_Ns: float
+    report_s: float  # so often the measured pose is a new one
     plain_gain_m_per_Ns: float  # what the gain rule says: requested gains below it slow it down
     inertia_kg: float
     touch_N: float
@@ -63,14 +65,17 @@ class AdaptiveSettings:
     def of(cls, cell: Cell) -> "AdaptiveSettings":
         """Take them out of a cell file."""
         tau_s, contact = cell.loop_delay_s, cell.contact
-        memory_s = max(MEMORY_TAUS * tau_s, MEMORY_PERIODS / cell.rates.control_hz, MEMORY_LEAST_S)
+        slower_hz = min(cell.rates.control_hz, cell.rates.robot_hz)
+        memory_s = max(MEMORY_TAUS * tau_s, MEMORY_PERIODS / slower_hz, MEMORY_LEAST_S)
+        margin = float(np.interp(1.0 / cell.rates.control_hz, LOOPS_S, INERTIA_MARGIN))
         return cls(
             tau_s=tau_s,
             path=PathSettings.of(cell),
             stiffness=StiffnessSettings(
                 STIFFER * contact.stiffness_N_m, SOFTEST_N_M, memory_s, NOISE_N, LEAST_WAY_M
             ),
-            gain_cap_m_per_Ns=INERTIA_MARGIN / (contact.inertia_kg * cell.robot.bandwidth_rad_s),
+            gain_cap_m_per_Ns=margin / (contact.inertia_kg * cell.robot.bandwidth_rad_s),
+            report_s=1.0 / cell.rates.robot_hz,
             plain_gain_m_per_Ns=tune(cell).force_i_m_per_Ns,
             inertia_kg=contact.inertia_kg,
             touch_N=TOUCH_SHARE * cell.force.touch_N,
@@ -84,16 +89,10 @@ class AdaptiveSettings:
 class Adaptive:
     """What the adaptive law remembers beside the plain one. Ways are of the point of contact."""
 
-    T_command: pin.SE3  # of the TCP, in the last period
-    T_measured: pin.SE3
-    command: Path  # base axes
-    measured: Path  # the same through the wrench's filter alone
+    command: Way
+    measured: Reports
     stiffness: Stiffness  # tool axes
     response: Response  # tool axes
-    # What `felt` of both has come to, added up along the tool's axes as they were then: a tool that
-    # turns after a long way across has not moved along its axis.
-    commanded_m: Array
-    measured_m: Array
     follow: Follow = NOT_FOLLOWED
     free_s: float = 0.0  # time without touch
 
@@ -108,10 +107,8 @@ def begin(
 ) -> Adaptive:
     """Return the memory of a tool at rest; `k`: stiffness that was met here before. Shape (3,)."""
     state = stiff.stiffest(settings.stiffness) if k is None else stiff.believing(k)
-    start = way.at_rest(np.zeros(3))
-    heard = response.unheard()
-    zero = np.zeros(3)
-    return Adaptive(T_command.copy(), T_measured.copy(), start, start, state, heard, zero, zero)
+    command, measured = ways.begin(T_command), Reports(ways.begin(T_measured))
+    return Adaptive(command, measured, state, response.unheard())
 
 
 def advance(
@@ -137,7 +134,7 @@ def advance(
     """
     R = law.T_base_tcp.rotation
     memory = listen(law, memory, sample, T_measured=T_measured, settings=settings)
-    k, command = memory.k, memory.command
+    k, command = memory.k, memory.command.path
     Ki, w = _tuned(k, settings, sample.dt_s)
     Ki = asked_share(gains, R, settings) * Ki
     foreseen_N = (
@@ -192,7 +189,12 @@ def listen(
 
     While a surface is followed, way without force says nothing about it.
     """
-    memory = _moved(memory, law, T_measured, dt_s=sample.dt_s, settings=settings)
+    dt_s, path = sample.dt_s, settings.path
+    command = ways.commanded(memory.command, law, dt_s, path)
+    measured = ways.reported(
+        memory.measured, law, T_measured, dt_s=dt_s, report_s=settings.report_s, settings=path
+    )
+    memory = replace(memory, command=command, measured=measured)
     R = law.T_base_tcp.rotation
     touches = float(np.linalg.norm(sample.force_N)) > settings.touch_N
     if not touches:
@@ -201,23 +203,25 @@ def listen(
             return replace(memory, free_s=free_s)
         forgotten = replace(memory, response=response.unheard(), follow=NOT_FOLLOWED, free_s=free_s)
         return replace(forgotten, stiffness=stiff.stiffest(settings.stiffness))
-    own_N = INERTIA_SHARE * settings.inertia_kg * memory.command.acceleration
+    own_N = INERTIA_SHARE * settings.inertia_kg * command.path.acceleration
     force_N = R.T @ (sample.force_N + own_N)
-    state = stiff.feel(
-        memory.stiffness,
-        memory.measured_m,
-        force_N,
-        dt_s=sample.dt_s,
-        settings=settings.stiffness,
-        may_soften=not memory.follow.near,
-    )
+    state = memory.stiffness
+    if measured.is_new:
+        state = stiff.feel(
+            state,
+            measured.way.felt_m,
+            force_N,
+            dt_s=measured.took_s,
+            settings=settings.stiffness,
+            may_soften=not memory.follow.near,
+        )
     memory = replace(memory, stiffness=state, free_s=0.0)
     if memory.follow.near:
         return memory
-    known, command = settings.stiffness, memory.command
+    known = settings.stiffness
     heard = Answer(
-        memory.commanded_m,
-        R.T @ command.speed,
+        command.felt_m,
+        R.T @ command.path.speed,
         force_N,
         dt_s=sample.dt_s,
         memory_s=known.memory_s,
@@ -227,52 +231,26 @@ def listen(
     return replace(memory, response=response.hear(memory.response, heard, state.k))
 
 
-def _moved(
-    memory: Adaptive, law: LawState, T_measured: pin.SE3, *, dt_s: float, settings: AdaptiveSettings
-) -> Adaptive:
-    """Take the last period's ways of the point of contact, which a turn about the TCP moves too."""
-    lever_m = np.zeros(3) if law.lever_m is None else law.lever_m
-    path = settings.path
-    wrench_only = PathSettings(path.median_s, 0.0, path.filter_s, path.median_s)
-    commanded_m = memory.command.command + _way(memory.T_command, law.T_base_tcp, lever_m)
-    measured_m = memory.measured.command + _way(memory.T_measured, T_measured, lever_m)
-    command = way.follow(memory.command, commanded_m, dt_s, path)
-    measured = way.follow(memory.measured, measured_m, dt_s, wrench_only)
-    R = law.T_base_tcp.rotation
-    return replace(
-        memory,
-        T_command=law.T_base_tcp,
-        T_measured=T_measured,
-        command=command,
-        measured=measured,
-        commanded_m=memory.commanded_m + R.T @ (command.felt - memory.command.felt),
-        measured_m=memory.measured_m + R.T @ (measured.felt - memory.measured.felt),
-    )
-
-
-def _way(T_from: pin.SE3, T_to: pin.SE3, lever_m: Array) -> Array:
-    turn_rad = rotation_between(T_from.rotation, T_to.rotation)
-    return np.asarray(T_to.translation - T_from.translation + np.cross(turn_rad, lever_m))
-
-
 def _tuned(k: Array, settings: AdaptiveSettings, dt_s: float) -> tuple[Array, Array]:
     """Return gain and part of the prediction along each axis."""
-    bears = min(max((SLOW_LOOP_S - dt_s) / (SLOW_LOOP_S - FAST_LOOP_S), 0.0), 1.0)
+    bears = float(np.interp(dt_s, LOOPS_S, (1.0, 0.0)))
     heat = settings.heat
     loop = LOOP_GAIN + (heat.loop - LOOP_GAIN) * (bears if settings.predicts else 0.0)
     Ki = np.minimum(loop / (k * settings.tau_s), settings.gain_cap_m_per_Ns)
-    hot = (k * Ki * settings.tau_s - LOOP_GAIN) / (heat.foreseen_loop - LOOP_GAIN)
+    fades = max(bears, LEAST_FADE) * (heat.foreseen_loop - LOOP_GAIN)
+    hot = (k * Ki * settings.tau_s - LOOP_GAIN) / fades
     return Ki, np.clip(hot, 0.0, heat.most_foreseen)
 
 
 def _press_axis(memory: Adaptive, axis: Array, settings: AdaptiveSettings) -> Felt:
-    coming_m = memory.command.command - memory.command.felt
+    command = memory.command.path
+    coming_m = command.command - command.felt
     return Felt(
         axis=axis,
         k_N_m=float(memory.k[2]),
         is_known=bool(memory.stiffness.known[2]),
-        way_m=float(memory.commanded_m[2]),
+        way_m=float(memory.command.felt_m[2]),
         coming_m=float(axis @ coming_m),
-        own_N=INERTIA_SHARE * settings.inertia_kg * float(axis @ memory.command.acceleration),
+        own_N=INERTIA_SHARE * settings.inertia_kg * float(axis @ command.acceleration),
         touches=memory.free_s == 0.0,
     )

@@ -53,7 +53,7 @@ def met(memory: Adaptive | None) -> Met | None:
     """Return what a session leaves behind: a stiffness that was known while it still touched."""
     if memory is None or memory.free_s > 0.0 or not memory.stiffness.known[2]:
         return None
-    return Met(memory.stiffness.k, memory.T_measured)
+    return Met(memory.stiffness.k, memory.measured.way.T_base_tcp)
 
 
 def kept(before: Met | None, wrench: WrenchAtTcp | None, tools: LawTools) -> Met | None:

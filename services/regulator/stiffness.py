@@ -2,7 +2,7 @@
 
 The slope of force over way is estimated by least squares that forget, and
 
-    k = 1.08 slope + 3 sigma(slope)
+    k = 1.08 slope + 4 sigma(slope)
 
 is believed: too stiff is slow, too soft overshoots. It begins with the stiffest contact that the
 cell allows for, comes down as fast as the data permit, and is kept while they say nothing new. It
@@ -21,12 +21,13 @@ from common.frames import Array
 Flags = npt.NDArray[np.bool_]
 
 SLOPE_MARGIN = 1.08
-SIGMAS = 3.0
-SURE = 0.3  # three sigma below this part of the slope: it may raise the estimate as well
+SIGMAS = 4.0
+SURE = 0.3  # four sigma below this part of the slope: it may raise the estimate as well
 EXPLAINED = 0.9  # of the force by the way: the way is the tool's own, whatever else moves
 DOWN_S = 0.002  # of approaching a lower bound
 UP_S = 0.002
-FEW = 4.0  # weighted samples below which nothing is concluded
+FEW = 5.0  # weighted samples below which nothing is concluded
+FITTED = 2.0  # of them are used up by the line's two numbers: a slow loop has few to spare
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,7 +111,8 @@ def _believed(
     moved = now.ways > now.weight * settings.way**2
     ways = np.where(moved, now.ways, 1.0)
     slope = -now.both / ways
-    rest = np.maximum(now.forces - now.both**2 / ways, 0.0) / now.weight + settings.noise**2
+    spare = max(now.weight - FITTED, 1.0)
+    rest = np.maximum(now.forces - now.both**2 / ways, 0.0) / spare + settings.noise**2
     sigma = np.sqrt(rest / ways)
     bound = np.maximum(SLOPE_MARGIN * slope + SIGMAS * sigma, settings.softest)
     bound = np.minimum(bound, settings.stiffest)

@@ -31,6 +31,23 @@ def test_the_main_job_is_done_in_five_tau_with_the_adaptive_law(file, stiffness_
     assert found.overshoot_pct <= 5.0
 
 
+@pytest.mark.parametrize(("host", "stiffness_N_m"), [("pc", 1e5), ("controller", 5e3)])
+def test_a_controller_that_reports_seldom_presses_with_no_more(host, stiffness_N_m) -> None:
+    """12.5 poses a second. It pressed with 97 N of 30; gains that change fast were its end."""
+    cell = demo_cell(
+        CELL.parent / "demo-tcp.yaml", Trial(law="adaptive", stiffness_N_m=1e5, as_step_s=4e-4)
+    )
+    assert cell.sim is not None
+    plate = cell.sim.model_copy(update={"stiffness_N_m": stiffness_N_m, "gap_m": 0.0005})
+    cell = cell.model_copy(update={"sim": plate})
+    plan = Plan(host=host)
+    trace = play_virtual(cell, plan, lambda *_: None, 0.0)
+    assert max(sample.force for sample in trace.press) <= 33.0
+    found = measure(trace, plan, surface_of(cell), tune(cell).tau_s)
+    assert found.settling_s is not None
+    assert found.overshoot_pct <= 5.0
+
+
 def test_an_axis_that_does_not_exist_is_named() -> None:
     """The verb ends before it speaks to a cell."""
     result = CliRunner().invoke(app, ["force", "start", "--axes", "x,up"])

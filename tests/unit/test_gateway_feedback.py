@@ -71,7 +71,7 @@ def test_feedback_that_the_controller_ended_by_itself_is_noticed() -> None:
     dialogue = in_feedback()
     dialogue.feed(pose_report(dialogue.last_id, Status.HELD), 0)
     assert not dialogue.feedback_active
-    with pytest.raises(LocalProtocolError, match="none runs"):
+    with pytest.raises(LocalProtocolError, match="no force feedback runs"):
         dialogue.offer_wrench((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
 

@@ -128,6 +128,29 @@ def test_it_moves_no_faster_than_the_stiffest_contact_allows_until_it_has_felt()
     assert memory.stiffness.k == pytest.approx(np.full(3, SETTINGS.stiffness.stiffest))
 
 
+@pytest.mark.parametrize("report_s", [0.004, 0.02, 0.08])
+@pytest.mark.parametrize("k", [2e3, 1.5e4])
+def test_a_pose_that_is_reported_seldom_makes_nothing_seem_softer(report_s, k) -> None:
+    """Each report is older than the force until the next one: it is no new sample of anything."""
+    rates = CELL.rates.model_copy(update={"robot_hz": 1.0 / report_s})
+    chosen = AdaptiveSettings.of(CELL.model_copy(update={"rates": rates}))
+    law, memory = start_at(START), begin(START, START, chosen)
+    T_arm = T_report = START.copy()
+    believed = []
+    for number in range(500):
+        T_arm = pin.SE3(T_arm.rotation, T_arm.translation - 2e-6 * UP)  # 0.5 mm/s into it
+        pressed_m = float((START.translation - T_arm.translation) @ UP)
+        if number % round(report_s / DT_S) == 0:
+            T_report = T_arm
+        sample = pushed((k * pressed_m + 0.5) * UP, setpoint_N=1e3)
+        law, memory = advance(
+            law, memory, sample, T_report, gains=GAINS, plain=PLAIN, settings=chosen
+        )
+        law = replace(law, T_base_tcp=T_arm)
+        believed.append(memory.stiffness.k[2])
+    assert min(believed) >= 0.98 * k
+
+
 def test_what_was_met_is_forgotten_when_contact_is_lost() -> None:
     """A moment without touch keeps it, three tau without do not."""
     soft = np.full(3, 2e3)

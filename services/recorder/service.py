@@ -14,6 +14,7 @@ from common.faults import clipped, refusal
 from common.messages import ArbiterStatus, RecorderStatus
 from common.requests import RecordRequest, Reply
 from common.topics import TOPICS
+from common.wakes import Wakes
 from services.recorder.folder import safe_label
 from services.recorder.frames import Frame
 from services.recorder.past import Past
@@ -46,6 +47,7 @@ class Recorder:
         self._starts = bus.inbox(topics.RECORD_START)
         self._stops = bus.inbox(topics.RECORD_STOP)
         self._says = bus.publisher(topics.RECORDER_STATUS)
+        self._wakes = Wakes()
         self._status_ns = round(NS_PER_S / cell.rates.health_hz)
         self._next_status_ns = 0
 
@@ -58,6 +60,7 @@ class Recorder:
         """Hear, remember, write, answer."""
         self._tape.look()
         frames = self._hear(now_ns)
+        self._wakes.step(len(frames))
         self._past.add(frames, now_ns)
         self._tape.add(frames)
         for frame in frames:

@@ -1,0 +1,95 @@
+"""Woken seldom while there is much to hear: on a real connection of this process."""
+
+import fcntl
+import select
+import socket
+import struct
+import termios
+from collections.abc import Iterator
+
+import pytest
+
+from common.wakes import BUSY, LOOKS, MANY_B, Wakes, connections
+
+FEW = b"x" * 100
+
+
+class Pair:
+    """Both ends of a connection."""
+
+    def __init__(self) -> None:
+        with socket.create_server(("127.0.0.1", 0)) as server:
+            self.near = socket.create_connection(server.getsockname())
+            self.far, _ = server.accept()
+
+    def send(self, data: bytes) -> None:
+        """Let bytes come, and wait until the kernel has them here."""
+        before = self.waiting_B
+        self.far.sendall(data)
+        while self.waiting_B < before + len(data):
+            pass
+
+    @property
+    def waiting_B(self) -> int:
+        """What has come and was not read."""
+        found = fcntl.ioctl(self.near, termios.FIONREAD, b"\0" * 4)
+        return int(struct.unpack("i", found)[0])
+
+    def wakes(self) -> bool:
+        """Whether somebody who waits for this end is woken."""
+        return bool(select.select([self.near], [], [], 0.0)[0])
+
+
+@pytest.fixture
+def pair() -> Iterator[Pair]:
+    """A connection, closed in the end."""
+    pair = Pair()
+    yield pair
+    pair.near.close()
+    pair.far.close()
+
+
+def test_after_a_busy_step_a_few_bytes_wait_for_many_or_for_the_next_step(pair) -> None:
+    """Nothing is kept longer than to the next step, and nothing is lost."""
+    wakes = Wakes()
+    wakes.step(BUSY)
+    pair.send(FEW)
+    assert not pair.wakes()
+    pair.send(b"x" * MANY_B)
+    assert pair.wakes()
+    assert len(pair.near.recv(2 * MANY_B)) == MANY_B + len(FEW)
+    pair.send(FEW)
+    assert not pair.wakes()
+    wakes.step(BUSY - 1)
+    assert pair.wakes()
+    assert pair.near.recv(MANY_B) == FEW
+
+
+def test_with_little_to_hear_it_is_woken_at_once(pair) -> None:
+    """A request that comes alone is answered as before."""
+    wakes = Wakes()
+    for heard in (0, BUSY, 0):
+        wakes.step(heard)
+    pair.send(FEW)
+    assert pair.wakes()
+
+
+def test_a_connection_that_is_made_anew_is_found(pair) -> None:
+    """Also in the place of one that has ended; what is no connection is left alone."""
+    wakes = Wakes()
+    wakes.step(BUSY)
+    number = pair.near.fileno()
+    pair.near.close()
+    wakes.step(BUSY)
+    assert number not in connections()
+    with socket.create_server(("127.0.0.1", 0)) as server, connected_to(server) as again:
+        for _ in range(LOOKS):
+            wakes.step(BUSY)
+        assert {again.fileno()} <= set(connections())
+        assert server.fileno() not in connections()
+        assert again.getsockopt(socket.SOL_SOCKET, socket.SO_RCVLOWAT) == MANY_B
+
+
+def connected_to(server: socket.socket) -> socket.socket:
+    """Return a connection to a server."""
+    return socket.create_connection(server.getsockname())

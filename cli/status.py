@@ -55,10 +55,10 @@ def cell_status(cell: Cell, run: Run | None, only: str | None = None) -> CellSta
             started_s = time.monotonic()
             view.wait(lambda: _is_heard(view, expected), view.longest_wait_s)
             if not only:
-                view.wait(lambda: _helpers(view) == topics.HELPERS, view.helper_wait_s)
-            return _judge(cell, run, view, time.monotonic() - started_s)
+                view.wait(lambda: len(_helpers(view)) == len(topics.HELPERS), view.helper_wait_s)
+            return _judge(cell, run, view, waited_s=time.monotonic() - started_s, only=only)
     except BusError:
-        return _judge(cell, run, None, 0.0)
+        return _judge(cell, run, None, waited_s=0.0, only=only)
 
 
 def in_words(name: str, number: float) -> str:
@@ -82,7 +82,10 @@ def _is_heard(view: CellView, expected: set[str]) -> bool:
     return state_is_there and all(view.health(role).message is not None for role in expected)
 
 
-def _judge(cell: Cell, run: Run | None, view: CellView | None, waited_s: float) -> CellStatus:
+def _judge(
+    cell: Cell, run: Run | None, view: CellView | None, *, waited_s: float, only: str | None
+) -> CellStatus:
+    helpers = [name for name in topics.HELPERS if name == only or name in _helpers(view)]
     heard = None if view is None else view.arbiter().fresh
     return CellStatus(
         cell=cell.cell,
@@ -92,7 +95,7 @@ def _judge(cell: Cell, run: Run | None, view: CellView | None, waited_s: float) 
         not_ready=[] if heard is None else list(heard.not_ready),
         clears="" if heard is None else heard.clears,
         last_state=run.last_state if run else "",
-        services=[_service(name, run, view, waited_s) for name in (*topics.ROLES, *_helpers(view))],
+        services=[_service(name, run, view, waited_s) for name in (*topics.ROLES, *helpers)],
     )
 
 

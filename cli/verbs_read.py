@@ -30,15 +30,16 @@ def status(
     ] = None,
     cell: CellOption = None,
 ) -> None:
-    """Show who is alive and who commands; exit code 0 only when all is well."""
+    """Show who is alive and who commands; exit code 0 only when all is well, the recorder too."""
     with one_line_errors():
         from cli.runfile import read_run
         from cli.status import cell_status, is_well
         from common.config import load_cell
-        from common.topics import ROLES
+        from common.topics import HELPERS, ROLES
 
-        if service is not None and service not in ROLES:
-            fail(f"no role is called {service!r}: there are {', '.join(ROLES)}", USAGE)
+        names = (*ROLES, *HELPERS)
+        if service is not None and service not in names:
+            fail(f"no role is called {service!r}: there are {', '.join(names)}", USAGE)
         loaded = load_cell(find_cell_file(cell, ended=True))
         found = cell_status(loaded, read_run(loaded.cell), only=service)
     if service is not None:

@@ -141,10 +141,11 @@ def test_healthcheck_asks_for_one_role(cell: Cell, tmp_path: Path) -> None:
     path.write_text(dump_cell(cell))
     command = [sys.executable, "-m", "cli", "status", "--json", "--cell", str(path), "--service"]
     with Supervisor(cell, path, processes=[HUB]):
-        well, ill = (
+        well, ill, helper = (
             subprocess.run([*command, role], cwd=ROOT, capture_output=True, text=True, check=False)
-            for role in ("hub", "arbiter")
+            for role in ("hub", "arbiter", "recorder")
         )
-    assert (well.returncode, ill.returncode) == (0, 1)
+    assert (well.returncode, ill.returncode, helper.returncode) == (0, 1, 1)
     assert json.loads(well.stdout)["name"] == "hub"
     assert json.loads(ill.stdout)["alive"] is False
+    assert json.loads(helper.stdout)["name"] == "recorder"

@@ -141,7 +141,13 @@ def test_a_process_starts_when_the_cell_file_is_there_and_holds_it_until_it_ends
     tmp_path: Path,
 ) -> None:
     """It waits, becomes its command with the lock in hand, and its end gives the lock back."""
-    waits = ("run", "--", sys.executable, "-c", "print('runs', flush=True); input()")
+    waits = (
+        "run",
+        "--",
+        sys.executable,
+        "-c",
+        "import time; print('runs', flush=True); time.sleep(60)",
+    )
     with process(tmp_path, SIM.file, *waits) as service:
         end(claim(tmp_path, SIM))
         assert service.stdout is not None

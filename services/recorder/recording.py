@@ -148,7 +148,7 @@ class Recording:
     def _write(self, topic: int, at_ns: int, data: bytes) -> None:
         """Write a message twice: to the byte, and so that people can look at it."""
         self.messages += 1
-        log_ns, text, sequence = self._wall.arrival_ns(at_ns), b"", 0
+        log_ns, text, sequence = None, b"", 0
         try:
             fields = unpack(data)
             log_ns = self._wall.written_ns(fields, at_ns)
@@ -156,6 +156,7 @@ class Recording:
             text = to_json(LAYOUTS[topic].shape(fields), inf_nan_mode="null")
         except NOT_OURS:
             self.unshaped += 1
+        log_ns = self._wall.arrival_ns(at_ns) if log_ns is None else log_ns
         self._file.add(topic, log_ns, data)
         if text:
             self._file.add_json(topic, log_ns, text, sequence)

@@ -36,12 +36,14 @@ class Wall:
             fields: The message; what has no stamp, or an absurd one, counts as written on arrival.
             at_ns: Its arrival on this machine's monotonic clock [ns].
         """
-        came_ns = self.arrival_ns(at_ns)
+        came_ns = at_ns + self.offsets_ns[self.boot]
         boot, stamp_ns = fields.get("boot"), fields.get("stamp_ns")
         if type(boot) is not str or type(stamp_ns) is not int:
             return came_ns
-        if len(self.offsets_ns) < MOST_CLOCKS:
-            self.offsets_ns.setdefault(boot, came_ns - stamp_ns)
-        offset_ns = self.offsets_ns.get(boot, came_ns - stamp_ns)
+        offset_ns = self.offsets_ns.get(boot)
+        if offset_ns is None:
+            offset_ns = came_ns - stamp_ns
+            if len(self.offsets_ns) < MOST_CLOCKS:
+                self.offsets_ns[boot] = offset_ns
         written_ns = stamp_ns + offset_ns
         return written_ns if abs(written_ns - came_ns) < LONGEST_WAY_NS else came_ns

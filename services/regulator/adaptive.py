@@ -33,6 +33,7 @@ from services.regulator.tuning import LOOP_GAIN, tune
 from services.regulator.ways import Reports, Way
 
 INERTIA_SHARE = 0.7  # of the tool's inertia that the model takes out of the readings
+INERTIA_HEARD = 0.9  # of it, where it is asked how stiff a contact is: that closes no loop
 INERTIA_MARGIN = (1.5, 0.4)  # of 1 / (m w_b), in a fast loop and a slow one
 LOOPS_S = (0.008, 0.016)  # periods of a loop that bears all, and none, of the prediction
 LEAST_FADE = 0.05
@@ -203,7 +204,7 @@ def listen(
             return replace(memory, free_s=free_s)
         forgotten = replace(memory, response=response.unheard(), follow=NOT_FOLLOWED, free_s=free_s)
         return replace(forgotten, stiffness=stiff.stiffest(settings.stiffness))
-    own_N = INERTIA_SHARE * settings.inertia_kg * command.path.acceleration
+    own_N = INERTIA_HEARD * settings.inertia_kg * command.path.acceleration
     force_N = R.T @ (sample.force_N + own_N)
     state = memory.stiffness
     if measured.is_new:

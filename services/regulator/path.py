@@ -3,7 +3,6 @@
     command -> pure delay -> lag/2 -> lag/2 -> filter -> what the force of this moment belongs to
 
 The half period of waiting between two commands needs no term: a command holds until the next one.
-A measured pose does not hold, it moves there at an even pace: `ramped`.
 """
 
 from dataclasses import dataclass
@@ -60,17 +59,11 @@ def at_rest(command: Array) -> Path:
     return Path(((0.0, still),), 0.0, still, still, still, zero, zero)
 
 
-def follow(
-    path: Path, command: Array, dt_s: float, settings: PathSettings, *, ramped: bool = False
-) -> Path:
-    """Return the way after `command` has held for the last `dt_s` [s]. Shape (3,).
-
-    Ramped: after the way has come to it in that time.
-    """
+def follow(path: Path, command: Array, dt_s: float, settings: PathSettings) -> Path:
+    """Return the way after `command` has held for the last `dt_s` [s]. Shape (3,)."""
     sent = path.sent
-    if ramped or not np.array_equal(command, path.command):
-        since_s = path.now_s + (dt_s if ramped else 0.0)
-        sent = (*sent, (since_s, np.array(command, dtype=float)))
+    if not np.array_equal(command, path.command):
+        sent = (*sent, (path.now_s, np.array(command, dtype=float)))
     steps = max(1, ceil(dt_s / SUBSTEP_S - 1e-9))
     step_s = dt_s / steps
     half_s, filter_s = 0.5 * settings.lag_s, settings.filter_s
@@ -81,7 +74,7 @@ def follow(
         due_s = path.now_s + (number + 0.5) * step_s - settings.delay_s
         while at + 1 < len(sent) and sent[at + 1][0] <= due_s:
             at += 1
-        first = first + lagging * (_came(sent[at:], due_s, ramped=ramped) - first)
+        first = first + lagging * (sent[at][1] - first)
         arm = arm + lagging * (first - arm)
         felt = felt + filtering * (arm - felt)
     speed, acceleration = (felt - path.felt) / dt_s, np.zeros_like(felt)
@@ -89,15 +82,6 @@ def follow(
         speed = (arm - felt) / filter_s
         acceleration = ((first - arm) / half_s - speed) / filter_s
     return Path(sent[at:], path.now_s + dt_s, first, arm, felt, speed, acceleration)
-
-
-def _came(sent: tuple[tuple[float, Array], ...], due_s: float, *, ramped: bool) -> Array:
-    """Return what was there at a time, between the first point that was sent and the second."""
-    since_s, here = sent[0]
-    if not ramped or len(sent) < 2:
-        return here
-    next_s, there = sent[1]
-    return here + min(max((due_s - since_s) / (next_s - since_s), 0.0), 1.0) * (there - here)
 
 
 def _share(dt_s: float, lag_s: float) -> float:

@@ -2,7 +2,7 @@
 
 The slope of force over way is estimated by least squares that forget, and
 
-    k = 1.08 slope + 4 sigma(slope)
+    k = 1.08 slope + 3.5 sigma(slope)
 
 is believed: too stiff is slow, too soft overshoots. It begins with the stiffest contact that the
 cell allows for, comes down as fast as the data permit, and is kept while they say nothing new. It
@@ -21,8 +21,8 @@ from common.frames import Array
 Flags = npt.NDArray[np.bool_]
 
 SLOPE_MARGIN = 1.08
-SIGMAS = 4.0
-SURE = 0.3  # four sigma below this part of the slope: it may raise the estimate as well
+SIGMAS = 3.5
+SURE = 0.3  # 3.5 sigma below this part of the slope: it may raise the estimate as well
 EXPLAINED = 0.9  # of the force by the way: the way is the tool's own, whatever else moves
 DOWN_S = 0.002  # of approaching a lower bound
 UP_S = 0.002

@@ -69,7 +69,7 @@ def reported(
     if T_measured == reports.way.T_base_tcp and waits_s <= WAITS * report_s:
         return replace(reports, waits_s=waits_s)
     wrench_only = PathSettings(settings.median_s, 0.0, settings.filter_s, settings.median_s)
-    way = _gone(reports.way, T_measured, law, dt_s=waits_s, settings=wrench_only, ramped=True)
+    way = _gone(reports.way, T_measured, law, dt_s=waits_s, settings=wrench_only)
     return Reports(way, 0.0, waits_s)
 
 
@@ -80,12 +80,11 @@ def _gone(
     *,
     dt_s: float,
     settings: PathSettings,
-    ramped: bool = False,
 ) -> Way:
     lever_m = np.zeros(3) if law.lever_m is None else law.lever_m
     turn_rad = rotation_between(way.T_base_tcp.rotation, T_base_tcp.rotation)
     shift_m = T_base_tcp.translation - way.T_base_tcp.translation
     end_m = way.path.command + shift_m + np.cross(turn_rad, lever_m)
-    gone = path.follow(way.path, end_m, dt_s, settings, ramped=ramped)
+    gone = path.follow(way.path, end_m, dt_s, settings)
     felt_m = law.T_base_tcp.rotation.T @ (gone.felt - way.path.felt)
     return Way(T_base_tcp, gone, way.felt_m + felt_m)

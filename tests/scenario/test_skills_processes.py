@@ -1,12 +1,13 @@
-"""Measuring the loop and playing a guided way back, on a cell in real processes."""
+"""Measuring, playing back, and the README's way to a press, on a cell in real processes."""
 
 import json
 import subprocess
 
 import pytest
 
-from common.config import load_cell
-from tests.scenario.test_calibrate_processes import wait_for
+from common.config import dump_cell, load_cell
+from tests.scenario.conftest import ROOT
+from tests.scenario.test_calibrate_processes import SHORT, wait_for
 
 PATIENCE_S = 90.0  # of the test, not of the cell: a loaded machine is slow to start processes
 UP_MM, ASIDE_MM = 20.0, 10.0
@@ -56,3 +57,24 @@ def test_a_way_that_was_recorded_is_gone_again(say, cell_file):
     state = json.loads(say("watch", "robot/state", "--count", 1, "--json"))
     reached_mm = [1e3 * each for each in state["position_m"]]
     assert reached_mm == pytest.approx([x_mm + ASIDE_MM, y_mm, z_mm + UP_MM], abs=0.3)
+
+
+def test_from_nothing_to_a_calibrated_press_in_the_words_of_the_readme(cell_file, start):
+    """Four commands, one after the other, as they stand there; poses are fewer and faster here."""
+    cell_file.write_text(dump_cell(load_cell(cell_file, {"limits.speed_m_s": 1.0})))
+    _, after = (ROOT / "README.md").read_text().split("From nothing to a calibrated press", 1)
+    lines = [line.split("#")[0].split() for line in after.split("```")[1].strip().splitlines()]
+    verbs = [words for program, *words in lines if program == ".venv/bin/forcemesh"]
+    assert len(verbs) == len(lines) <= 8
+    more = {"calibrate": ["--yes", "--out", cell_file.parent / "made.yaml", *SHORT]}
+    (up, *others), said = verbs, []
+    wait_for(start("-m", "cli", *up, "--cell", cell_file), "is up")
+    for verb, *words in others:
+        more_words = [*words, *more.get(verb, []), "--cell", cell_file]
+        process = start("-m", "cli", verb, *more_words)
+        printed, wrong = process.communicate(timeout=PATIENCE_S)
+        assert process.returncode == 0, wrong
+        said.append(printed)
+    assert "is in use" in said[0]
+    held_N = float(said[-1].split(" N held")[0])
+    assert held_N == pytest.approx(15.0, abs=0.5)

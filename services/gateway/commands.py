@@ -67,7 +67,7 @@ def whole(T_wanted: pin.SE3, now_ns: int) -> pin.SE3:  # noqa: ARG001 - as `Paci
 class Pacing:
     """How much may be under way to the controller, and when a silence is filled."""
 
-    max_untaken: int = 1  # set points that the robot program has not taken yet
+    max_untaken: int = 1  # in the ring, before the next set point, centre or gains go
     max_unframed: int = 2  # packets that its receiver has not seen, before another wrench goes
     heartbeat_after_s: float = 0.040
     # What leaves of the newest set point [at ns]: itself, a pose on the way there, or nothing yet.

@@ -55,9 +55,9 @@ class Dialogue:
         self._was_running = False
         self._forget_motion()
 
-    def _forget_motion(self) -> None:
-        """A stream of set points starts anew: nothing pending, no rounding carried."""
-        self._offers = Offers(self.scales, self._pacing)
+    def _forget_motion(self, running: Gains | None = None) -> None:
+        """A stream of set points, or force feedback, starts anew: nothing pending or carried."""
+        self._offers = Offers(self.scales, self._pacing, running)
         self._untaken: deque[int] = deque()
 
     # --- connection -------------------------------------------------------------------------------
@@ -116,7 +116,7 @@ class Dialogue:
 
     @property
     def untaken(self) -> int:
-        """Set points under way that the robot program has not taken."""
+        """What goes through the ring and the robot program has not taken."""
         return len(self._untaken)
 
     @property
@@ -158,22 +158,22 @@ class Dialogue:
     def offer_setpoint(self, T_base_flange: pin.SE3) -> None:
         """Give the newest pose of a stream; `tick` sends it when its turn comes."""
         self._refuse_during_feedback(Com.MOVE_POSE)
-        self._offers.offer_setpoint(T_base_flange)
+        self._offers.setpoint(T_base_flange)
 
     def offer_wrench(self, force_N: Vec3, torque_Nm: Vec3) -> None:
         """Give the newest wrench minus set point; `tick` sends it when its turn comes."""
         self._refuse_without_feedback("to take a wrench")
-        self._offers.wrench = commands.wrench(force_N, torque_Nm, self.scales)
+        self._offers.wrench(force_N, torque_Nm)
 
     def offer_centre(self, T_flange_tcp: pin.SE3) -> None:
         """Give the newest point that force feedback turns about; `tick` sends it in its turn."""
         self._refuse_without_feedback("whose centre could be moved")
-        self._offers.centre = commands.tcp(T_flange_tcp, self.scales)
+        self._offers.centre(T_flange_tcp)
 
     def offer_gains(self, gains: Gains) -> None:
         """Give the newest gains of running force feedback; `tick` sends those that are new."""
         self._refuse_without_feedback("whose gains could be changed")
-        self._offers.gains = commands.gains(gains)
+        self._offers.gains(gains)
 
     def set_speed(self, speed: Speed, now_ns: int) -> bytes:
         """Send the speeds if the controller does not have them yet."""
@@ -199,11 +199,9 @@ class Dialogue:
                 "force feedback may not start without the arbiter's permission"
             )
         self._refuse_during_feedback(Com.FEEDBACK)
-        both = commands.gains(gains)
-        limits = commands.limits(kept, self.scales)
+        limits, both = commands.limits(kept, self.scales), commands.gains(gains)
         data = self._send(now_ns, limits, *both, *commands.start_feedback(mode))
-        self._forget_motion()
-        self._offers.sent_gains = both
+        self._forget_motion(gains)
         self._wanted_bits, self._was_running = commands.BITS_OF_MODE[mode], False
         return data
 
@@ -217,9 +215,7 @@ class Dialogue:
         if not permitted or not self.ready:
             self._offers.forget()
             return b""
-        to_ring = self._offers.due_to_ring(now_ns, room=self._pacing.max_untaken - self.untaken)
-        data = b"".join(self._send_to_ring(now_ns, command) for command in to_ring)
-        data += self._due_wrench(now_ns)
+        data = self._due_to_ring(now_ns) + self._due_wrench(now_ns)
         silence_s = (now_ns - self._last_sent_ns) * S_PER_NS
         if data or silence_s < self._pacing.heartbeat_after_s:
             return data
@@ -242,6 +238,12 @@ class Dialogue:
         self._forget_motion()
         return data
 
+    def _due_to_ring(self, now_ns: int) -> bytes:
+        if self.untaken >= self._pacing.max_untaken:
+            return b""
+        commands_ = self._offers.take_for_ring(now_ns)
+        return b"".join(self._send_to_ring(now_ns, command) for command in commands_)
+
     def _send_to_ring(self, now_ns: int, command: Command) -> bytes:
         data = self._send(now_ns, command)
         self._untaken.append(self.last_id)
@@ -249,10 +251,9 @@ class Dialogue:
         return data
 
     def _due_wrench(self, now_ns: int) -> bytes:
-        if (command := self._offers.wrench) is None or self.unframed >= self._pacing.max_unframed:
+        if self.unframed >= self._pacing.max_unframed:
             return b""
-        self._offers.wrench = None
-        return self._send(now_ns, command)
+        return self._send(now_ns, *self._offers.take_wrench())
 
     def _speed_first(self, speed: Speed) -> tuple[Command, ...]:
         return () if speed == self._speed else (commands.speeds(speed, self.scales),)

@@ -1,46 +1,61 @@
 """What is to be sent to the controller when its turn comes: of each kind the newest. Pure."""
 
-from collections.abc import Iterator
-
 import pinocchio as pin
 
+from common.messages import Gains, Vec3
 from services.gateway import commands
 from services.gateway.commands import Command, Pacing, PoseCarry
 from services.gateway.scales import Scales
 
 
 class Offers:
-    """Set points of a stream, or wrench, centre and gains of force feedback that runs."""
+    """Set points of a stream, or wrench, centre and gains of force feedback that runs.
 
-    def __init__(self, scales: Scales, pacing: Pacing) -> None:
-        """Nothing waits, and no rounding is carried."""
-        self.wrench: Command | None = None
-        self.centre: Command | None = None
-        self.gains: tuple[Command, ...] = ()
-        self.sent_gains: tuple[Command, ...] = ()
+    What does not fit into a packet is refused when it is offered: LocalProtocolError.
+    """
+
+    def __init__(self, scales: Scales, pacing: Pacing, running: Gains | None = None) -> None:
+        """Nothing waits, and no rounding is carried; `running`: what force feedback starts with."""
         self._scales, self._pacing = scales, pacing
-        self._setpoint: pin.SE3 | None = None
+        self._sent_gains: tuple[Command, ...] = () if running is None else commands.gains(running)
         self._carry = PoseCarry()
+        self.forget()
 
     def forget(self) -> None:
         """Let nothing wait any more."""
-        self._setpoint = self.wrench = self.centre = None
-        self.gains = ()
+        self._setpoint: pin.SE3 | None = None
+        self._wrench: tuple[Command, ...] = ()
+        self._centre: tuple[Command, ...] = ()
+        self._gains: tuple[Command, ...] = ()
 
-    def offer_setpoint(self, T_base_flange: pin.SE3) -> None:
-        """Let a pose wait. Raises LocalProtocolError for one that does not fit into a packet."""
+    def setpoint(self, T_base_flange: pin.SE3) -> None:
+        """Let a pose wait."""
         commands.move_to_pose(T_base_flange, self._scales, self._carry)
         self._setpoint = T_base_flange
 
-    def due_to_ring(self, now_ns: int, *, room: int) -> Iterator[Command]:
-        """Take what goes now to the robot program, which may have so many more under way.
+    def wrench(self, force_N: Vec3, torque_Nm: Vec3) -> None:
+        """Let a wrench wait."""
+        self._wrench = (commands.wrench(force_N, torque_Nm, self._scales),)
 
-        Gains are up to two commands and go together: both are of one moment.
+    def centre(self, T_flange_tcp: pin.SE3) -> None:
+        """Let a point to turn about wait."""
+        self._centre = (commands.tcp(T_flange_tcp, self._scales),)
+
+    def gains(self, gains: Gains) -> None:
+        """Let both sets of gains wait."""
+        self._gains = commands.gains(gains)
+
+    def take_for_ring(self, now_ns: int) -> tuple[Command, ...]:
+        """Take what the robot program is to get next: of one kind, gains before a centre.
+
+        Gains are two commands at most, those that the controller does not have yet.
         """
-        for take in (self._take_setpoint, self._take_centre, self._take_gains):
-            taken = take(now_ns) if room > 0 else ()
-            room -= len(taken)
-            yield from taken
+        return self._take_setpoint(now_ns) or self._take_gains() or self._take_centre()
+
+    def take_wrench(self) -> tuple[Command, ...]:
+        """Take the wrench, which the ring has no part in."""
+        wrench, self._wrench = self._wrench, ()
+        return wrench
 
     def _take_setpoint(self, now_ns: int) -> tuple[Command, ...]:
         if (wanted := self._setpoint) is None:
@@ -51,13 +66,13 @@ class Offers:
         self._setpoint = None if leaves is wanted else wanted
         return (command,)
 
-    def _take_centre(self, _: int) -> tuple[Command, ...]:
-        centre, self.centre = self.centre, None
-        return () if centre is None else (centre,)
-
-    def _take_gains(self, _: int) -> tuple[Command, ...]:
-        if not self.gains:
+    def _take_gains(self) -> tuple[Command, ...]:
+        if not self._gains:
             return ()
-        new = tuple(command for command in self.gains if command not in self.sent_gains)
-        self.sent_gains, self.gains = self.gains, ()
+        new = tuple(command for command in self._gains if command not in self._sent_gains)
+        self._sent_gains, self._gains = self._gains, ()
         return new
+
+    def _take_centre(self) -> tuple[Command, ...]:
+        centre, self._centre = self._centre, ()
+        return centre

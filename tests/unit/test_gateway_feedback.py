@@ -148,6 +148,18 @@ def test_gains_are_for_force_feedback_that_runs_and_is_permitted() -> None:
     assert dialogue.tick(0, permitted=True) == b""
 
 
+def test_gains_do_not_wait_behind_a_centre_that_moves_on() -> None:
+    """A contact that rolls asks for a new centre at every sample; a gain that must fall goes."""
+    dialogue = in_feedback()
+    dialogue.offer_gains(gains_of(2.0))
+    sent = []
+    for x_mm in range(4, 16, 4):
+        dialogue.offer_centre(at(x_mm))
+        sent += packets(dialogue.tick(0, permitted=True))
+        dialogue.feed(pose_report(sent[-1].id, Status.POSITION_FEEDBACK), 0)
+    assert [packet.com for packet in sent] == [6, 11, 11]
+
+
 def gains_of(share: float) -> Gains:
     """Return the dialogue's gains, but with another proportional part."""
     return Gains(force_p_m_per_N=(share * GAINS.force_p_m_per_N[0],) * 3)

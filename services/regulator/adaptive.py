@@ -2,16 +2,16 @@
 
 Along each axis of the tool, with k the stiffness that is believed and tau the loop's delay:
 
-    Ki  = min(c / (k tau), 1 / (m w_b)),  c from 0.45 to 3.4 with the prediction w; braked: heat.py
-    F'  = F + 0.5 m a - w k (x_command - x_felt)      force when all commands have arrived
+    Ki  = min(c / (k tau), 1.5 / (m w_b))  c from 0.45 to 3.4 with the prediction w; braked: heat.py
+    F'  = F + 0.7 m a - w k (x_command - x_felt)      force when all commands have arrived
     v   = Ki (F' - F_set) + v_surface                 v_surface along the press axis alone
 
 x_felt is the command passed through the model of the way to the filtered force (`path.py`), k what
 the measured pose tells (`stiffness.py`), less what the arm itself gives way (`response.py`). The
-prediction fades in with the gain: where inertia caps the gain there is little left to predict,
-and a slow loop does not bear it. It never takes all: k is an upper bound, and a tenth too much
-foreseen costs another round trip, a tenth too little a few per cent of overshoot. A surface is
-followed once the force has been near its set point.
+prediction fades in with the gain: where inertia caps the gain there is little left to predict, and
+a slow loop bears neither so much gain nor so much inertia. It never takes all: k is an upper bound,
+and a tenth too much foreseen costs another round trip, a tenth too little a few per cent of
+overshoot. A surface is followed once the force has been near its set point.
 """
 
 from dataclasses import dataclass, replace
@@ -29,6 +29,7 @@ from services.regulator.law import LawInput, LawSettings, LawState, PiGains, ste
 from services.regulator.path import PathSettings
 from services.regulator.response import Answer, Response
 from services.regulator.stiffness import Stiffness, StiffnessSettings
+from services.regulator.tuning import INERTIA_MARGIN as PLAIN_MARGIN
 from services.regulator.tuning import LOOP_GAIN, tune
 from services.regulator.ways import Reports, Way
 
@@ -54,7 +55,7 @@ class AdaptiveSettings:
     path: PathSettings
     stiffness: StiffnessSettings
     gain_cap_m_per_Ns: float
-    report_s: float  # so often the measured pose is a new one
+    plain_cap_m_per_Ns: float  # of the gain rule: its law takes no inertia out
     plain_gain_m_per_Ns: float  # what the gain rule says: requested gains below it slow it down
     inertia_kg: float
     touch_N: float
@@ -76,7 +77,7 @@ class AdaptiveSettings:
                 STIFFER * contact.stiffness_N_m, SOFTEST_N_M, memory_s, NOISE_N, LEAST_WAY_M
             ),
             gain_cap_m_per_Ns=margin / (contact.inertia_kg * cell.robot.bandwidth_rad_s),
-            report_s=1.0 / cell.rates.robot_hz,
+            plain_cap_m_per_Ns=PLAIN_MARGIN / (contact.inertia_kg * cell.robot.bandwidth_rad_s),
             plain_gain_m_per_Ns=tune(cell).force_i_m_per_Ns,
             inertia_kg=contact.inertia_kg,
             touch_N=TOUCH_SHARE * cell.force.touch_N,
@@ -175,7 +176,7 @@ def asked_share(gains: PiGains, R: Array, settings: AdaptiveSettings) -> Array:
 def plain_gain(memory: Adaptive, settings: AdaptiveSettings) -> Array:
     """Return the gain rule's integral gains for what is believed, tool axes [m/(N s)]."""
     Ki = LOOP_GAIN / (memory.k * settings.tau_s)
-    return np.minimum(Ki, settings.gain_cap_m_per_Ns)
+    return np.minimum(Ki, settings.plain_cap_m_per_Ns)
 
 
 def listen(
@@ -190,11 +191,9 @@ def listen(
 
     While a surface is followed, way without force says nothing about it.
     """
-    dt_s, path = sample.dt_s, settings.path
-    command = ways.commanded(memory.command, law, dt_s, path)
-    measured = ways.reported(
-        memory.measured, law, T_measured, dt_s=dt_s, report_s=settings.report_s, settings=path
-    )
+    path = settings.path
+    command = ways.commanded(memory.command, law, sample.dt_s, path)
+    measured = ways.reported(memory.measured, law, T_measured, sample=sample, settings=path)
     memory = replace(memory, command=command, measured=measured)
     R = law.T_base_tcp.rotation
     touches = float(np.linalg.norm(sample.force_N)) > settings.touch_N

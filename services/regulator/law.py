@@ -65,6 +65,7 @@ class LawInput:
     R_base_gains: Array | None = None  # axes of the force's gains
     R_base_task: Array | None = None  # axes of the mask
     axes: tuple[bool, ...] = ALL_AXES  # of the task frame that may move: x y z, about x y z
+    pose_is_new: bool = True  # the robot has said a pose since the last sample
 
 
 @dataclass(frozen=True, slots=True)

@@ -99,7 +99,7 @@ class Regulator:
         T_base_tcp = pose_of(robot.fresh) * self._T_flange_tcp
         if on_controller:  # it moves the arm by itself: the set point goes with the measured tool
             session = replace(session, law=replace(session.law, T_base_tcp=T_base_tcp))
-        session, trip = self._advance(session, wrench, wrench.fresh, T_base_tcp)
+        session, trip = self._advance(session, wrench, wrench.fresh, T_base_tcp, robot=robot)
         if trip is not None:
             return self._give_up(session, Failure(trip.code, trip.text))
         self._session, self.fault = session, ""
@@ -132,6 +132,8 @@ class Regulator:
         reading: Reading[WrenchAtTcp],
         wrench: WrenchAtTcp,
         T_base_tcp: pin.SE3,
+        *,
+        robot: Reading[RobotState],
     ) -> tuple[Session, Trip | None]:
         """Integrate once per sample, over the time that really passed between samples."""
         stamp_ns = reading.header.stamp_ns if reading.header else session.last_sample_ns
@@ -139,6 +141,7 @@ class Regulator:
         if gap_s <= 0.0:
             return session, None
         dt_s = min(gap_s, LONGEST_GAP_PERIODS * self.period_s)
+        report = (robot.header.epoch, robot.header.seq) if robot.header else None
         setpoint_N = self._ramp(session.setpoint_N, session.wanted.setpoint_N, dt_s)
         sample = LawInput(
             force_N=np.array(wrench.force_N),
@@ -146,6 +149,7 @@ class Regulator:
             setpoint_N=setpoint_N,
             mode=session.wanted.mode,
             dt_s=dt_s,
+            pose_is_new=report != session.report,
         )
         before = self._follow_limits(session.law)
         sample = masked(sample, session.wanted, before.T_base_tcp.rotation)
@@ -179,7 +183,7 @@ class Regulator:
         watched, trip = watch(session.watch, seen_by(law, sample, T_base_tcp, memory), self._guards)
         session = replace(session, law=law, memory=memory, guide=guide, setpoint_N=setpoint_N)
         session = replace(session, gains=gains, sent=sent, watch=watched, route=way)
-        return replace(session, last_sample_ns=stamp_ns), trip
+        return replace(session, last_sample_ns=stamp_ns, report=report), trip
 
     def _follow_limits(self, law: LawState) -> LawState:
         """Back-calculate: where a limit was in the way, go on from what was let through."""

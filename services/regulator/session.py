@@ -41,6 +41,7 @@ class Session:
     guide: Guide | None = None  # of hand guiding, if that runs
     route: Route | None = None  # across the tool's axis, if there is one
     sent: Gains | None = None  # to the controller, from the stiffness that is met
+    report: tuple[int, int] | None = None  # the robot's last one: epoch and number
     failure: Failure | None = None  # latched: an input failed, or a guard gave up
 
 

@@ -11,10 +11,8 @@ import pinocchio as pin
 
 from common.frames import Array, rotation_between
 from services.regulator import path
-from services.regulator.law import LawState
+from services.regulator.law import LawInput, LawState
 from services.regulator.path import Path, PathSettings
-
-WAITS = 1.5  # so many of the robot's periods for a measured pose that is a new one
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,17 +54,16 @@ def reported(
     law: LawState,
     T_measured: pin.SE3,
     *,
-    dt_s: float,
-    report_s: float,
+    sample: LawInput,
     settings: PathSettings,
 ) -> Reports:
-    """Return the way to the measured pose, once a new one has come or should have.
+    """Return the way to the measured pose, once a new one has come.
 
     In between the pose is as old as the force is not: paired with it, a stiff contact would seem
-    soft. `report_s`: how often the robot says a pose.
+    soft.
     """
-    waits_s = reports.waits_s + dt_s
-    if T_measured == reports.way.T_base_tcp and waits_s <= WAITS * report_s:
+    waits_s = reports.waits_s + sample.dt_s
+    if not sample.pose_is_new:
         return replace(reports, waits_s=waits_s)
     wrench_only = PathSettings(settings.median_s, 0.0, settings.filter_s, settings.median_s)
     way = _gone(reports.way, T_measured, law, dt_s=waits_s, settings=wrench_only)

@@ -134,15 +134,16 @@ def test_a_pose_that_is_reported_seldom_makes_nothing_seem_softer(report_s, k) -
     """Each report is older than the force until the next one: it is no new sample of anything."""
     rates = CELL.rates.model_copy(update={"robot_hz": 1.0 / report_s})
     chosen = AdaptiveSettings.of(CELL.model_copy(update={"rates": rates}))
+    every = round(report_s / DT_S)
     law, memory = start_at(START), begin(START, START, chosen)
     T_arm = T_report = START.copy()
     believed = []
     for number in range(500):
         T_arm = pin.SE3(T_arm.rotation, T_arm.translation - 2e-6 * UP)  # 0.5 mm/s into it
         pressed_m = float((START.translation - T_arm.translation) @ UP)
-        if number % round(report_s / DT_S) == 0:
-            T_report = T_arm
+        T_report = T_report if number % every else T_arm
         sample = pushed((k * pressed_m + 0.5) * UP, setpoint_N=1e3)
+        sample = replace(sample, pose_is_new=number % every == 0)
         law, memory = advance(
             law, memory, sample, T_report, gains=GAINS, plain=PLAIN, settings=chosen
         )

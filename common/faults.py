@@ -107,7 +107,7 @@ FAULTS: dict[str, Fault] = {fault.code: fault for fault in (
     Fault(514, "moving",            "REFUSAL", "the arm moves", "let it rest"),
     Fault(515, "contact",           "REFUSAL", "the tool seems to be in contact", "move it free"),
     Fault(516, "approach_speed",    "REFUSAL", "the approach is too fast for the stiffness: it must not exceed force budget / (stiffness x reaction time)", "lower force.approach_m_s"),
-    Fault(517, "payload",           "REFUSAL", "the payload is not calibrated for this tool, or what is left of it in free space is too much", "calibrate, or tare in free space"),
+    Fault(517, "payload",           "REFUSAL", "the payload is not calibrated for this tool, the tool is heavier than contact.inertia_kg, or what is left in free space is too much", "calibrate, tare in free space, or write the tool's mass into contact.inertia_kg"),
     Fault(518, "preempted",         "HOLD",    "somebody of a higher rank took the arm over; it stays armed", "wait until the arm is free, then ask again"),
     Fault(519, "handover",          "HOLD",    "the arm did not come to rest, so the next commander did not begin", "look what keeps it moving, arm again"),
     Fault(520, "axes",              "REFUSAL", "force feedback may move along axes that a path would go along", "start force feedback with axes that leave them out"),

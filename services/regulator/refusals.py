@@ -49,7 +49,7 @@ def refused_path(wanted: PathRequest, session: Session | None, cell: Cell) -> Re
         return refusal("not_armed", "no force feedback is running: start it first")
     if session.wanted.host != "pc":
         return refusal("host", "the controller cannot follow points, the PC can")
-    if session.memory is not None and _gives_way_across(session.wanted):
+    if wanted.points_m and session.memory is not None and _gives_way_across(session.wanted):
         text = (
             "the adaptive law would take the way for a push and go back: start force feedback "
             "in frame tool, with axes that leave out x and y"

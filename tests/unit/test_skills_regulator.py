@@ -232,6 +232,7 @@ def test_the_adaptive_law_goes_along_points_only_across_what_it_presses(changes,
     bench.start(PRESS.model_copy(update={"law": "adaptive"} | changes))
     bench.live(0.1)
     assert bench.ask(topics.FORCE_PATH, PathRequest(points_m=((0.1, 0.1, 0.0),))).code == code
+    assert bench.ask(topics.FORCE_PATH, PathRequest()).accepted  # to stand is always allowed
 
 
 # --- presets --------------------------------------------------------------------------------------

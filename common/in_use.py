@@ -114,13 +114,17 @@ def misfit(choice: Choice) -> str:
     return ""
 
 
-def taken(there: Choice | None) -> str:
-    """Return what to say while a choice is not in use, though nothing speaks against it."""
+def taken(there: Choice | None, wanted: Choice) -> str:
+    """Return what to say while a choice is not in use, though nothing speaks against it.
+
+    One that goes on waiting would be as good as the other after the next start of the machine.
+    """
     if there is None:
         return "not in use yet; the log of this container says why"
     return (
         f"the profile {there.profile} is in use with {there.file}, and one cell has one profile "
-        f"and one file: first `docker compose --profile {there.profile} down`"
+        f"and one file: first `docker compose --profile {there.profile} down`, or take this one "
+        f"back: `docker compose --profile {wanted.profile} rm -s -f {wanted.profile}-cell`"
     )
 
 
@@ -129,7 +133,7 @@ def keep(folder: Path, wanted: Choice) -> NoReturn:
     (folder / LOCK).touch()  # who waits need not say that no profile was started
     said = ""
     while (complaint := misfit(wanted)) or claim(folder, wanted) is None:
-        complaint = complaint or taken(chosen(folder))
+        complaint = complaint or taken(chosen(folder), wanted)
         if complaint != said:
             _say(f"{wanted.profile}-cell: {complaint}")
         said = complaint
@@ -144,9 +148,9 @@ def run(folder: Path, profiles: tuple[str, ...], command: list[str]) -> NoReturn
     patient_until_s = time.monotonic() + PATIENCE_S
     said = ""
     while (lock := hold(folder, profiles)) is None:
-        if time.monotonic() > patient_until_s and not said:
-            said = waiting(folder)
-            _say(f"{' '.join(command[:3])} waits: {said}" if said else "")
+        if time.monotonic() > patient_until_s and (why := waiting(folder)) != said:
+            _say(f"{' '.join(command[:3])} waits: {why}" if why else "")
+            said = why
         time.sleep(POLL_S)
     os.set_inheritable(lock, True)  # noqa: FBT003 - the lock lives as long as the process
     os.execvp(command[0], command)  # noqa: S606 - no shell is wanted
@@ -167,7 +171,7 @@ def check(folder: Path, wanted: Choice) -> int:
     while chosen(folder) != wanted:
         complaint = misfit(wanted)
         if not complaint and time.monotonic() > patient_until_s:
-            complaint = taken(chosen(folder))
+            complaint = taken(chosen(folder), wanted)
         if complaint:
             _say(f"{wanted.profile}-cell: {complaint}")
             return 1

@@ -14,7 +14,18 @@ from typing import Any
 import pytest
 
 from common.config import load_cell
-from common.in_use import PLAYERS, Choice, check, chosen, claim, hold, main, misfit, waiting
+from common.in_use import (
+    PATIENCE_S,
+    PLAYERS,
+    Choice,
+    check,
+    chosen,
+    claim,
+    hold,
+    main,
+    misfit,
+    waiting,
+)
 
 ROOT = Path(__file__).resolve().parents[2]
 CELLS = ROOT / "cells"
@@ -38,9 +49,14 @@ def until(what: Callable[[], object]) -> None:
 
 
 @contextmanager
-def process(folder: Path, file: Path, *words: str) -> Iterator[subprocess.Popen[str]]:
+def process(
+    folder: Path, file: Path, *words: str, patience_s: float = PATIENCE_S
+) -> Iterator[subprocess.Popen[str]]:
     """Run the module in a process of its own, with its volume at `folder`."""
-    start = f"from common.in_use import main; main({list(words)!r}, Path({str(folder)!r}))"
+    start = (
+        f"from common import in_use; in_use.PATIENCE_S = {patience_s}; "
+        f"in_use.main({list(words)!r}, Path({str(folder)!r}))"
+    )
     started = subprocess.Popen(
         [sys.executable, "-c", f"from pathlib import Path; {start}"],
         cwd=ROOT, env={**os.environ, "FORCEMESH_CELL": str(file)}, text=True,
@@ -148,7 +164,8 @@ def test_a_process_starts_when_the_cell_file_is_there_and_holds_it_until_it_ends
         "-c",
         "import time; print('runs', flush=True); time.sleep(60)",
     )
-    with process(tmp_path, SIM.file, *waits) as service:
+    with process(tmp_path, SIM.file, *waits, patience_s=0.0) as service:
+        assert "waits: no cell file is in use" in line(service)
         end(claim(tmp_path, SIM))
         assert service.stdout is not None
         assert service.stdout.readline() == "runs\n"
@@ -165,7 +182,8 @@ def test_a_refused_profile_says_so_once_and_follows_when_the_other_has_ended(
         with process(tmp_path, EMULATED.file, "keep", "emulated") as emulated:
             assert line(emulated) == (
                 f"emulated-cell: the profile sim is in use with {SIM.file}, and one cell has one "
-                "profile and one file: first `docker compose --profile sim down`\n"
+                "profile and one file: first `docker compose --profile sim down`, or take this one "
+                "back: `docker compose --profile emulated rm -s -f emulated-cell`\n"
             )
             sim.kill()
             assert line(emulated) == f"emulated-cell: in use with {EMULATED.file}\n"

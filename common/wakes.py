@@ -1,7 +1,7 @@
 """Being woken seldom: for a process that hears all of a cell and has time.
 
 Half of what hearing 1500 messages a second costs is to be woken for each. The kernel can let bytes
-wait until there are many (SO_RCVLOWAT, tcp(7)); a step of the process takes in what is fewer.
+wait until there are many (SO_RCVLOWAT, tcp(7)).
 """
 
 import socket
@@ -22,30 +22,29 @@ class Wakes:
     def __init__(self) -> None:
         """Be woken at once, until there is much to hear."""
         self._seldom = False
-        self._connections: list[int] = []
         self._steps = 0
 
     def step(self, heard: int) -> None:
-        """Let everything in that waits; after a busy step let what comes now wait for more."""
-        if self._steps % LOOKS == 0:
-            self._connections = connections()
-        self._steps += 1
-        was, self._seldom = self._seldom, heard >= BUSY
-        if was or self._seldom:
-            for number in self._connections:
-                self._wake(number)
+        """After a busy step let what comes wait for more; after another, take it in at once.
 
-    def _wake(self, number: int) -> None:
-        with suppress(OSError), _borrowed(number) as connection:  # it may have ended meanwhile
-            connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVLOWAT, AT_ONCE)
-            if self._seldom:
-                connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVLOWAT, MANY_B)
+        So what is too little to wake anybody is taken in two steps later at the latest.
+        """
+        was, self._seldom = self._seldom, heard >= BUSY
+        if self._seldom != was or (self._seldom and self._steps % LOOKS == 0):
+            for number in connections():  # also those that were made meanwhile
+                _let_wait(number, MANY_B if self._seldom else AT_ONCE)
+        self._steps += 1
+
+
+def _let_wait(number: int, least_B: int) -> None:
+    with suppress(OSError), _borrowed(number) as connection:  # it may have ended meanwhile
+        connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVLOWAT, least_B)
 
 
 def connections() -> list[int]:
     """Return the TCP connections that are open; where the system has no such list, none."""
     found = []
-    with suppress(FileNotFoundError):
+    with suppress(OSError):
         for number in [int(entry.name) for entry in OPEN_FILES.iterdir()]:
             with suppress(OSError), _borrowed(number) as one:
                 one.getpeername()

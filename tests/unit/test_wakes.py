@@ -9,6 +9,7 @@ from collections.abc import Iterator
 
 import pytest
 
+from common import wakes
 from common.wakes import BUSY, LOOKS, MANY_B, Wakes, connections
 
 FEW = b"x" * 100
@@ -49,10 +50,10 @@ def pair() -> Iterator[Pair]:
     pair.far.close()
 
 
-def test_after_a_busy_step_a_few_bytes_wait_for_many_or_for_the_next_step(pair) -> None:
-    """Nothing is kept longer than to the next step, and nothing is lost."""
-    wakes = Wakes()
-    wakes.step(BUSY)
+def test_after_a_busy_step_a_few_bytes_wait_for_many_or_for_a_step_that_hears_little(pair) -> None:
+    """What has come is taken in by the first step that hears little, and nothing is lost."""
+    ears = Wakes()
+    ears.step(BUSY)
     pair.send(FEW)
     assert not pair.wakes()
     pair.send(b"x" * MANY_B)
@@ -60,34 +61,41 @@ def test_after_a_busy_step_a_few_bytes_wait_for_many_or_for_the_next_step(pair) 
     assert len(pair.near.recv(2 * MANY_B)) == MANY_B + len(FEW)
     pair.send(FEW)
     assert not pair.wakes()
-    wakes.step(BUSY - 1)
+    ears.step(BUSY - 1)
     assert pair.wakes()
     assert pair.near.recv(MANY_B) == FEW
 
 
 def test_with_little_to_hear_it_is_woken_at_once(pair) -> None:
     """A request that comes alone is answered as before."""
-    wakes = Wakes()
+    ears = Wakes()
     for heard in (0, BUSY, 0):
-        wakes.step(heard)
+        ears.step(heard)
     pair.send(FEW)
     assert pair.wakes()
 
 
 def test_a_connection_that_is_made_anew_is_found(pair) -> None:
     """Also in the place of one that has ended; what is no connection is left alone."""
-    wakes = Wakes()
-    wakes.step(BUSY)
+    ears = Wakes()
+    ears.step(BUSY)
     number = pair.near.fileno()
     pair.near.close()
-    wakes.step(BUSY)
+    ears.step(BUSY)
     assert number not in connections()
     with socket.create_server(("127.0.0.1", 0)) as server, connected_to(server) as again:
         for _ in range(LOOKS):
-            wakes.step(BUSY)
+            ears.step(BUSY)
         assert {again.fileno()} <= set(connections())
         assert server.fileno() not in connections()
         assert again.getsockopt(socket.SOL_SOCKET, socket.SO_RCVLOWAT) == MANY_B
+
+
+def test_where_the_system_has_no_list_of_open_files_nothing_is_done(monkeypatch, tmp_path) -> None:
+    """It only saves work: nobody is stopped by it."""
+    monkeypatch.setattr(wakes, "OPEN_FILES", tmp_path / "none")
+    assert connections() == []
+    Wakes().step(BUSY)
 
 
 def connected_to(server: socket.socket) -> socket.socket:

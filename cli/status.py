@@ -85,7 +85,8 @@ def _is_heard(view: CellView, expected: set[str]) -> bool:
 def _judge(
     cell: Cell, run: Run | None, view: CellView | None, *, waited_s: float, only: str | None
 ) -> CellStatus:
-    helpers = [name for name in topics.HELPERS if name == only or name in _helpers(view)]
+    heard_of = {only, *_helpers(view), *_started(run)}
+    helpers = [name for name in topics.HELPERS if name in heard_of]
     heard = None if view is None else view.arbiter().fresh
     return CellStatus(
         cell=cell.cell,
@@ -97,6 +98,13 @@ def _judge(
         last_state=run.last_state if run else "",
         services=[_service(name, run, view, waited_s) for name in (*topics.ROLES, *helpers)],
     )
+
+
+def _started(run: Run | None) -> tuple[str, ...]:
+    """Return the helpers that a supervisor has started which is there now."""
+    if run is None or not run.live:
+        return ()
+    return tuple(name for name in topics.HELPERS if run.entry(name))
 
 
 def _helpers(view: CellView | None) -> tuple[str, ...]:

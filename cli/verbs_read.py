@@ -30,7 +30,10 @@ def status(
     ] = None,
     cell: CellOption = None,
 ) -> None:
-    """Show who is alive and who commands; exit code 0 only when all is well, the recorder too."""
+    """Show who is alive and who commands; exit code 0 only when all is well.
+
+    The recorder is listed, and must be well, where it is heard or was started by `up`.
+    """
     with one_line_errors():
         from cli.runfile import read_run
         from cli.status import cell_status, is_well

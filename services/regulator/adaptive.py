@@ -37,7 +37,7 @@ INERTIA_SHARE = 0.7  # of the tool's inertia that the model takes out of the rea
 INERTIA_HEARD = 0.9  # of it, where it is asked how stiff a contact is: that closes no loop
 INERTIA_MARGIN = (1.5, 0.4)  # of 1 / (m w_b), in a fast loop and a slow one
 LOOPS_S = (0.008, 0.016)  # periods of a loop that bears all, and none, of the prediction
-LEAST_FADE = 0.05
+LEAST_FADE = 0.05  # of what the gain rises by while the prediction fades in, in the slowest loop
 
 MEMORY_TAUS, MEMORY_PERIODS, MEMORY_LEAST_S = 2.0, 10.0, 0.1  # of the stiffness
 STIFFER = 1.0  # than the stiffest contact of the cell: what is believed at first

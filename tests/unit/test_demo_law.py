@@ -31,6 +31,7 @@ def test_the_main_job_is_done_in_five_tau_with_the_adaptive_law(file, stiffness_
     assert found.overshoot_pct <= 5.0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("host", "stiffness_N_m"), [("pc", 1e5), ("controller", 5e3)])
 def test_a_controller_that_reports_seldom_presses_with_no_more(host, stiffness_N_m) -> None:
     """12.5 poses a second. It pressed with 97 N of 30; gains that change fast were its end."""

@@ -15,7 +15,9 @@ from services.regulator.tuning import tune
 CELL = Path(__file__).parents[2] / "cells" / "demo.yaml"
 
 
-@pytest.mark.parametrize("file", ["demo.yaml", "demo-tcp.yaml"])
+@pytest.mark.parametrize(
+    "file", ["demo.yaml", pytest.param("demo-tcp.yaml", marks=pytest.mark.long)]
+)
 @pytest.mark.parametrize(("stiffness_N_m", "taus"), [(5e3, 6.0), (None, 5.0), (1e5, 5.0)])
 def test_the_main_job_is_done_in_five_tau_with_the_adaptive_law(file, stiffness_N_m, taus) -> None:
     """From 30 N to zero, the stiffness met while pressing; at most 5 % overshoot.

@@ -241,8 +241,8 @@ class Dialogue:
     def _due_to_ring(self, now_ns: int) -> bytes:
         if self.untaken >= self._pacing.max_untaken:
             return b""
-        commands_ = self._offers.take_for_ring(now_ns)
-        return b"".join(self._send_to_ring(now_ns, command) for command in commands_)
+        due = self._offers.take_for_ring(now_ns)
+        return b"".join(self._send_to_ring(now_ns, command) for command in due)
 
     def _send_to_ring(self, now_ns: int, command: Command) -> bytes:
         data = self._send(now_ns, command)

@@ -36,7 +36,7 @@ class Wall:
             fields: The message; what has no stamp, or an absurd one, counts as written on arrival.
             at_ns: Its arrival on this machine's monotonic clock [ns].
         """
-        came_ns = at_ns + self.offsets_ns[self.boot]
+        came_ns = self.arrival_ns(at_ns)
         boot, stamp_ns = fields.get("boot"), fields.get("stamp_ns")
         if type(boot) is not str or type(stamp_ns) is not int:
             return came_ns

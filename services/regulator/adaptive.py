@@ -69,6 +69,7 @@ class AdaptiveSettings:
         tau_s, contact = cell.loop_delay_s, cell.contact
         slower_hz = min(cell.rates.control_hz, cell.rates.robot_hz)
         memory_s = max(MEMORY_TAUS * tau_s, MEMORY_PERIODS / slower_hz, MEMORY_LEAST_S)
+        m_w_b = contact.inertia_kg * cell.robot.bandwidth_rad_s
         margin = float(np.interp(1.0 / cell.rates.control_hz, LOOPS_S, INERTIA_MARGIN))
         return cls(
             tau_s=tau_s,
@@ -76,8 +77,8 @@ class AdaptiveSettings:
             stiffness=StiffnessSettings(
                 STIFFER * contact.stiffness_N_m, SOFTEST_N_M, memory_s, NOISE_N, LEAST_WAY_M
             ),
-            gain_cap_m_per_Ns=margin / (contact.inertia_kg * cell.robot.bandwidth_rad_s),
-            plain_cap_m_per_Ns=PLAIN_MARGIN / (contact.inertia_kg * cell.robot.bandwidth_rad_s),
+            gain_cap_m_per_Ns=margin / m_w_b,
+            plain_cap_m_per_Ns=PLAIN_MARGIN / m_w_b,
             plain_gain_m_per_Ns=tune(cell).force_i_m_per_Ns,
             inertia_kg=contact.inertia_kg,
             touch_N=TOUCH_SHARE * cell.force.touch_N,

@@ -1,17 +1,22 @@
 """How the recorder is on the bus: with room for seconds, and with one thread."""
 
 import os
+from typing import Any
 
 import pytest
 
 from common.bus_settings import (
+    BATCH_B,
     ONE_THREAD,
     RUNTIME_VARIABLE,
     client_settings,
+    hub_settings,
     listen_with_one_thread,
     with_room,
 )
+from common.codec import MAX_BYTES
 from common.topics import CLIENT, HELPERS, ROLES
+from tests.fakes.bench import CELL
 
 HUB = "tcp/127.0.0.1:7447"
 
@@ -37,6 +42,18 @@ def test_only_who_must_miss_nothing_has_room(role: str) -> None:
     """A reader that keeps the newest alone would read old messages after a stall."""
     (endpoint,) = client_settings(HUB, role, {})["connect"]["endpoints"]
     assert (endpoint != HUB) == (role in HELPERS)
+
+
+def test_the_longest_message_goes_in_one_piece() -> None:
+    """What is heard takes buffers that are small, and large enough."""
+    sizes = {settings["transport"]["link"]["tx"]["batch_size"] for settings in every_setting()}
+    assert sizes == {BATCH_B}
+    assert BATCH_B >= MAX_BYTES + 1024  # with its key and what Zenoh adds
+
+
+def every_setting() -> list[dict[str, Any]]:
+    """Return the settings of the hub and of whoever is its client."""
+    return [hub_settings(CELL, HUB), *(client_settings(HUB, role, {}) for role in (*ROLES, CLIENT))]
 
 
 def test_what_the_environment_says_of_threads_goes_first(monkeypatch: pytest.MonkeyPatch) -> None:

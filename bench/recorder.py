@@ -144,7 +144,7 @@ def work(minutes: float) -> Work:
         places = {topic.key: place for place, topic in enumerate(topics.TOPICS)}
         for path in files:
             for said in RecordedFile(path).said():
-                numbering.saw(places[said.topic], said.fields)
+                numbering.saw(places[said.topic], said.fields["epoch"], said.fields["seq"])
                 messages += 1
         return Work(
             minutes=minutes,

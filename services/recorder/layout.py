@@ -3,6 +3,9 @@
 Vectors become objects with x, y, z (and w), so that a viewer offers each part by its name; what is
 None is left out, because viewers take one type for each field. Names stay those of the bus. The
 schema is written out in full: some viewers follow no reference and know no alternatives.
+
+A recorder reads 1500 messages a second and may cost next to nothing. So messages are read into
+types that are made here once, which is four times as fast as into maps of their fields.
 """
 
 import types
@@ -11,22 +14,45 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
+import msgspec
 from pydantic import BaseModel
 
 from common.codec import Header
+from common.errors import MessageError
 from common.messages import Gain, Message
 from common.topics import Topic
 
 SCALARS = {bool: "boolean", int: "integer", float: "number", str: "string"}
+# UnicodeDecodeError is a ValueError; what is nested too deep ends in a RecursionError.
+NOT_OURS = (msgspec.MsgspecError, ValueError, RecursionError)
 
 Change = Callable[[Any], Any]
+to_json = msgspec.json.Encoder().encode  # what is not finite becomes null
+
+
+class Vector(msgspec.Struct, gc=False):
+    """Three numbers by their names."""
+
+    x: float
+    y: float
+    z: float
+
+
+class Quaternion(msgspec.Struct, gc=False):
+    """Four numbers by their names."""
+
+    x: float
+    y: float
+    z: float
+    w: float
 
 
 @dataclass(frozen=True, slots=True)
 class Kind:
-    """One type of field: its schema, and how its value changes, where it does."""
+    """One type of field: its schema, what it is read as, and how that changes, where it does."""
 
     schema: dict[str, Any]
+    read_as: Any
     change: Change | None = None
     optional: bool = False
 
@@ -34,34 +60,57 @@ class Kind:
 class Layout:
     """A flat map of named fields."""
 
-    def __init__(self, kinds: dict[str, Kind]) -> None:
-        """Sort out which fields change: most of them stay as they are."""
+    def __init__(self, *models: type[BaseModel]) -> None:
+        """Lay out the fields of models, one after the other."""
+        kinds = {
+            name: _kind(info.annotation)
+            for model in models
+            for name, info in model.model_fields.items()
+        }
         self.schema: dict[str, Any] = {
             "type": "object",
             "properties": {name: kind.schema for name, kind in kinds.items()},
             "required": [name for name, kind in kinds.items() if not kind.optional],
         }
+        self.read_as = msgspec.defstruct(
+            models[-1].__name__,
+            [
+                (name, kind.read_as | None, None) if kind.optional else (name, kind.read_as)
+                for name, kind in kinds.items()
+            ],
+            omit_defaults=True,
+            kw_only=True,
+        )
         self._changes = [(name, kind.change) for name, kind in kinds.items() if kind.change]
-        self._optional = [name for name, kind in kinds.items() if kind.optional]
+        self._decode = msgspec.msgpack.Decoder(self.read_as).decode
 
-    def shape(self, fields: dict[str, Any]) -> dict[str, Any]:
-        """Return the fields of a message as they are recorded; the map itself is changed.
+    def read(self, data: bytes) -> Any:
+        """Return what somebody sent, its fields as attributes; those of other names are ignored.
 
-        Raises TypeError, ValueError or KeyError where they are not of this layout.
+        Raises MessageError where it is not of this layout.
         """
-        for name in self._optional:
-            if fields[name] is None:
-                del fields[name]
+        try:
+            return self._decode(data)
+        except NOT_OURS as error:
+            raise MessageError(f"not of this layout: {error}") from error
+
+    def text(self, said: Any) -> bytes:
+        """Return what was read as JSON; it is changed by that."""
+        return to_json(self.change(said))
+
+    def change(self, said: Any) -> Any:
+        """Return what was read with its fields as they are recorded: it is changed itself."""
         for name, change in self._changes:
-            if name in fields:
-                fields[name] = change(fields[name])
-        return fields
+            value = getattr(said, name)
+            if value is not None:
+                setattr(said, name, change(value))
+        return said
 
 
 @cache
 def layout_of(topic: Topic[Any]) -> Layout:
     """Return the layout of a topic: the header's fields, then the message's."""
-    return Layout({**_kinds(Header), **_kinds(topic.message)})
+    return Layout(Header, topic.message)
 
 
 def schema_of(topic: Topic[Message]) -> dict[str, Any]:
@@ -70,42 +119,42 @@ def schema_of(topic: Topic[Message]) -> dict[str, Any]:
     return about | layout_of(topic).schema
 
 
-def _kinds(model: type[BaseModel]) -> dict[str, Kind]:
-    return {name: _kind(info.annotation) for name, info in model.model_fields.items()}
-
-
 def _kind(annotation: Any) -> Kind:
     origin, args = get_origin(annotation), get_args(annotation)
     if origin is Annotated:
         return _kind(args[0])
     if origin in (Union, types.UnionType):
         inner = _kind(next(arg for arg in args if arg is not types.NoneType))
-        return Kind(inner.schema, inner.change, optional=True)
+        return Kind(inner.schema, inner.read_as, inner.change, optional=True)
     if origin is Literal:
-        return Kind({"type": "string", "enum": list(args)})
+        return Kind({"type": "string", "enum": list(args)}, annotation)
     if origin is dict:
         values = _kind(args[1]).schema
-        return Kind({"type": "object", "properties": {}, "additionalProperties": values})
+        schema = {"type": "object", "properties": {}, "additionalProperties": values}
+        return Kind(schema, annotation)
     if origin is tuple:
         return _tuple(args)
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        inside = Layout(_kinds(annotation))
-        return Kind(inside.schema, inside.shape)
-    return Kind({"type": SCALARS[annotation]})
+        inside = Layout(annotation)
+        return Kind(inside.schema, inside.read_as, inside.change)
+    return Kind({"type": SCALARS[annotation]}, annotation)
 
 
 def _tuple(args: tuple[Any, ...]) -> Kind:
     """Return what becomes of a tuple: a vector becomes an object, anything else a list."""
     if set(args) <= {float, Gain} and len(args) == 3:
-        return Kind(_parts("xyz"), _xyz)
+        return Kind(_parts("xyz"), tuple[float, float, float], lambda v: Vector(*v))
     if set(args) <= {float, Gain} and len(args) == 4:
-        return Kind(_parts("xyzw"), _xyzw)
+        return Kind(_parts("xyzw"), tuple[float, float, float, float], lambda v: Quaternion(*v))
     item = _kind(args[0])
     schema: dict[str, Any] = {"type": "array", "items": item.schema}
+    part: Any = item.read_as
+    read_as: Any = tuple[part, ...]
     if args[-1] is not Ellipsis:
         schema |= {"minItems": len(args), "maxItems": len(args)}
+        read_as = tuple[(part,) * len(args)]  # type: ignore[misc]
     change = item.change
-    return Kind(schema, change and (lambda values: [change(value) for value in values]))
+    return Kind(schema, read_as, change and (lambda values: [change(value) for value in values]))
 
 
 def _parts(names: str) -> dict[str, Any]:
@@ -115,13 +164,3 @@ def _parts(names: str) -> dict[str, Any]:
         "properties": dict.fromkeys(names, number),
         "required": list(names),
     }
-
-
-def _xyz(vector: Any) -> dict[str, Any]:
-    x, y, z = vector
-    return {"x": x, "y": y, "z": z}
-
-
-def _xyzw(quaternion: Any) -> dict[str, Any]:
-    x, y, z, w = quaternion
-    return {"x": x, "y": y, "z": z, "w": w}

@@ -2,20 +2,19 @@
 
 import json
 from pathlib import Path
-
-from pydantic_core import to_json
+from typing import Any
 
 from common.cell import Cell
 from common.cell_panel import PanelSection
 from common.clock import NS_PER_S
-from common.codec import unpack
+from common.codec import Header
 from common.config import cell_hash, dump_cell
 from common.errors import MessageError
 from common.topics import TOPICS
 from common.version import forcemesh_version
 from services.recorder.folder import new_file
 from services.recorder.frames import HEAD, Frame
-from services.recorder.layout import layout_of, schema_of
+from services.recorder.layout import Layout, layout_of, schema_of
 from services.recorder.mcap_writer import McapWriter
 from services.recorder.numbering import Numbering
 from services.recorder.wall import Wall
@@ -29,10 +28,10 @@ MB = 1_000_000
 FLUSH_NS = NS_PER_S // 2  # half of what a kill may cost
 CHUNK_B = 8_000_000  # a chunk is flushed sooner than that: when memory is written out
 SEQUENCE = 2**32
-NOT_OURS = (MessageError, TypeError, ValueError, KeyError, AttributeError)
 
 SCHEMAS = [(topic.message.__name__, json.dumps(schema_of(topic)).encode()) for topic in TOPICS]
 LAYOUTS = [layout_of(topic) for topic in TOPICS]
+HEADER = Layout(Header)
 PLACES = {str(place): topic.key for place, topic in enumerate(TOPICS)}
 
 
@@ -148,18 +147,29 @@ class Recording:
     def _write(self, topic: int, at_ns: int, data: bytes) -> None:
         """Write a message twice: to the byte, and so that people can look at it."""
         self.messages += 1
-        log_ns, text, sequence = None, b"", 0
+        layout = LAYOUTS[topic]
         try:
-            fields = unpack(data)
-            log_ns = self._wall.written_ns(fields, at_ns)
-            sequence = self.numbering.saw(topic, fields) % SEQUENCE
-            text = to_json(LAYOUTS[topic].shape(fields), inf_nan_mode="null")
-        except NOT_OURS:
-            self.unshaped += 1
-        log_ns = self._wall.arrival_ns(at_ns) if log_ns is None else log_ns
+            said = layout.read(data)
+        except MessageError:
+            self._write_unshaped(topic, at_ns, data)
+            return
+        log_ns = self._stamped_ns(topic, said, at_ns)
         self._file.add(topic, log_ns, data)
-        if text:
-            self._file.add_json(topic, log_ns, text, sequence)
+        self._file.add_json(topic, log_ns, layout.text(said), said.seq % SEQUENCE)
+
+    def _write_unshaped(self, topic: int, at_ns: int, data: bytes) -> None:
+        """Write to the byte what is no message of ours; it may have our head all the same."""
+        self.unshaped += 1
+        try:
+            log_ns = self._stamped_ns(topic, HEADER.read(data), at_ns)
+        except MessageError:
+            log_ns = self._wall.arrival_ns(at_ns)
+        self._file.add(topic, log_ns, data)
+
+    def _stamped_ns(self, topic: int, head: Any, at_ns: int) -> int:
+        """Note a message's number; return the wall clock time at which it was written [ns]."""
+        self.numbering.saw(topic, head.epoch, head.seq)
+        return self._wall.written_ns(head.boot, head.stamp_ns, at_ns)
 
     def _next_file(self, now_ns: int) -> RecordingFile:
         about = {

@@ -4,8 +4,6 @@ Within one recording each clock is moved by one and the same amount, so that the
 distances of what one machine says stay what they were, also when its wall clock is set meanwhile.
 """
 
-from typing import Any
-
 from common.clock import NS_PER_S
 
 LONGEST_WAY_NS = 600 * NS_PER_S  # a stamp farther than this from its arrival is not believed
@@ -29,17 +27,15 @@ class Wall:
         """Return the wall clock time of a moment of this machine's monotonic clock [ns]."""
         return at_ns + self.offsets_ns[self.boot]
 
-    def written_ns(self, fields: dict[str, Any], at_ns: int) -> int:
+    def written_ns(self, boot: str, stamp_ns: int, at_ns: int) -> int:
         """Return the wall clock time at which a message was written [ns].
 
         Args:
-            fields: The message; what has no stamp, or an absurd one, counts as written on arrival.
+            boot: The clock of its stamp.
+            stamp_ns: Its stamp; what has an absurd one counts as written on arrival.
             at_ns: Its arrival on this machine's monotonic clock [ns].
         """
         came_ns = self.arrival_ns(at_ns)
-        boot, stamp_ns = fields.get("boot"), fields.get("stamp_ns")
-        if type(boot) is not str or type(stamp_ns) is not int:
-            return came_ns
         offset_ns = self.offsets_ns.get(boot)
         if offset_ns is None:
             offset_ns = came_ns - stamp_ns

@@ -49,21 +49,18 @@ class McapWriter:
         return self._body_bytes
 
     def add_channel(
-        self, topic: str, encoding: str, schema: tuple[str, bytes] | None, **metadata: str
+        self, topic: str, encoding: str, schema: tuple[str, str, bytes], **metadata: str
     ) -> int:
-        """Announce a channel, with name and text of its JSON Schema, if any; return its id."""
-        schema_id = 0
-        if schema is not None:
-            schema_id = len(self._schemas) + 1
-            name, text = schema
-            made = records.Schema(id=schema_id, name=name, encoding="jsonschema", data=text)
-            self._schemas.append(made)
-            self._put(made)
+        """Announce a channel, with name, kind and text of its schema; return its id."""
+        name, kind, text = schema
+        made = records.Schema(id=len(self._schemas) + 1, name=name, encoding=kind, data=text)
+        self._schemas.append(made)
+        self._put(made)
         channel = records.Channel(
             id=len(self._channels) + 1,
             topic=topic,
             message_encoding=encoding,
-            schema_id=schema_id,
+            schema_id=made.id,
             metadata=metadata,
         )
         self._channels.append(channel)

@@ -21,7 +21,8 @@ from common.config import cell_from_tree
 from common.errors import ConfigError, DataError
 from services.recorder.frames import frames_of
 from services.recorder.mcap_writer import MESSAGE, MESSAGE_HEAD_B
-from services.recorder.recording import CELL_FILE, EVENT, FRAMES_ENCODING, METADATA
+from services.recorder.protobuf import unwrap
+from services.recorder.recording import CELL_FILE, EVENT, FRAMES_TOPIC, METADATA
 
 BROKEN_OFF = (McapError, struct.error, zstandard.ZstdError, ValueError, OverflowError)
 DISORDER_NS = 3 * NS_PER_S  # messages stand in a file at most so far from their place in time
@@ -82,9 +83,9 @@ class RecordedFile:
         waiting: list[tuple[int, int, Heard]] = []
         number = 0
         for channel, _, data in self._messages():
-            if channel.message_encoding != FRAMES_ENCODING:
+            if channel.topic != FRAMES_TOPIC:
                 continue
-            for frame in frames_of(data):
+            for frame in frames_of(unwrap(data)):
                 topic = channel.metadata[str(frame.topic)]
                 heapq.heappush(waiting, (frame.at_ns, number, Heard(topic, *frame[1:])))
                 number += 1

@@ -12,6 +12,7 @@ from common.config import cell_hash, dump_cell
 from common.errors import MessageError
 from common.topics import TOPICS
 from common.version import forcemesh_version
+from services.recorder import protobuf
 from services.recorder.folder import new_file
 from services.recorder.frames import HEAD, Frame
 from services.recorder.layout import Layout, layout_of, schema_of
@@ -20,7 +21,6 @@ from services.recorder.numbering import Numbering
 from services.recorder.wall import Wall
 
 FRAMES_TOPIC = "frames"
-FRAMES_ENCODING = "x-forcemesh-frames"
 METADATA = "forcemesh"
 EVENT = "event"
 CELL_FILE = "cell.yaml"
@@ -29,7 +29,11 @@ FLUSH_NS = NS_PER_S // 2  # half of what a kill may cost
 CHUNK_B = 8_000_000  # a chunk is flushed sooner than that: when memory is written out
 SEQUENCE = 2**32
 
-SCHEMAS = [(topic.message.__name__, json.dumps(schema_of(topic)).encode()) for topic in TOPICS]
+FRAMES_SCHEMA = (protobuf.NAME, protobuf.ENCODING, protobuf.descriptor())
+SCHEMAS = [
+    (topic.message.__name__, "jsonschema", json.dumps(schema_of(topic)).encode())
+    for topic in TOPICS
+]
 LAYOUTS = [layout_of(topic) for topic in TOPICS]
 HEADER = Layout(Header)
 PLACES = {str(place): topic.key for place, topic in enumerate(TOPICS)}
@@ -53,7 +57,9 @@ class RecordingFile:
             writer.add_channel(topic.key, "json", schema)
             for topic, schema in zip(TOPICS, SCHEMAS, strict=True)
         ]
-        self._frames_channel = writer.add_channel(FRAMES_TOPIC, FRAMES_ENCODING, None, **PLACES)
+        self._frames_channel = writer.add_channel(
+            FRAMES_TOPIC, protobuf.ENCODING, FRAMES_SCHEMA, **PLACES
+        )
         writer.flush()
 
     @property
@@ -82,7 +88,8 @@ class RecordingFile:
     def flush(self) -> None:
         """Let everything so far survive this process."""
         if self._frames:
-            self._writer.add(self._frames_channel, self._last_ns, b"".join(self._frames), 0)
+            frames = protobuf.wrap(b"".join(self._frames))
+            self._writer.add(self._frames_channel, self._last_ns, frames, 0)
             self._frames = []
         self._writer.flush()
 

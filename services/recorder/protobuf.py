@@ -1,0 +1,51 @@
+"""Bytes as a protobuf message, `message Frames { bytes packed = 1; }`. Pure.
+
+Viewers report an encoding that they do not know as a mistake of the file; this one all of them
+know. Wire format: protobuf.dev/programming-guides/encoding, schema: its descriptor.proto.
+"""
+
+ENCODING = "protobuf"
+NAME = "forcemesh.Frames"
+LENGTH_DELIMITED = 2
+PACKED = bytes([1 << 3 | LENGTH_DELIMITED])  # number and type of the only field
+LONGEST_HEAD = 11  # with a length of 64 bits
+
+
+def varint(number: int) -> bytes:
+    """Return a number that is not negative, seven bits a byte, the lowest first."""
+    head = b""
+    while number > 0x7F:
+        head += bytes([0x80 | number & 0x7F])
+        number >>= 7
+    return head + bytes([number])
+
+
+def wrap(packed: bytes) -> bytes:
+    """Return bytes as a message."""
+    return PACKED + varint(len(packed)) + packed
+
+
+def unwrap(message: bytes) -> bytes:
+    """Return the bytes of a message. Raise ValueError where it is none of these, or broken off."""
+    length = 0
+    for place, byte in enumerate(message[1:LONGEST_HEAD]):
+        length |= (byte & 0x7F) << 7 * place
+        if byte < 0x80:
+            packed = message[place + 2 :]
+            if message.startswith(PACKED) and len(packed) == length:
+                return packed
+            break
+    raise ValueError("no message of frames")
+
+
+def descriptor() -> bytes:
+    """Return the schema as a FileDescriptorSet, as MCAP wants it."""
+    optional_bytes = b"\x18\x01\x20\x01\x28\x0c"  # number 1, label optional, type bytes
+    field = _part(2, _part(1, b"packed") + optional_bytes)
+    file = _part(1, b"forcemesh/frames.proto") + _part(2, b"forcemesh")
+    file += _part(4, _part(1, b"Frames") + field) + _part(12, b"proto3")
+    return _part(1, file)
+
+
+def _part(number: int, data: bytes) -> bytes:
+    return varint(number << 3 | LENGTH_DELIMITED) + varint(len(data)) + data

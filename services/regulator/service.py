@@ -35,6 +35,7 @@ from services.regulator.session import (
     Session,
     along,
     failure_of,
+    first_setpoint_N,
     mover,
     next_route,
     seen_by,
@@ -249,8 +250,8 @@ class Regulator:
         arbiter = self._arbiter.read(now_ns).fresh
         worse: Reading[Any] = wrench if wrench.fault else robot
         refused = refused_start(wanted, self._cell, arbiter, worse)
-        if refused is not None or robot.fresh is None or arbiter is None:
-            return refused or refusal(robot.code, robot.fault)
+        if refused is not None or robot.fresh is None or wrench.fresh is None or arbiter is None:
+            return refused or refusal(worse.code, worse.fault)
         if wanted.preset is not None:
             self._gains = tune(self._cell, wanted.preset).gains
         T_measured = pose_of(robot.fresh) * self._T_flange_tcp
@@ -265,8 +266,9 @@ class Regulator:
         law = start_at(T_measured)
         stamp_ns = wrench.header.stamp_ns if wrench.header else now_ns
         memory = self._memory(wanted, law.T_base_tcp, robot.fresh, None)
+        setpoint_N = first_setpoint_N(np.array(wrench.fresh.force_N), T_measured, wanted.setpoint_N)
         self._session = Session(
-            wanted, 0.0, law, stamp_ns, arbiter.lease, Watch(), self._gains, memory, guide
+            wanted, setpoint_N, law, stamp_ns, arbiter.lease, Watch(), self._gains, memory, guide
         )
         return Reply(accepted=True, text=f"{wanted.mode}, set point {wanted.setpoint_N:g} N")
 

@@ -45,6 +45,20 @@ class Session:
     failure: Failure | None = None  # latched: an input failed, or a guard gave up
 
 
+def first_setpoint_N(force_N: Array, T_base_tcp: pin.SE3, wanted_N: float) -> float:
+    """Return the set point to begin with: so much of what is wanted as is felt already.
+
+    An arm that presses does not let go first, and a release does not wait for a ramp.
+
+    Args:
+        force_N: Force of the environment on the tool, base axes, shape (3,) [N].
+        T_base_tcp: Measured pose of the TCP in base.
+        wanted_N: Press along the tool's z axis that is wanted [N].
+    """
+    felt_N = -float(np.dot(force_N, T_base_tcp.rotation[:, 2]))
+    return min(max(felt_N, 0.0), wanted_N)
+
+
 def mover(arbiter: ArbiterStatus) -> str:
     """Return who moves the arm, or is about to; empty when nobody but the regulator may."""
     both = (arbiter.commander, arbiter.next_commander)

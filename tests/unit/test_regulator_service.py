@@ -115,6 +115,24 @@ def test_another_mode_or_set_point_goes_on_without_a_bump(bench: RegulatorBench)
     assert errors[-1] == pytest.approx(5.0 - 20.0 + CELL.force.deadband_N)
 
 
+@pytest.mark.parametrize(
+    ("felt_N", "wanted_N", "begins_N"),
+    [(15.0, 25.0, 15.0), (15.0, 10.0, 10.0), (15.0, 0.0, 0.0), (0.0, 20.0, 0.0), (-3.0, 20.0, 0.0)],
+    ids=["more", "less", "release", "from the air", "pulled"],
+)
+def test_the_set_point_begins_at_what_is_felt_already(
+    bench: RegulatorBench, felt_N: float, wanted_N: float, begins_N: float
+) -> None:
+    """An arm that presses does not let go first, and a release does not wait for a ramp."""
+    bench.push((0.0, 0.0, felt_N))
+    bench.start(ForceStartRequest(mode="position", setpoint_N=wanted_N))
+    bench.step()
+    band_N, step_N = CELL.force.deadband_N, CELL.force.setpoint_ramp_N_s * PERIOD_S
+    wants_N = felt_N - min(begins_N + step_N, wanted_N)
+    error_N = np.sign(wants_N) * max(abs(wants_N) - band_N, 0.0)
+    assert bench.said().error_force_N[2] == pytest.approx(error_N, abs=step_N)
+
+
 # --- refusals -------------------------------------------------------------------------------------
 
 

@@ -21,13 +21,14 @@ import typer
 
 from cli.calibration import by_arm
 from cli.calibration.evidence import Evidence, evidence_of, findings_of
-from cli.calibration.finish import Job, conclude, keep_readings
+from cli.calibration.finish import Job, keep_readings, settle
 from cli.calibration.installed import refuse_wrong_axes
 from cli.calibration.places import places_of
 from cli.calibration.plan import Options
 from cli.calibration.verdict import Bounds
 from cli.calibration.wizard import Pace
 from cli.context import NOT_WELL, PATIENCE_S, USAGE
+from cli.payload_tables import found_parameters
 from common.bus import open_bus
 from common.config import load_cell
 from common.endpoints import Bus
@@ -121,7 +122,7 @@ def _run(said: Said, path: Path, counts: tuple[int, int], speed_m_s: float) -> i
 
 
 def _conclude(said: Said, job: Job, evidence: Evidence, bus: Bus) -> int:
-    """Show what is left at each pose, then judge, write and send as the command does."""
+    """Show what was found and what is left at each pose, then write and send as the command."""
     found = findings_of(job.cell, evidence, job.bounds)
     fresh = found.verify_left
     said.say(
@@ -130,9 +131,12 @@ def _conclude(said: Said, job: Job, evidence: Evidence, bus: Bus) -> int:
             "fresh_N": [] if fresh is None else _rounded(fresh.force_N),
             "limit_N": job.bounds.force_N,
             "verdict": found.verdict.text,
+            "found": found_parameters(found.report),
         }
     )
-    return conclude(job, evidence, bus)
+    for warning in found.report["warnings"]:
+        said.note(f"⚠ {warning}")
+    return settle(job, found, bus)
 
 
 def _rounded(lengths: np.ndarray[Any, Any]) -> list[float]:

@@ -16,7 +16,18 @@ def print_fit(report: dict[str, Any]) -> None:
         f"{report['recording']}: {report['poses']} poses, wrench in {report['wrench_axes']} axes"
     )
     table = Table("parameter", "value", "standard deviation", title=title)
-    table.add_row("mass (kg)", f"{report['mass_kg']:.4f}", f"{report['mass_std_kg']:.4f}")
+    for row in found_parameters(report):
+        table.add_row(*row)
+    console.print(table)
+    console.print(_pose_table(report))
+    console.print(_model_table(report))
+    for line in remarks(report):
+        console.print(line, markup=False)
+
+
+def found_parameters(report: dict[str, Any]) -> list[tuple[str, str, str]]:
+    """Return what was found: name with unit, value, standard deviation where there is one."""
+    rows = [("mass (kg)", f"{report['mass_kg']:.4f}", f"{report['mass_std_kg']:.4f}")]
     for label, key, std_key, scale, digits in (
         ("centre of mass (mm)", "com_m", "com_std_m", 1e3, 2),
         ("bias force (N)", "bias_force_N", "bias_force_std_N", 1.0, 3),
@@ -26,25 +37,18 @@ def print_fit(report: dict[str, Any]) -> None:
         ("gain of torque", "torque_gain", "torque_gain_std", 1.0, 4),
     ):
         if report[std_key] is not None:
-            table.add_row(
-                label, _joined(report[key], scale, digits), _joined(report[std_key], scale, digits)
-            )
+            value, std = (_joined(report[each], scale, digits) for each in (key, std_key))
+            rows.append((label, value, std))
     if report["gravity_tilt_std_rad"] is not None or report["gravity_direction_in_base"][2] > 0:
-        std = report["gravity_tilt_std_rad"]
-        table.add_row(
-            "gravity direction in base",
-            _joined(report["gravity_direction_in_base"], 1.0, 4),
-            "" if std is None else f"{1e3 * std:.2f} mrad",
-        )
+        std_rad = report["gravity_tilt_std_rad"]
+        value = _joined(report["gravity_direction_in_base"], 1.0, 4)
+        std = "" if std_rad is None else f"{1e3 * std_rad:.2f} mrad"
+        rows.append(("gravity direction in base", value, std))
     if report["drift"] is not None:
         drift = report["drift"]
-        table.add_row("drift of force (N)", _joined(drift["force_N"], 1.0, 3), "")
-        table.add_row("drift of torque (N·m)", _joined(drift["torque_Nm"], 1.0, 4), "")
-    console.print(table)
-    console.print(_pose_table(report))
-    console.print(_model_table(report))
-    for line in remarks(report):
-        console.print(line, markup=False)
+        rows.append(("drift of force (N)", _joined(drift["force_N"], 1.0, 3), ""))
+        rows.append(("drift of torque (N·m)", _joined(drift["torque_Nm"], 1.0, 4), ""))
+    return rows
 
 
 def remarks(report: dict[str, Any]) -> list[str]:

@@ -32,7 +32,7 @@ class Job:
 
 
 def conclude(job: Job, evidence: Evidence, bus: "Bus | None") -> int:
-    """Judge what was found; write it, and give it to the running cell, unless it failed.
+    """Print what was found, judge it; write it, and give it to the running cell, unless it failed.
 
     Args:
         job: What is calibrated.
@@ -44,6 +44,11 @@ def conclude(job: Job, evidence: Evidence, bus: "Bus | None") -> int:
         typer.echo(f"warning: {warning}", err=True)
     print_fit(found.report)
     typer.echo(found.verdict.text)
+    return settle(job, found, bus)
+
+
+def settle(job: Job, found: Findings, bus: "Bus | None") -> int:
+    """Write what was found, and give it to the running cell, unless it failed."""
     failed = found.verdict.passed is False
     page = job.places.report(failed=failed)
     if failed and not job.force:

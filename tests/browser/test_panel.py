@@ -148,6 +148,7 @@ def test_from_nothing_to_a_calibrated_press_in_eight_clicks(ready, cell_file, ad
     page.until_said("the cell uses the new calibration")
     assert load_cell(cell_file).calibration is not None
     assert page.page.get_by_text("Force left at each pose").is_visible()
+    assert page.page.get_by_text("mass (kg)").is_visible()
     page.picture("panel-calibrate")
     page.tab("Force")
     page.arm()

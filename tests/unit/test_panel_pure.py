@@ -28,6 +28,7 @@ from services.panel.faultlog import KEPT, FaultLog
 from services.panel.history import POINTS, History, Span
 from services.panel.readout import NAMES, Readout, distance_mm
 from services.panel.strip import strip
+from services.panel.tabs.calibrate import notes_of
 from services.panel.watch import Snapshot
 from services.panel.wizard import Progress, Wizard
 
@@ -263,6 +264,17 @@ def test_the_wizards_words_become_progress():
     progress.heard({"end": 2})
     assert progress.phase == "failed"
     assert progress.notes[-1] == "⚠ no hub"
+
+
+def test_what_a_calibration_has_found_stands_in_a_table():
+    """Verdict, parameters with their deviations, then what was said besides."""
+    progress = Progress()
+    progress.heard({"note": "⚠ a loose cable"})
+    assert notes_of(progress) == "`⚠ a loose cable`"
+    progress.heard({"left": {"verdict": "PASS", "found": [["mass (kg)", "1.2", "0.1"]]}})
+    verdict, table, note = notes_of(progress).split("\n\n")
+    assert (verdict, note) == ("**PASS**", "`⚠ a loose cable`")
+    assert table.splitlines()[-1] == "| mass (kg) | 1.2 | 0.1 |"
 
 
 @pytest.mark.processes

@@ -12,7 +12,6 @@ from services.panel.watch import Snapshot
 from services.panel.wizard import Progress
 
 HEIGHT = 150
-TABLE = tuple("┏┃┡│├└╇─━")  # tables of a terminal; the report has them
 WORDS = {
     "idle": "Payload and sensor bias, by moving the tool through poses inside its workspace.",
     "planning": "planning …",
@@ -65,7 +64,7 @@ def build(viewer: Viewer) -> Refresh:
         if now.phase == "running":
             put(bar, 100.0 * now.share)
         said = WORDS[now.phase] + (f": {now.text}" if now.phase == "running" else "")
-        for line, text in ((state, said), (notes, _notes(now))):
+        for line, text in ((state, said), (notes, notes_of(now))):
             if line.content != text:
                 line.content = text
         plot.show(now)
@@ -98,7 +97,7 @@ class _LeftPlot:
         )
         if self._handle is not None:
             self._handle.remove()
-        top = 1.2 * max([limit, *fit, *fresh])
+        top = 1.1 * max([limit, *fit, *fresh])
         self._place.visible = True
         with self._place:
             self._handle = self._add(x, lines, top)
@@ -129,10 +128,14 @@ def _question(now: Progress) -> str:
     return now.plan.replace("\n", "\n\n")
 
 
-def _notes(now: Progress) -> str:
-    verdict = [f"**{now.left['verdict']}**"] if now.left else []
-    shown = [f"`{note}`" for note in now.notes if note.strip()[:1] not in TABLE]
-    return "\n\n".join([*verdict, *shown])
+def notes_of(now: Progress) -> str:
+    """Return the verdict, what was found, and what was said besides, as Markdown."""
+    notes = [f"`{note}`" for note in now.notes]
+    if not now.left:
+        return "\n\n".join(notes)
+    rows = [f"| {' | '.join(row)} |" for row in now.left["found"]]
+    table = "\n".join(["| found | | ± |", "|---|---|---|", *rows])
+    return "\n\n".join([f"**{now.left['verdict']}**", table, *notes])
 
 
 TAB = Tab(30, "Calibrate", viser.Icon.TARGET, build)

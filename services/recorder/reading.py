@@ -19,7 +19,7 @@ from common.cell import Cell
 from common.clock import NS_PER_S
 from common.config import cell_from_tree
 from common.errors import ConfigError, DataError
-from services.recorder.frames import frames_of
+from services.recorder.frames import Frame, frames_of
 from services.recorder.mcap_writer import MESSAGE, MESSAGE_HEAD_B
 from services.recorder.protobuf import unwrap
 from services.recorder.recording import CELL_FILE, EVENT, FRAMES_TOPIC, METADATA
@@ -79,13 +79,16 @@ class RecordedFile:
                 yield Said(key, at_ns, from_json(data))
 
     def heard(self) -> Iterator[Heard]:
-        """Yield every message to the byte, in the order of time."""
+        """Yield every message to the byte, in the order of time.
+
+        Raise DataError where they are written in another way.
+        """
         waiting: list[tuple[int, int, Heard]] = []
         number = 0
         for channel, _, data in self._messages():
             if channel.topic != FRAMES_TOPIC:
                 continue
-            for frame in frames_of(unwrap(data)):
+            for frame in self._frames(data):
                 topic = channel.metadata[str(frame.topic)]
                 heapq.heappush(waiting, (frame.at_ns, number, Heard(topic, *frame[1:])))
                 number += 1
@@ -94,6 +97,13 @@ class RecordedFile:
                 yield heapq.heappop(waiting)[2]
         while waiting:
             yield heapq.heappop(waiting)[2]
+
+    def _frames(self, data: bytes) -> list[Frame]:
+        try:
+            return list(frames_of(unwrap(data)))
+        except ValueError as error:
+            text = f"{self.path}: {error}: written by another version; its JSON can still be read"
+            raise DataError(text) from error
 
     def _messages(self) -> Iterator[tuple[records.Channel, int, bytes]]:
         for record in self._records(stop=lambda: False):

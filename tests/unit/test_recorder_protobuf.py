@@ -9,8 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 
+from common.errors import DataError
 from services.recorder import protobuf
 from services.recorder.frames import frames_of
+from services.recorder.reading import RecordedFile
 from services.recorder.recording import FRAMES_TOPIC
 from tests.unit.test_recorder_files import of_every_topic, recorded
 
@@ -66,3 +68,12 @@ def test_a_file_can_be_read_by_its_own_schema(tmp_path: Path) -> None:
             packed = message_type(schema.data).FromString(message.data).packed
             found += [frame.data for frame in frames_of(packed)]
     assert found == [frame.data for frame in sent]
+
+
+def test_frames_written_in_another_way_are_told(tmp_path: Path, monkeypatch: Any) -> None:
+    """One sentence with the file's name; people's view of it can still be read."""
+    monkeypatch.setattr(protobuf, "wrap", lambda packed: packed)
+    path = recorded(tmp_path, of_every_topic())
+    with pytest.raises(DataError, match=r"file-01\.mcap: no message of frames: written by another"):
+        list(RecordedFile(path).heard())
+    assert list(RecordedFile(path).said())

@@ -18,6 +18,7 @@ from common.topics import Topic
 
 SHORTEST_DEADLINE_PERIODS = 3.0
 SLOWEST_INERTIAL_HZ = 100.0
+FARTHEST_M = 10.0  # that any arm reaches, on a rail too
 
 
 class Roles(Section):
@@ -168,6 +169,11 @@ class LimitsSection(Section):
         for axis, low, high in zip("xyz", self.workspace_min_m, self.workspace_max_m, strict=True):
             if not low < high:
                 raise ValueError(f"workspace is empty along {axis}: {low} m is not below {high} m")
+            if max(abs(low), abs(high)) > FARTHEST_M:
+                raise ValueError(
+                    f"workspace from {low} to {high} m along {axis}: no arm reaches farther than "
+                    f"{FARTHEST_M:g} m; is that in millimetres?"
+                )
         return self
 
 

@@ -70,7 +70,7 @@ def test_a_cell_that_is_dumped_loads_into_the_same_cell(path: Path, tmp_path: Pa
     assert dump_cell(load_cell(copy)) == dump_cell(cell)
 
 
-@given(st.floats(1e-9, 1e6), st.floats(-10.0, 10.0))
+@given(st.floats(1e-9, 1e6), st.floats(-2.0, 2.0))
 def test_any_number_survives_the_dump(stiffness: float, x_m: float) -> None:
     """The last digit too: YAML reads 1e-05 as text, so it must not be written like that."""
     contact = DEMO_CELL.contact.model_copy(update={"stiffness_N_m": stiffness})
@@ -150,6 +150,25 @@ def test_sections_that_do_not_go_together_are_told(changes: dict[str, Any], told
     """In words about the file, not about the program."""
     (line,) = mistakes(tree() | changes)
     assert told in line
+
+
+@pytest.mark.parametrize(
+    ("section", "key", "value_mm"),
+    [
+        ("limits", "workspace_max_m", [400, 800, 600]),
+        ("limits", "workspace_min_m", [-400, -800, 0]),
+        ("tool", "T_flange_tcp", {"position_m": [0, 0, 160]}),
+        ("sensor", "T_flange_sensor", {"position_m": [0, 0, 20]}),
+        ("payload", "com_m", [12, -8, 60]),
+    ],
+)
+def test_millimetres_instead_of_metres_are_told(section: str, key: str, value_mm: Any) -> None:
+    """No arm is that large: not taken for a workspace without an end."""
+    damaged = tree()
+    damaged[section][key] = value_mm
+    (mistake,) = mistakes(damaged)
+    assert mistake.startswith(section)
+    assert mistake.endswith("is that in millimetres?")
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2])

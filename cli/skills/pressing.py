@@ -109,7 +109,7 @@ def press(
     feeler = Feeler(cell)
     with force_ends(cell):
         cell.force.begin(_start(force_N, "position", how))
-        there = Steady(lambda felt: abs(felt.press_N - force_N) <= BAND_N, STEADY_S)
+        there = Steady(lambda felt: _presses_with(felt, force_N), STEADY_S)
         felt = feeler.until(there, within_s=within_s, what="pressing", tell=tell)
         since_s = there.since_s or 0.0
         kept = feeler.until(
@@ -135,7 +135,7 @@ def align(cell: Cell, *, force_N: float, within_s: float, how: How, tell: Tell =
 
     def is_flat(felt: Felt) -> bool:
         rests = float(np.linalg.norm(felt.torque_Nm)) <= BAND_NM
-        return rests and abs(felt.press_N - force_N) <= BAND_N
+        return rests and _presses_with(felt, force_N)
 
     with force_ends(cell):
         cell.force.begin(_start(force_N, "both", how))
@@ -152,6 +152,11 @@ def align(cell: Cell, *, force_N: float, within_s: float, how: How, tell: Tell =
 
 def _start(force_N: float, mode: Mode, how: How) -> ForceStartRequest:
     return ForceStartRequest(mode=mode, setpoint_N=force_N, law=how.law, preset=how.preset)
+
+
+def _presses_with(felt: Felt, force_N: float) -> bool:
+    """Tell whether it presses with a force; a small one is also felt where there is nothing."""
+    return felt.contact == "contact" and abs(felt.press_N - force_N) <= BAND_N
 
 
 def _first_contact_s(felt: list[Felt]) -> float:

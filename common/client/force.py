@@ -39,7 +39,10 @@ class Pressed:
 
 
 class Force:
-    """`cell.force`. What is left out of a start is the default, not what ran before."""
+    """`cell.force`. What is left out of a start is the default, not what ran before.
+
+    Gains alone stay as they were set last, by a preset too.
+    """
 
     def __init__(self, session: Session) -> None:
         """Start nothing yet."""
@@ -186,7 +189,7 @@ class Force:
             if progress is not None:
                 progress(found_N)
             self._raise_when_ended(now_ns - began_ns)
-            if abs(found_N - force_N) > band_N:
+            if abs(found_N - force_N) > band_N or not self._feels(force_N):
                 inside_ns = None
             else:
                 inside_ns = now_ns if inside_ns is None else inside_ns
@@ -200,6 +203,11 @@ class Force:
         """Return the force with which the tool presses along its axis now [N]."""
         robot = self._session.feed(topics.ROBOT_STATE)()
         return self._along(robot, self._session.feed(topics.WRENCH)())
+
+    def _feels(self, force_N: float) -> bool:
+        """Tell whether the tool touches where it is to press: in air a little is felt, too."""
+        target = self._session.feed(topics.REGULATOR_TARGET).reading().fresh
+        return force_N <= 0.0 or (target is not None and target.contact == "contact")
 
     def _raise_when_ended(self, since_ns: int) -> None:
         """Raise when the arm was stopped, or force feedback was."""

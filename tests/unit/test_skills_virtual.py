@@ -85,6 +85,14 @@ def test_press_holds_a_force_and_align_then_lays_the_face_flat() -> None:
     assert tilted.client.status().state == "ARMED"
 
 
+def test_a_small_force_is_not_held_where_there_is_nothing(cell: Skilled) -> None:
+    """Within a newton of nothing is no press: neither for the skill nor for the client."""
+    with pytest.raises(NotReachedError):
+        pressing.press(cell.client, force_N=0.9, hold_s=0.1, within_s=0.3, how=How())
+    with pytest.raises(NotReachedError, match=r"0\.9 N were not reached"):
+        cell.client.force.press(0.9, within_s=0.3)
+
+
 def test_follow_keeps_the_force_along_a_path(cell: Skilled) -> None:
     """Twenty millimetres in 70 points, more than one request's: there, and pressed all the way."""
     path = [np.array([0.0, y, 0.1]) for y in np.linspace(0.0, 0.02, 70)]
@@ -169,7 +177,7 @@ def test_the_verbs_print_a_line_or_an_object(cell: Skilled, monkeypatch, tmp_pat
         (("touch", "--within", "80"), 2, "--within 80: force.search_m allows 50 mm"),
         (("follow", "none.csv"), 2, "none.csv: cannot be read: No such file or directory"),
         (("follow", str(path), "--speed", "100"), 2, "force.speed_max_m_s allows 50 mm/s"),
-        (("follow", str(path)), 1, "beside the tool: move there first"),
+        (("follow", str(path)), 2, "beside the tool: move there first"),
         (("press", "50"), 3, "refused (setpoint): set point above force.setpoint_max_N"),
         (("guide", "--record", "a", "--playback", "b"), 2, "do not go together"),
         (("guide", "--playback", "none.csv"), 2, "none.csv: cannot be read: No such file"),

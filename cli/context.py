@@ -77,12 +77,18 @@ def find_cell_file(named: Path | None, *, ended: bool = False) -> Path:
 @contextmanager
 def one_line_errors() -> Iterator[None]:
     """Turn every error that forcemesh raises on purpose into one line and an exit code."""
-    from common.errors import BusError, ConfigError, ForcemeshError, RefusedError
+    from pydantic import ValidationError
+
+    from common.errors import BusError, ConfigError, DataError, ForcemeshError, RefusedError
 
     try:
         yield
-    except ConfigError as error:
+    except (ConfigError, DataError) as error:
         fail(str(error), USAGE)
+    except ValidationError as error:  # of a request, before it was sent
+        first = error.errors(include_url=False)[0]
+        where = ".".join(str(part) for part in first["loc"])
+        fail(f"{where}: {first['msg']}, found {first['input']!r}", USAGE)
     except RefusedError as error:
         fail(f"refused ({error.code}): {error}", REFUSED)
     except BusError as error:

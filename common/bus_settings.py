@@ -1,15 +1,18 @@
 """What Zenoh is told: where the hub is, who we are, what a hub lets through. Pure but for files."""
 
 import os
+import re
 from collections.abc import Mapping
 from typing import Any
 
 from common.acl import access_control, rate_limits
 from common.cell import Cell
+from common.errors import ConfigError
 from common.tls import identity_of, is_encrypted, refuse_in_the_clear
 from common.topics import HELPERS
 
 ENDPOINT_VARIABLE = "FORCEMESH_ENDPOINT"
+ENDPOINT = r"[a-z-]+/\S+"
 RUNTIME_VARIABLE = "ZENOH_RUNTIME"
 ONE_THREAD = "(rx: (worker_threads: 1), app: (handover: rx))"
 CONNECT_ATTEMPT_MS = 500
@@ -48,8 +51,17 @@ def listen_with_one_thread() -> None:
 
 
 def endpoint_of(cell: Cell) -> str:
-    """Return where the hub is: the environment may move it, the cell file says where it is."""
-    return os.environ.get(ENDPOINT_VARIABLE) or cell.bus.endpoint
+    """Return where the hub is: the environment may move it, the cell file says where it is.
+
+    Raises:
+        ConfigError: What the environment says is no endpoint.
+    """
+    moved = os.environ.get(ENDPOINT_VARIABLE)
+    if moved and not re.fullmatch(ENDPOINT, moved):
+        raise ConfigError(
+            ENDPOINT_VARIABLE, [f"{moved!r} is no endpoint, one is like tcp/127.0.0.1:7447"]
+        )
+    return moved or cell.bus.endpoint
 
 
 def hub_settings(cell: Cell, endpoint: str, role: str = "hub") -> dict[str, Any]:

@@ -141,7 +141,7 @@ class RecordedFile:
                         return
             except BROKEN_OFF as error:
                 if not self._channels:
-                    raise DataError(f"{self.path}: no recording: {error!r}") from None
+                    raise DataError(f"{self.path}: no recording, or broken off at once") from error
 
     def _note(self, record: records.McapRecord) -> None:
         if isinstance(record, records.Channel):

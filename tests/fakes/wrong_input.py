@@ -5,7 +5,7 @@ BAD stands for a file that is not what is wanted, HERE for a file that is there,
 Every verb has a row; tests/unit/test_cli_wrong.py walks the program to see to it.
 """
 
-from cli.context import NO_ANSWER, NOT_WELL, USAGE
+from cli.context import NO_ANSWER, USAGE
 
 PASSES_ON = ("bench force",)  # hands all that is typed to a program with a parser of its own
 NOT_OVER_5 = "Input should be greater than or equal to 5"
@@ -87,12 +87,12 @@ ROWS: tuple[tuple[str, int, str], ...] = (
     ("record start one two", USAGE, "Got unexpected extra argument(s) (two)"),
     ("record status now", USAGE, "Got unexpected extra argument(s) (now)"),
     ("record stop now", USAGE, "Got unexpected extra argument(s) (now)"),
-    ("report NOWHERE", NOT_WELL, "cannot be read: No such file or directory"),
+    ("report NOWHERE", USAGE, "cannot be read: No such file or directory"),
     ("export", USAGE, "Missing argument 'FILE'"),
-    ("export NOWHERE", NOT_WELL, "cannot be read: No such file or directory"),
-    ("export BAD", NOT_WELL, "no recording"),
-    ("replay NOWHERE", NOT_WELL, "cannot be read: No such file or directory"),
-    ("replay BAD", NOT_WELL, "no recording"),
+    ("export NOWHERE", USAGE, "cannot be read: No such file or directory"),
+    ("export BAD", USAGE, "no recording, or broken off at once"),
+    ("replay NOWHERE", USAGE, "cannot be read: No such file or directory"),
+    ("replay BAD", USAGE, "no recording"),
     ("replay BAD --speed 0", USAGE, "Input should be greater than or equal to 0.01"),
     ("bench now", USAGE, "No such command 'now'"),
     ("nonsense", USAGE, "No such command 'nonsense'"),

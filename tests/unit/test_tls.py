@@ -6,10 +6,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.bus_settings import ENDPOINT_VARIABLE, client_settings, hub_settings, security_of
+from common.bus_settings import (
+    ENDPOINT_VARIABLE,
+    client_settings,
+    endpoint_of,
+    hub_settings,
+    security_of,
+)
 from common.cell import Cell
 from common.config import load_cell
-from common.errors import BusError
+from common.errors import BusError, ConfigError
 from common.tls import (
     FOLDER_VARIABLE,
     NAME_VARIABLE,
@@ -46,6 +52,18 @@ def touch_pair(folder: Path, *names: str) -> None:
     """Put empty files where certificates of these names would be."""
     for name in ("ca.pem", *(f"{name}.{end}" for name in names for end in ("pem", "key"))):
         (folder / name).touch()
+
+
+@pytest.mark.parametrize("wrong", ["garbage", "127.0.0.1:7447", "tcp/", "tcp/a b"])
+def test_what_is_no_endpoint_is_told_with_one_that_is(
+    wrong: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The variable by its name, and what would be right; what is right goes before the cell's."""
+    monkeypatch.setenv(ENDPOINT_VARIABLE, wrong)
+    with pytest.raises(ConfigError, match=r"FORCEMESH_ENDPOINT(.|\n)*tcp/127\.0\.0\.1:7447"):
+        endpoint_of(cell())
+    monkeypatch.setenv(ENDPOINT_VARIABLE, "tls/[::1]:7447#iface=lo")
+    assert endpoint_of(cell()) == "tls/[::1]:7447#iface=lo"
 
 
 @pytest.mark.parametrize("endpoint", HERE)

@@ -1,0 +1,42 @@
+"""An error becomes one line and an exit code, whoever raised it."""
+
+import pytest
+import typer
+
+from cli.context import NO_ANSWER, NOT_WELL, REFUSED, USAGE, one_line_errors
+from common.errors import BusError, ConfigError, DataError, ForcemeshError, RefusedError
+from common.requests import ForceStartRequest
+
+ROWS: tuple[tuple[Exception, int, str], ...] = (
+    (ConfigError("cell.yaml", ["wrong"]), USAGE, "cell.yaml: 1 mistake(s)"),
+    (DataError("a.mcap: no recording"), USAGE, "a.mcap: no recording"),
+    (RefusedError("not_armed", "arm first"), REFUSED, "refused (not_armed): arm first"),
+    (BusError("no hub at tcp/a:1"), NO_ANSWER, "no hub at tcp/a:1: is the cell up?"),
+    (ForcemeshError("off by 3 mm"), NOT_WELL, "off by 3 mm"),
+)
+
+
+@pytest.mark.parametrize(
+    ("error", "code", "said"), ROWS, ids=[type(row[0]).__name__ for row in ROWS]
+)
+def test_an_error_raised_on_purpose(
+    error: Exception, code: int, said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Its own words first, and its own exit code."""
+    with pytest.raises(typer.Exit) as caught, one_line_errors():
+        raise error
+    assert caught.value.exit_code == code
+    assert capsys.readouterr().err.startswith(said)
+
+
+@pytest.mark.parametrize("wrong", [float("inf"), float("nan"), -1.0])
+def test_a_number_that_no_request_takes_is_wrong_usage(
+    wrong: float, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """One line that names it, and no mistake of forcemesh itself."""
+    with pytest.raises(typer.Exit) as caught, one_line_errors():
+        ForceStartRequest(mode="position", setpoint_N=wrong)
+    assert caught.value.exit_code == USAGE
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("setpoint_N: Input should be ")
+    assert line.endswith(f"found {wrong!r}")

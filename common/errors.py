@@ -80,6 +80,11 @@ class MisroutedError(MessageError):
     """Bytes from the bus were written for another topic or request than they came to."""
 
 
+def _with_remedy(text: str, remedy: str) -> str:
+    """Return a sentence and what to do, where it does not end with that already."""
+    return text if text.endswith(remedy) else f"{text} -> {remedy}"
+
+
 class RefusedError(ForcemeshError):
     """A request was refused by the service that serves it."""
 
@@ -101,7 +106,7 @@ class RefusedError(ForcemeshError):
             if number is not None
         ]
         found = f"{text} [{', '.join(numbers)}]" if numbers else text
-        super().__init__(f"{found} -> {remedy}" if remedy else found)
+        super().__init__(_with_remedy(found, remedy))
 
 
 class ArmStoppedError(ForcemeshError):
@@ -110,7 +115,7 @@ class ArmStoppedError(ForcemeshError):
     def __init__(self, code: str, text: str, remedy: str = "") -> None:
         """Keep the code for programs, text and remedy for people."""
         self.code, self.remedy = code, remedy
-        super().__init__(f"{text} -> {remedy}" if remedy else text)
+        super().__init__(_with_remedy(text, remedy))
 
 
 class NotReachedError(ForcemeshError):
@@ -123,7 +128,7 @@ class NotValidError(ForcemeshError):
     def __init__(self, code: str, text: str, remedy: str = "") -> None:
         """Keep the code for programs, text and remedy for people."""
         self.code, self.remedy = code, remedy
-        super().__init__(f"{text} -> {remedy}" if remedy else text)
+        super().__init__(_with_remedy(text, remedy))
 
 
 class SimulationError(ForcemeshError):

@@ -94,7 +94,7 @@ FAULTS: dict[str, Fault] = {fault.code: fault for fault in (
     Fault(501, "hold",              "HOLD",    "somebody asked to hold", "arm again when the way is free"),
     Fault(502, "regulator",         "HOLD",    "the regulator gave up", "mend what its reason names, start it again"),
     Fault(503, "not_armed",         "REFUSAL", "the arm is not armed", "arm first"),
-    Fault(504, "already",           "REFUSAL", "it is so already", "nothing"),
+    Fault(504, "already",           "REFUSAL", "it is so already", "there is nothing to do"),
     Fault(505, "busy",              "REFUSAL", "somebody of the same or a higher rank commands the arm", "wait, or stop that first"),
     Fault(506, "state",             "REFUSAL", "not possible in this state", "do what `clears` of arbiter/status says"),
     Fault(507, "malformed",         "REFUSAL", "the request is not complete or not of its form", "see the request's fields"),

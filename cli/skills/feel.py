@@ -68,11 +68,10 @@ class Feeler:
         give_up_s = self.t_s + SILENCE_S
         while not self._wrench.poll():
             if self.t_s > give_up_s:
+                self._raise_when_stopped()  # whoever is silent has stopped the arm long before
                 raise LostError(f"nothing on {topics.WRENCH.key} for {SILENCE_S:g} s", ("wrench",))
             self._clock.sleep_s(POLL_S)
-        status = self._cell.status()
-        if not status.goes_on:
-            raise stopped(status, "the arm was stopped")
+        self._raise_when_stopped()
         target = self._cell.target.reading().message
         if target is not None and target.mode is None and self.t_s > STARTED_WITHIN_S:
             raise NotReachedError(f"force feedback ended: {target.reason}")
@@ -87,6 +86,11 @@ class Feeler:
             contact="free" if target is None else target.contact,
             left_m=None if target is None else target.path_left_m,
         )
+
+    def _raise_when_stopped(self) -> None:
+        status = self._cell.status()
+        if not status.goes_on:
+            raise stopped(status, "the arm was stopped")
 
     def until(
         self, done: Callable[[Felt], bool], *, within_s: float, what: str, tell: Tell

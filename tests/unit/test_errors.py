@@ -18,6 +18,13 @@ MADE = [
 ]
 
 
+@pytest.mark.parametrize("text", ["the arbiter is IDLE: arm first", "arm first"])
+def test_a_remedy_that_was_said_is_not_said_again(text: str) -> None:
+    """A sentence that ends with what to do is enough."""
+    assert str(errors.RefusedError("not_armed", text, remedy="arm first")) == text
+    assert str(errors.RefusedError("x", text, remedy="wait")) == f"{text} -> wait"
+
+
 @pytest.mark.parametrize("error", MADE, ids=lambda error: type(error).__name__)
 def test_an_error_travels_between_processes_whole(error: errors.ForcemeshError) -> None:
     """The same kind, the same sentence, and what it holds for programs."""

@@ -150,6 +150,16 @@ def test_a_hold_by_somebody_else_ends_a_skill_with_its_reason(cell: Skilled) -> 
         pressing.press(cell.client, force_N=10.0, hold_s=1.0, within_s=20.0, how=How(), tell=tell)
 
 
+def test_a_frozen_service_is_named_by_whoever_presses(cell: Skilled) -> None:
+    """Why the arm was stopped, instead of the doubt whether there is a cell at all."""
+
+    def freeze(*_progress: object) -> None:
+        cell.world.runners.pop("wrench", None)
+
+    with pytest.raises(ArmStoppedError, match=r"the arm was stopped.*wrench"):
+        pressing.press(cell.client, force_N=8.0, hold_s=2.0, within_s=5.0, how=How(), tell=freeze)
+
+
 def test_ctrl_c_holds_the_arm(cell: Skilled, monkeypatch) -> None:
     """In the middle of an approach: the verb ends with 130 and the arbiter is HOLDING."""
 

@@ -75,6 +75,11 @@ class Feeler:
         target = self._cell.target.reading().message
         if target is not None and target.mode is None and self.t_s > STARTED_WITHIN_S:
             raise NotReachedError(f"force feedback ended: {target.reason}")
+        return self.now()
+
+    def now(self) -> Felt:
+        """Return the newest wrench. Raises LostError and NotValidError as `next`."""
+        target = self._cell.target.reading().message
         wrench = self._wrench.read(self._clock.now_ns()).fresh or self._cell.wrench()
         T, force_N = self.here(), np.array(wrench.force_N)
         return Felt(
@@ -86,6 +91,14 @@ class Feeler:
             contact="free" if target is None else target.contact,
             left_m=None if target is None else target.path_left_m,
         )
+
+    def peak_N(self, duration_s: float) -> float:
+        """Return the most that the tool presses with during a while [N], whatever moves it."""
+        end_s, most_N = self.t_s + duration_s, -np.inf
+        while self.t_s < end_s:
+            most_N = max(most_N, self.now().press_N)
+            self._clock.sleep_s(POLL_S)
+        return float(most_N)
 
     def _raise_when_stopped(self) -> None:
         status = self._cell.status()

@@ -14,6 +14,7 @@ from common.messages import Mode, Preset, StartLaw, Vec3
 from common.requests import ForceStartRequest
 
 BAND_N, BAND_NM = 1.0, 0.1
+STOPPED_WITHIN_S = 0.2  # an approach goes on for its loop's delay, and presses meanwhile
 STEADY_S = 0.3
 TOUCH_S = 120.0
 BACK_M_S = 0.02
@@ -87,10 +88,11 @@ def touch(
         cell.force.begin(ForceStartRequest(mode="position", setpoint_N=force_N))
         felt = feeler.until(is_there, within_s=TOUCH_S, what="approaching", tell=tell)
     last = felt[-1]
+    peak_N = max(*(f.press_N for f in felt), feeler.peak_N(STOPPED_WITHIN_S))
     if back_m > 0.0:
         cell.jog(shift_m=(0.0, 0.0, -back_m), axes="tool", speed_m_s=_back_m_s(cell))
     x, y, z = (1e3 * float(part) for part in last.T_base_tcp.translation)
-    return Touched((x, y, z), 1e3 * _along(start, last), max(f.press_N for f in felt))
+    return Touched((x, y, z), max(0.0, 1e3 * _along(start, last)), peak_N)
 
 
 def press(

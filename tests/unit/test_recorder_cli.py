@@ -223,10 +223,10 @@ def test_a_recording_that_breaks_off_is_shown_as_far_as_it_goes(
 
 
 WRONG = [
-    (("replay", "nothing.mcap"), 1, "nothing.mcap: cannot be read: No such file"),
-    (("export", "nothing.mcap"), 1, "nothing.mcap: cannot be read: No such file"),
-    (("report", "nothing.mcap"), 1, "nothing.mcap: cannot be read: No such file"),
-    (("report", __file__), 1, "test_recorder_cli.py: no recording"),
+    (("replay", "nothing.mcap"), 2, "nothing.mcap: cannot be read: No such file"),
+    (("export", "nothing.mcap"), 2, "nothing.mcap: cannot be read: No such file"),
+    (("report", "nothing.mcap"), 2, "nothing.mcap: cannot be read: No such file"),
+    (("report", __file__), 2, "test_recorder_cli.py: no recording"),
     (("export", "{}", "--csv", "--parquet"), 2, "choose one of --csv and --parquet"),
     (("export", "{}", "--only", "wrnch"), 2, "did you mean wrench?"),
     (("export", "{}", "-o", "/proc/none"), 2, "/proc/none: cannot be written"),

@@ -16,7 +16,6 @@ from common.cell import Cell
 from common.convert import pose_of
 from common.faults import tripped
 from common.frames import Array, is_finite_pose, rotation_between, rotation_from_vector
-from common.getting_away import eased
 from common.limits import (
     Limits,
     check_joints,
@@ -25,16 +24,7 @@ from common.limits import (
     check_workspace,
     check_wrench,
 )
-from common.messages import (
-    Feedback,
-    Goal,
-    Purpose,
-    RobotCommand,
-    Speed,
-    Trip,
-    Vec6,
-    WrenchAtTcp,
-)
+from common.messages import Feedback, Goal, Speed, Trip, Vec6, WrenchAtTcp
 from common.stream_budget import S_PER_NS, StreamBudget
 
 # What the arm may be beyond a limit that its commands keep: rounding of reports, settling.
@@ -66,15 +56,12 @@ class Guard:
         self._joint_speed_max = np.radians(cell.robot.joint_speed_max_deg_s)
         self._flange_at = flange_at
         self._armed_at_m: Array | None = None
-        self._eases = False  # whether the arm is to get away from too much force
-        self._eased: Limits | None = None  # then: the ceilings so far
         self._budget = StreamBudget(cell.limits)
         self._joints: deque[tuple[int, Array]] = deque()
 
-    def start(self, T_base_flange: pin.SE3, purpose: Purpose = "all") -> None:
+    def start(self, T_base_flange: pin.SE3) -> None:
         """Begin a lease: the tether is fastened where the arm is."""
         self._armed_at_m = np.array(T_base_flange.translation)
-        self._eases, self._eased = purpose == "jog", None
 
     # --- commands ---------------------------------------------------------------------------------
 
@@ -131,13 +118,10 @@ class Guard:
         return None
 
     def wrench(self, wrench: WrenchAtTcp | None) -> Trip | None:
-        """Judge the wrench, where one is known; call it in every period of a lease."""
+        """Judge the wrench, where one is known."""
         if wrench is None:
             return None
-        force_N, torque_Nm = np.array(wrench.force_N), np.array(wrench.torque_Nm)
-        if self._eases:
-            self._eased = eased(self._limits, force_N, torque_Nm, self._eased)
-        return check_wrench(self._eased or self._limits, force_N, torque_Nm)
+        return check_wrench(self._limits, np.array(wrench.force_N), np.array(wrench.torque_Nm))
 
     def place(self, T_wanted: pin.SE3) -> Trip | None:
         """Judge where a flange pose lies: its tool in the workspace, itself on the tether."""
@@ -207,11 +191,6 @@ class Guard:
             if trip is not None:
                 return trip.model_copy(update={"text": f"on the way: {trip.text}"})
         return self.place(poses[-1])
-
-
-def purpose_of(command: RobotCommand) -> Purpose:
-    """Return what a command's lease is for."""
-    return "all" if command.permission is None else command.permission.purpose
 
 
 def _between(T_from: pin.SE3, T_to: pin.SE3) -> Iterable[pin.SE3]:

@@ -202,7 +202,6 @@ class Permission(Record):
     lease: int  # a new one each time that a person arms
     deadline_s: float
     turn: int = 0  # a new one each time that somebody's command ends; at most one owner each
-    purpose: Purpose = "all"  # for jog the arm may stand above its ceilings of force, and get away
 
 
 class RobotCommand(Message):

@@ -8,7 +8,6 @@ import pinocchio as pin
 
 from common.convert import pose_of
 from common.frames import Array
-from common.getting_away import eased
 from common.limits import (
     Limits,
     check_joint_speed,
@@ -17,7 +16,7 @@ from common.limits import (
     check_workspace,
     check_wrench,
 )
-from common.messages import Purpose, RobotState, Trip, WrenchAtTcp
+from common.messages import RobotState, Trip, WrenchAtTcp
 from common.motion_limits import JointTrack
 
 MEASURED_SLACK_RAD = radians(0.5)  # an arm that rests on a joint's limit is measured beside it
@@ -30,21 +29,6 @@ class Bounds:
     limits: Limits
     T_flange_tcp: pin.SE3
     armed_at_m: Array  # flange in base. Shape (3,).
-
-    def armed(
-        self, limits: Limits, robot: RobotState, wrench: WrenchAtTcp | None, purpose: Purpose
-    ) -> "Bounds":
-        """Return the bounds of a new lease; one for jog may begin above the ceilings of force."""
-        if purpose == "jog" and wrench is not None:
-            limits = eased(limits, np.array(wrench.force_N), np.array(wrench.torque_Nm))
-        return replace(self, limits=limits, armed_at_m=np.array(robot.position_m))
-
-    def felt(self, limits: Limits, wrench: WrenchAtTcp) -> "Bounds":
-        """Return the bounds whose ceilings have come down to the cell's with what is felt."""
-        if self.limits is limits:
-            return self
-        force_N, torque_Nm = np.array(wrench.force_N), np.array(wrench.torque_Nm)
-        return replace(self, limits=eased(limits, force_N, torque_Nm, self.limits))
 
     def place(self, T_base_flange: pin.SE3) -> Trip | None:
         """Judge where a flange pose lies: its tool in the workspace, itself on the tether."""

@@ -27,7 +27,7 @@ from services.arbiter import inputs as known
 from services.arbiter import stops
 from services.arbiter.bounds import Bounds
 from services.arbiter.commanders import Commanders, Step
-from services.arbiter.goals import real_speed_m_s, speed_of, speed_trip, way_out_trip
+from services.arbiter.goals import real_speed_m_s, speed_of, speed_trip
 from services.arbiter.inputs import Inputs
 from services.arbiter.preflight import Terms, complaints, lasting
 from services.arbiter.reports import lines, recent
@@ -117,7 +117,7 @@ class Arbiter:
             self._stop("fault", *faults)
             return
         self._joints = self._joints.after(robot.header.stamp_ns, np.array(robot.fresh.joint_rad))
-        self._bounds = bounds = self._bounds.felt(self._terms.limits, wrench)
+        bounds = self._bounds
         if self.state == "ACTIVE" and self._commanders.turn.stream is not None:
             bounds = replace(bounds, limits=self._retreat.ceilings(bounds.limits))
         trip = (
@@ -173,7 +173,6 @@ class Arbiter:
             lease=self._lease,
             turn=turn.number,
             deadline_s=self._deadline_s,
-            purpose=self._armed_for,
         )
         return RobotCommand(
             kind=step.kind,
@@ -254,8 +253,7 @@ class Arbiter:
         self.state, self.trips = after(self.state, "arm"), ()
         self._lease += 1
         self._lease_since_ns = inputs.now_ns
-        wrench = inputs.wrench.fresh
-        self._bounds = self._bounds.armed(self._terms.limits, robot, wrench, purpose)
+        self._bounds = replace(self._bounds, armed_at_m=np.array(robot.position_m))
         self._writers = known.writers(inputs)
         return Reply(accepted=True, text=f"armed, lease {self._lease}")
 
@@ -284,10 +282,6 @@ class Arbiter:
         robot = inputs.robot.fresh
         if self.state not in MAY_MOVE or self._stopping is not None or robot is None:
             return refusal("not_armed", f"the arbiter is {self.state}: {CLEARS[self.state]}")
-        felt, cell = inputs.wrench.fresh, self._terms.limits
-        trip = way_out_trip(request, robot, felt, cell=cell, at=self._bounds)
-        if trip is not None:
-            return refused(trip)
         goal = Goal(id=0, kind=request.kind, pose=request.pose, joint_rad=request.joint_rad)
         speed = speed_of(request, self._speed)
         claim = Claim(request.commander, request, goal, speed, inputs.now_ns)

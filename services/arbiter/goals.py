@@ -4,9 +4,8 @@ import numpy as np
 
 from common.convert import pose_of
 from common.faults import tripped
-from common.getting_away import check_way_out
 from common.limits import Limits, check_joints
-from common.messages import RobotState, Speed, Trip, WrenchAtTcp
+from common.messages import RobotState, Speed, Trip
 from common.requests import MoveRequest
 from services.arbiter.bounds import Bounds
 
@@ -29,27 +28,6 @@ def goal_trip(request: MoveRequest, robot: RobotState, bounds: Bounds) -> Trip |
     if request.kind == "by":
         joint_rad = joint_rad + np.array(robot.joint_rad)
     return check_joints(bounds.limits, joint_rad)
-
-
-def way_out_trip(
-    request: MoveRequest, robot: RobotState, wrench: WrenchAtTcp | None, *, cell: Limits, at: Bounds
-) -> Trip | None:
-    """Return why a move does not lead out of too much force, None where it does or there is none.
-
-    Args:
-        request: The move.
-        robot: Where the arm is.
-        wrench: What the tool feels.
-        cell: The cell's limits; those of the lease may have been eased.
-        at: Where the tool is on the flange.
-    """
-    if wrench is None:
-        return None
-    way_m = None
-    if request.pose is not None:
-        T_to, T_from = (pose_of(each) * at.T_flange_tcp for each in (request.pose, robot))
-        way_m = np.asarray(T_to.translation - T_from.translation)
-    return check_way_out(cell, np.array(wrench.force_N), np.array(wrench.torque_Nm), way_m)
 
 
 def speed_of(request: MoveRequest, usual: Speed) -> Speed:

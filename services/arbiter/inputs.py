@@ -191,19 +191,14 @@ def robot_trip(inputs: Inputs, lease_since_ns: int) -> Trip | None:
     )
 
 
-def force_trip(inputs: Inputs, limits: Limits) -> Trip | None:
-    """Return why the arm must not be armed for force: there is too much of it already."""
-    wrench = inputs.wrench.fresh
-    if wrench is None:
+def limit_trip(inputs: Inputs, limits: Limits, p_flange_tcp_m: Vec3) -> Trip | None:
+    """Return why motion must end in HOLDING: too much force, or outside the workspace."""
+    wrench, robot = inputs.wrench.fresh, inputs.robot.fresh
+    if wrench is None or robot is None:
         return None
-    return check_wrench(limits, np.array(wrench.force_N), np.array(wrench.torque_Nm))
-
-
-def place_trip(inputs: Inputs, limits: Limits, p_flange_tcp_m: Vec3) -> Trip | None:
-    """Return why the arm must not be armed where it is: the tool is outside the workspace."""
-    robot = inputs.robot.fresh
-    if robot is None:
-        return None
+    trip = check_wrench(limits, np.array(wrench.force_N), np.array(wrench.torque_Nm))
+    if trip is not None:
+        return trip
     T_base_tcp = pose_of(robot)
     T_base_tcp.translation = T_base_tcp.act(np.array(p_flange_tcp_m))
     return check_workspace(limits, T_base_tcp)

@@ -1,7 +1,7 @@
 """What must be so before a person's `arm` is obeyed: one literal list. Pure.
 
 A check that is for force alone is left out when the arm is armed for jog, so that one can always
-move away: also in contact, also above the ceilings of force, also without calibration.
+move away: also in contact, also without calibration.
 """
 
 from collections.abc import Callable
@@ -17,14 +17,7 @@ from common.faults import tripped
 from common.limits import Limits
 from common.messages import Purpose, Trip, Vec3
 from common.version import forcemesh_version
-from services.arbiter.inputs import (
-    Inputs,
-    force_trip,
-    missing,
-    place_trip,
-    robot_complaints,
-    strangers,
-)
+from services.arbiter.inputs import Inputs, limit_trip, missing, robot_complaints, strangers
 
 PREFLIGHT_S = 1.0  # inputs must have been good for so long
 
@@ -84,12 +77,8 @@ def _strangers(look: Look) -> list[Trip]:
     return strangers(look.inputs, look.terms.config_hash, look.terms.version)
 
 
-def _force(look: Look) -> list[Trip]:
-    return _some(force_trip(look.inputs, look.terms.limits))
-
-
-def _place(look: Look) -> list[Trip]:
-    return _some(place_trip(look.inputs, look.terms.limits, look.terms.p_flange_tcp_m))
+def _limits(look: Look) -> list[Trip]:
+    return _some(limit_trip(look.inputs, look.terms.limits, look.terms.p_flange_tcp_m))
 
 
 def _rest(look: Look) -> list[Trip]:
@@ -128,9 +117,8 @@ CHECKS: tuple[Check, ...] = (
     Check("and has been so for a second",                     _steady),
     Check("the controller is fit to move",                    _controller),
     Check("every process has this cell file and version",     _strangers),
-    Check("the tool is in the workspace",                     _place),
+    Check("force below its ceiling, tool in the workspace",   _limits),
     Check("the arm rests where it was commanded",             _rest),
-    Check("the force is below its ceiling",                   _force,       for_force_only=True),
     Check("the calibration holds for this tool and sensor",   _calibration, for_force_only=True),
     Check("hardly any force was left in free space",          _residual,    for_force_only=True),
     Check("the approach is slow enough for the stiffness",    _approach,    for_force_only=True),

@@ -14,7 +14,7 @@ from common.clock import NS_PER_S
 from common.convert import pose_of, vec3
 from common.endpoints import Reading
 from common.errors import RefusedError
-from common.guard import Guard, purpose_of
+from common.guard import Guard
 from common.messages import (
     Feedback,
     Goal,
@@ -128,7 +128,7 @@ class Driver:
         self._holding = False
         if lease != self._lease:
             self._lease, self._track = lease, Track()
-            self._guard.start(measured.T_base_flange, purpose_of(command))
+            self._guard.start(measured.T_base_flange)
         _refuse(self._guard.wrench(wrench.fresh))
         if command.kind != "setpoint":
             self._streaming = False

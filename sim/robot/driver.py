@@ -9,7 +9,7 @@ import pinocchio as pin
 from common.cell import Cell
 from common.convert import pose_of
 from common.faults import tripped
-from common.guard import Guard, purpose_of
+from common.guard import Guard
 from common.messages import (
     Goal,
     GoalReport,
@@ -64,7 +64,7 @@ class SimDriver:
                 # Another arbiter counts its goals anew: its first one is not one that was done.
                 self.goal = GoalReport()
             self._lease = lease
-            self._guard.start(T_measured, purpose_of(command))
+            self._guard.start(T_measured)
         trip = self._guard.wrench(wrench)
         if trip is not None:
             return trip

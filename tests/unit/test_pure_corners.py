@@ -17,7 +17,7 @@ from common.messages import Goal, RobotState, Speed
 from common.motion_limits import JointTrack
 from common.requests import HoldRequest
 from common.stream_budget import SPEED_MARGIN, WINDOW_S, StreamBudget
-from services.arbiter.inputs import force_trip, place_trip, robot_complaints
+from services.arbiter.inputs import limit_trip, robot_complaints
 from services.arbiter.watch import RestWatch
 from services.regulator.guards import GuardSettings, Seen, Watch, watch
 from tests.fakes.arbiter_world import CELL, FIT, T_START, World
@@ -37,12 +37,9 @@ def test_of_what_is_not_heard_nothing_else_is_said(name: str) -> None:
     world = World()
     world.change("robot", status=FIT.model_copy(update={"error": True}))
     world.change("wrench", force_N=(0.0, 0.0, 2.0 * CELL.limits.force_N))
-    far_m = (9.0, 0.0, 0.0)
-    assert force_trip(world.inputs(), LIMITS) is not None
-    assert place_trip(world.inputs(), LIMITS, far_m) is not None
+    assert limit_trip(world.inputs(), LIMITS, (0.0, 0.0, 0.0)) is not None
     world.silent.add(name)
-    assert (force_trip(world.inputs(), LIMITS) is None) == (name == "wrench")
-    assert (place_trip(world.inputs(), LIMITS, far_m) is None) == (name == "robot")
+    assert limit_trip(world.inputs(), LIMITS, (0.0, 0.0, 0.0)) is None
     assert bool(robot_complaints(world.inputs())) == (name != "robot")
 
 

@@ -93,10 +93,14 @@ class Feeler:
         )
 
     def peak_N(self, duration_s: float) -> float:
-        """Return the most that the tool presses with during a while [N], whatever moves it."""
+        """Return the most that the tool presses with during a while [N], whatever moves it.
+
+        Raises ArmStoppedError when the arm was stopped in it, else as `now`.
+        """
         end_s, most_N = self.t_s + duration_s, -np.inf
         while self.t_s < end_s:
             most_N = max(most_N, self.now().press_N)
+            self._raise_when_stopped()
             self._clock.sleep_s(POLL_S)
         return float(most_N)
 

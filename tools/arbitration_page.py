@@ -66,6 +66,10 @@ REACTIONS_TEXT = f"""| every other one | | hold |
   and stays below the whole ceiling; then hold. The trip tells both the force and the way back.
 - A code of kind FAULT is a hold at once, latched until its cause is mended.
 
+An arm that holds above the ceiling of force or torque, or outside the workspace, is not armed, for jog
+neither: the teach pendant drives it away. A way out under jog was tried and taken back, for it has to
+judge turns, torque, a lost bias and moves that begin late as well.
+
 ## Limits
 
 All in the section `limits` of the cell file, each with a ceiling in the code above which a cell file

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Literal
 import yaml
 from pydantic import AwareDatetime, Field, model_validator
 
-from common.cell_terms import AxisGain, FrameSection, NotNegative, OnArm, Section
+from common.cell_terms import AxisGain, FrameSection, NotNegative, Section
 from common.errors import DataError
 from common.messages import Vec3
 
@@ -38,7 +38,7 @@ class PayloadSection(Section):
     """Weight below the sensor and the sensor's bias: what `forcemesh payload fit --out` writes."""
 
     mass_kg: NotNegative
-    com_m: OnArm
+    com_m: Vec3
     bias_force_N: Vec3 = (0.0, 0.0, 0.0)
     bias_torque_Nm: Vec3 = (0.0, 0.0, 0.0)
     gravity_direction_in_base: Vec3 = (0.0, 0.0, -1.0)

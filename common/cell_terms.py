@@ -3,7 +3,7 @@
 from math import radians
 from typing import TYPE_CHECKING, Annotated
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field
 
 from common.messages import Vec3
 
@@ -15,18 +15,6 @@ NotNegative = Annotated[float, Field(ge=0.0)]
 AxisGain = Annotated[float, Field(ge=0.5, le=1.5)]
 Fraction = Annotated[float, Field(gt=0.0, le=1.0)]
 
-FARTHEST_ON_ARM_M = 2.0  # from the flange
-
-
-def _lies_on_the_arm(place_m: Vec3) -> Vec3:
-    if max(abs(part) for part in place_m) > FARTHEST_ON_ARM_M:
-        most = f"nothing is farther from a flange than {FARTHEST_ON_ARM_M:g} m"
-        raise ValueError(f"{most}; is that in millimetres?")
-    return place_m
-
-
-OnArm = Annotated[Vec3, AfterValidator(_lies_on_the_arm)]
-
 
 class Section(BaseModel):
     """Base of every section: unknown keys and non-finite numbers are mistakes."""
@@ -37,7 +25,7 @@ class Section(BaseModel):
 class FrameSection(Section):
     """Pose of one frame in another, as on the pendant."""
 
-    position_m: OnArm
+    position_m: Vec3
     oat_deg: Vec3 = (0.0, 0.0, 0.0)
 
     @property

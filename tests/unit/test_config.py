@@ -70,7 +70,7 @@ def test_a_cell_that_is_dumped_loads_into_the_same_cell(path: Path, tmp_path: Pa
     assert dump_cell(load_cell(copy)) == dump_cell(cell)
 
 
-@given(st.floats(1e-9, 1e6), st.floats(-2.0, 2.0))
+@given(st.floats(1e-9, 1e6), st.floats(-10.0, 10.0))
 def test_any_number_survives_the_dump(stiffness: float, x_m: float) -> None:
     """The last digit too: YAML reads 1e-05 as text, so it must not be written like that."""
     contact = DEMO_CELL.contact.model_copy(update={"stiffness_N_m": stiffness})
@@ -157,9 +157,6 @@ def test_sections_that_do_not_go_together_are_told(changes: dict[str, Any], told
     [
         ("limits", "workspace_max_m", [400, 800, 600]),
         ("limits", "workspace_min_m", [-400, -800, 0]),
-        ("tool", "T_flange_tcp", {"position_m": [0, 0, 160]}),
-        ("sensor", "T_flange_sensor", {"position_m": [0, 0, 20]}),
-        ("payload", "com_m", [12, -8, 60]),
     ],
 )
 def test_millimetres_instead_of_metres_are_told(section: str, key: str, value_mm: Any) -> None:

@@ -273,11 +273,11 @@ def biases() -> tuple[Array, Array]:
 
 @pytest.mark.parametrize(
     "wrong",
-    [{"payload__mass_kg": 1000.0}, {"payload__com_m": (1.2, -0.8, 1.9)}],
-    ids=["grams for kilograms", "centimetres for metres"],
+    [{"payload__mass_kg": 1000.0}, {"payload__com_m": (12.0, -8.0, 60.0)}],
+    ids=["grams for kilograms", "millimetres for metres"],
 )
 def test_a_payload_in_wrong_units_is_refused_before_anything_moves(wrong) -> None:
-    """The true weight does not fit; the tare says by how much. Millimetres are not even loaded."""
+    """The true weight does not fit; the tare says by how much."""
     cell = VirtualCell(cell_with(**wrong))
     cell.advance(0.4)
     reply = cell.client.ask(topics.TARE, Empty())
@@ -285,16 +285,14 @@ def test_a_payload_in_wrong_units_is_refused_before_anything_moves(wrong) -> Non
 
 
 @pytest.mark.parametrize("lever", ["tool__T_flange_tcp", "sensor__T_flange_sensor"])
-def test_a_lever_ten_times_too_long_moves_nothing_or_presses_as_it_should(
-    lever, monkeypatch
-) -> None:
-    """A tool of 1.6 m is refused; a sensor that is thought to be at 0.2 m does no harm."""
+def test_a_lever_in_wrong_units_moves_nothing_or_presses_as_it_should(lever, monkeypatch) -> None:
+    """A tool of 160 m is refused; a sensor that is thought to be at 20 m does no harm."""
     true = cell_with()
     assert true.sim is not None
     settings = robot_service.sim_settings(true, true.sim)
     monkeypatch.setattr(robot_service, "sim_settings", lambda *_: settings)
-    too_long = {"position_m": (0.0, 0.0, 1.6 if lever.startswith("tool") else 0.2)}
-    bench = Bench(cell_with(**{lever: too_long}))
+    millimetres = {"position_m": (0.0, 0.0, 160.0 if lever.startswith("tool") else 20.0)}
+    bench = Bench(cell_with(**{lever: millimetres}))
     if lever.startswith("tool"):
         reply = bench.cell.client.ask(topics.ARM, ArmRequest())
         assert not reply.accepted

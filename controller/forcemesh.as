@@ -392,7 +392,7 @@ odd: ;older than a hold, or the hold before it is not obeyed yet
   ; and its speed is mm/s.
 .END
 .PROGRAM fm.release(.e,.bad) ;the first motion after a hold: HELD ends, if TOOL and BASE are null
-  fm.fault=0
+  fm.fault=fm.fault*ABS(fm.hseq+fm.wseq<>.e) ;one that came with a newer hold stays
   CALL fm.frames
   IF fm.null==0 THEN
     fm.fault=8
@@ -746,9 +746,11 @@ hello:
   IF $fm.next<>"" GOTO cut
   GOTO lost
 full: ;nobody takes anything any more
+  fm.hseq=fm.hseq+1 ;before the fault, see fm.release
   fm.fault=5
   GOTO lost
 wrong: ;never guess a new start: the connection ends
+  fm.hseq=fm.hseq+1
   fm.fault=4
 lost: ;hold, close, and listen for the next
   fm.link=0

@@ -191,6 +191,20 @@ def test_every_command_of_the_table_is_framed(com: Com, param: int) -> None:
     assert talk.framed == ID_FIRST + 1
 
 
+def test_a_fault_that_comes_while_a_motion_is_taken_is_told() -> None:
+    """Every phase of 40 ms: the motion that ends a hold clears the fault of that hold, no newer."""
+    talk = shared()
+    for phase in range(400):
+        first_words(talk, HELLO)
+        talk.live(0.07 + phase * 1e-4)
+        talk.id = ID_FIRST
+        talk.send(Com.MOVE_JOINTS, 0, (0, 0, -22_500, 0, -22_500, 0))
+        talk.wait(lambda: talk.framed == ID_FIRST + 1, 1.0, beat=False)
+        talk.send(Com.MOVE_JOINTS, 1)
+        talk.wait(lambda: talk.closed, 1.0, beat=False)
+        assert talk.value("fm.fault") == 4, phase
+
+
 @settings(max_examples=400)
 @given(
     com=st.sampled_from(sorted(COMMANDS - {Com.HELLO})),

@@ -79,16 +79,22 @@ def one_line_errors() -> Iterator[None]:
     """Turn every error that forcemesh raises on purpose into one line and an exit code."""
     from pydantic import ValidationError
 
-    from common.errors import BusError, ConfigError, DataError, ForcemeshError, RefusedError
+    from common.errors import (
+        BusError,
+        ConfigError,
+        DataError,
+        ForcemeshError,
+        RefusedError,
+        first_mistake,
+    )
 
     try:
         yield
     except (ConfigError, DataError) as error:
         fail(str(error), USAGE)
     except ValidationError as error:  # of a request, before it was sent
-        first = error.errors(include_url=False)[0]
-        where = ".".join(str(part) for part in first["loc"])
-        fail(f"{where}: {first['msg']}, found {first['input']!r}", USAGE)
+        first = first_mistake(error)
+        fail(f"{first.where}: {first.what}, found {first.found!r}", USAGE)
     except RefusedError as error:
         fail(f"refused ({error.code}): {error}", REFUSED)
     except BusError as error:

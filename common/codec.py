@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 import msgpack
 from pydantic import ValidationError
 
-from common.errors import MessageError, MisroutedError
+from common.errors import MessageError, MisroutedError, first_mistake
 from common.messages import Message, Record
 
 SCHEMA_VERSION = 1
@@ -130,7 +130,7 @@ def _validate(fields: dict[str, object], record_type: type[R]) -> R:
     try:
         return record_type.model_validate(fields)
     except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        where = ".".join(str(part) for part in first["loc"])
-        code = "not_finite" if first["type"] == "finite_number" else "undecodable"
-        raise MessageError(f"{record_type.__name__}.{where}: {first['msg']}", code) from error
+        first = first_mistake(error)
+        code = "not_finite" if first.kind == "finite_number" else "undecodable"
+        text = f"{record_type.__name__}.{first.where}: {first.what}"
+        raise MessageError(text, code) from error

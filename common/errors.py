@@ -19,7 +19,10 @@ ForcemeshError
 In the control loop bad data is not an exception: it is a message with valid=False and a reason.
 """
 
-from typing import Any
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+if TYPE_CHECKING:
+    from pydantic import ValidationError
 
 
 class ForcemeshError(Exception):
@@ -145,3 +148,19 @@ class LocalProtocolError(ProtocolError):
 
 class RemoteProtocolError(ProtocolError):
     """The controller sent something that the protocol does not allow. Close the link."""
+
+
+class Mistake(NamedTuple):
+    """One field of a model that is wrong."""
+
+    where: str  # the field, dotted; "" for the whole
+    what: str
+    kind: str  # pydantic's name for it
+    found: object
+
+
+def first_mistake(error: "ValidationError") -> Mistake:
+    """Return the first mistake that pydantic found."""
+    first = error.errors(include_url=False)[0]
+    where = ".".join(str(part) for part in first["loc"])
+    return Mistake(where, first["msg"], first["type"], first["input"])

@@ -9,7 +9,7 @@ from pydantic import ValidationError
 from common.calibration import CalibrationSection
 from common.cell import Cell
 from common.cell_terms import FrameSection
-from common.errors import DataError
+from common.errors import DataError, first_mistake
 from common.frames import rotation_between
 from common.payload import Payload
 
@@ -72,9 +72,8 @@ def parsed(text: str) -> CalibrationSection:
     try:
         return CalibrationSection.model_validate_json(text)
     except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        where = ".".join(str(part) for part in first["loc"]) or "calibration"
-        raise DataError(f"{where}: {first['msg']}") from error
+        first = first_mistake(error)
+        raise DataError(f"{first.where or 'calibration'}: {first.what}") from error
 
 
 def _objection(found: CalibrationSection, cell: Cell) -> str:

@@ -44,8 +44,13 @@ def free_bytes(folder: Path) -> int:
     return shutil.disk_usage(there).free
 
 
-def forget_oldest(folder: Path, cell: str, keep: int) -> None:
-    """Remove files of a cell's faults until there are no more than `keep`."""
-    found = sorted(folder.glob(f"{cell}-*-{FAULT}-*{SUFFIX}"))
+def forget_oldest(folder: Path, cell: str, label: str, keep: int) -> None:
+    """Remove files that faults of one label began until there are no more than `keep`.
+
+    Each label for itself: what stops an arm daily must not push out what happened once.
+    """
+    if not label.startswith(FAULT):
+        return
+    found = sorted(folder.glob(f"{cell}-*-{label}-*{SUFFIX}"))
     for path in found[: max(len(found) - keep, 0)]:
         path.unlink(missing_ok=True)

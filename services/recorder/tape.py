@@ -55,7 +55,7 @@ class Tape:
                 self.folder, name, self._cell, cause=cause, wall=wall, now_ns=now_ns
             )
             self._broken = ""
-            forget_oldest(self.folder, self._cell.cell, self._cell.recorder.faults_kept)
+            forget_oldest(self.folder, self._cell.cell, label, self._cell.recorder.faults_kept)
 
         self._waiting = deque(past)
         self._try(open_it)

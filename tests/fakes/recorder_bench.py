@@ -63,11 +63,11 @@ class RecorderBench:
             self.clock.sleep_s(self.recorder.period_s)
             self.recorder.step(self.clock.now_ns())
 
-    def trip(self, state: ArbiterState = "HOLDING") -> None:
+    def trip(self, state: ArbiterState = "HOLDING", code: str = "force") -> None:
         """Let the arbiter stop an arm that was at work."""
         self.say(topics.ARBITER_STATUS, ArbiterStatus(state="ACTIVE"))
         self.pass_s(0.1)
-        status = ArbiterStatus.model_validate({"state": state, "trips": (TRIP,)})
+        status = ArbiterStatus.model_validate({"state": state, "trips": (TRIP | {"code": code},)})
         self.say(topics.ARBITER_STATUS, status)
         self.pass_s(0.1)
 

@@ -129,15 +129,16 @@ def test_what_a_fault_began_gives_way_to_a_start(begin: Begin) -> None:
 
 
 def test_only_so_many_faults_are_kept(begin: Begin) -> None:
-    """The oldest goes; what a person recorded stays."""
+    """The oldest goes; what a person recorded stays, and what another fault began."""
     bench = begin(after_fault_s=0.0, faults_kept=2)
     bench.start(label="FAULT-of-mine")
     bench.stop()
-    for _ in range(4):
-        bench.trip()
+    for code in ("rare", *["force"] * 4):
+        bench.trip(code=code)
         bench.pass_s(2.0)
-    assert len([path for path in bench.files() if "FAULT" in path.name]) == 2
-    assert len(bench.files()) == 3
+    kept = [path.name for path in bench.files() if "FAULT" in path.name]
+    assert sorted("rare" in name for name in kept) == [False, False, True]
+    assert len(bench.files()) == 4
 
 
 def test_long_recordings_are_several_whole_files(begin: Begin) -> None:

@@ -105,7 +105,7 @@ def _print_status(found: "CellStatus") -> None:
     ):
         for line in lines:
             console.print(f"  {label}: {line}", markup=False)
-    table = Table("role", "pid", "alive", "rate", "age", "fault")
+    table = Table("role", "pid", "alive", "loop", "age", "fault")
     for row in found["services"]:
         table.add_row(
             row["name"],

@@ -106,7 +106,8 @@ def press(
 ) -> Held:
     """Press along the tool's axis until the force is there, and hold it for a while.
 
-    Raises NotReachedError when it is not there within `within_s`, else as `touch`.
+    Raises NotReachedError when it is not there within `within_s`, or not any more at the end of
+    the while; else as `touch`.
     """
     feeler = Feeler(cell)
     with force_ends(cell):
@@ -118,6 +119,10 @@ def press(
             Steady(lambda _: True, hold_s), within_s=hold_s + 1.0, what="holding", tell=tell
         )
     forces = np.array([sample.press_N for sample in kept])
+    last_N = float(forces[[sample.t_s >= kept[-1].t_s - STEADY_S for sample in kept]].mean())
+    if abs(last_N - force_N) > BAND_N:
+        text = f"{force_N:g} N were there, and {last_N:.1f} N after {hold_s:g} s"
+        raise NotReachedError(f"{text}: the set point, or the contact, was changed meanwhile")
     return Held(
         setpoint_N=force_N,
         reached_s=max(0.0, since_s - _first_contact_s(felt)),

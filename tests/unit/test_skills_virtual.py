@@ -103,6 +103,19 @@ def test_a_small_force_is_not_held_where_there_is_nothing(cell: Skilled) -> None
         cell.client.force.press(0.9, within_s=0.3)
 
 
+def test_a_force_that_somebody_else_changed_was_not_held(cell: Skilled) -> None:
+    """Another terminal asks for 5 N while this one holds 10: it says what it found at the end."""
+
+    def tell(_felt_s, _total, text) -> None:
+        if text.startswith("holding"):
+            cell.client.force.set(5.0)
+
+    with pytest.raises(NotReachedError, match=r"10 N were there, and [45]\.\d N after 3 s"):
+        pressing.press(
+            cell.client, force_N=10.0, hold_s=3.0, within_s=20.0, how=How("adaptive"), tell=tell
+        )
+
+
 def test_follow_keeps_the_force_along_a_path(cell: Skilled) -> None:
     """Twenty millimetres in 70 points, more than one request's: there, and pressed all the way."""
     path = [np.array([0.0, y, 0.1]) for y in np.linspace(0.0, 0.02, 70)]

@@ -36,6 +36,7 @@ from services.regulator.session import (
     along,
     failure_of,
     first_setpoint_N,
+    in_words,
     mover,
     next_route,
     seen_by,
@@ -262,7 +263,7 @@ class Regulator:
             running = replace(running, wanted=wanted, watch=Watch(), memory=memory)
             guide = guide and (running.guide or guide)
             self._session = replace(running, guide=guide, route=None)
-            return Reply(accepted=True, text=f"{wanted.mode}, set point {wanted.setpoint_N:g} N")
+            return Reply(accepted=True, text=in_words(wanted, wanted.law or self._cell.force.law))
         law = start_at(T_measured)
         stamp_ns = wrench.header.stamp_ns if wrench.header else now_ns
         memory = self._memory(wanted, law.T_base_tcp, robot.fresh, None)
@@ -270,7 +271,7 @@ class Regulator:
         self._session = Session(
             wanted, setpoint_N, law, stamp_ns, arbiter.lease, Watch(), self._gains, memory, guide
         )
-        return Reply(accepted=True, text=f"{wanted.mode}, set point {wanted.setpoint_N:g} N")
+        return Reply(accepted=True, text=in_words(wanted, wanted.law or self._cell.force.law))
 
     def _follow_path(self, wanted: PathRequest) -> Reply:
         session = self._session

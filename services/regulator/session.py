@@ -8,7 +8,7 @@ import pinocchio as pin
 
 from common.endpoints import Reading
 from common.frames import Array
-from common.messages import ArbiterStatus, Gains
+from common.messages import ArbiterStatus, Gains, StartLaw
 from common.requests import ForceStartRequest, PathRequest
 from services.regulator.adaptive import Adaptive
 from services.regulator.guards import Seen, Watch
@@ -57,6 +57,13 @@ def first_setpoint_N(force_N: Array, T_base_tcp: pin.SE3, wanted_N: float) -> fl
     """
     felt_N = -float(np.dot(force_N, T_base_tcp.rotation[:, 2]))
     return min(max(felt_N, 0.0), wanted_N)
+
+
+def in_words(wanted: ForceStartRequest, law: StartLaw) -> str:
+    """Say what has been started, with all that a request may leave to the cell file."""
+    preset = f" {wanted.preset}" if wanted.preset else ""
+    host = "the PC" if wanted.host == "pc" else "the controller"
+    return f"{wanted.mode}, set point {wanted.setpoint_N:g} N, law {law}{preset}, on {host}"
 
 
 def mover(arbiter: ArbiterStatus) -> str:

@@ -137,6 +137,15 @@ def test_guiding_is_asked_for_by_its_law_and_changes_over_without_a_jump() -> No
     assert (refused.accepted, refused.code) == (False, "host")
 
 
+def test_the_answer_to_a_start_names_what_the_request_left_to_the_cell_file() -> None:
+    """Law and host, and the preset that was asked for."""
+    bench = Obedient()
+    law = bench.cell.force.law
+    assert bench.start(PRESS).text.endswith(f"N, law {law}, on the PC")
+    wanted = PRESS.model_copy(update={"law": "adaptive", "preset": "gentle"})
+    assert bench.start(wanted).text.endswith("N, law adaptive gentle, on the PC")
+
+
 # --- a way ----------------------------------------------------------------------------------------
 
 

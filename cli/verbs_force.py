@@ -112,10 +112,13 @@ def force_gains(
     )
     with cell_of(cell) as client:
         reply = client.force.ask_gains(request)
-    if as_json and reply.gains is not None:
+    if reply.gains is not None and as_json:
         print(reply.gains.model_dump_json())
-    else:
-        tell(reply)
+    elif reply.gains is not None:
+        for name, (x, y, z) in reply.gains.model_dump().items():
+            print(f"{name}: {x:g}, {y:g}, {z:g}")
+    if reply.text:
+        typer.echo(reply.text, err=True)
 
 
 def tare(cell: CellOption = None) -> None:

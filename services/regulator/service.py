@@ -42,8 +42,8 @@ from services.regulator.session import (
     seen_by,
     way_left,
 )
-from services.regulator.settings import describe_gains, merged_gains, pi_gains
-from services.regulator.tuning import tune
+from services.regulator.settings import merged_gains, pi_gains
+from services.regulator.tuning import instability, tune
 
 STOPPED = "stopped"
 LONGEST_GAP_PERIODS = 3.0  # a longer gap between samples is not integrated over
@@ -236,7 +236,7 @@ class Regulator:
             stop.reply(Reply(accepted=True, text="force feedback is stopped; the arm stays"))
         for change in self._gain_requests.take_all():
             self._gains = merged_gains(self._gains, change.request, self._cell)
-            text = describe_gains(self._gains)
+            text = instability(self._cell, self._gains)
             change.reply(Reply(accepted=True, text=text, gains=self._gains))
         for path in self._paths.take_all():
             path.reply(self._follow_path(path.request))

@@ -45,8 +45,3 @@ def merged_gains(gains: Gains, change: GainsRequest, cell: Cell) -> Gains:
     if change.preset is not None:
         gains = tune(cell, change.preset).gains
     return gains.model_copy(update=change.model_dump(exclude_none=True, exclude={"preset"}))
-
-
-def describe_gains(gains: Gains) -> str:
-    """Return the gains in one line."""
-    return ", ".join(f"{name} {list(value)}" for name, value in gains.model_dump().items())

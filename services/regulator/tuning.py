@@ -2,11 +2,13 @@
 
 For an integrator behind a dead time, v = Ki (F - F_set), the loop k Ki tau = 0.45 settles from
 30 N to 1 N in four to five tau with at most 2 % overshoot; 1/e is where overshoot begins and
-pi/2 where stability ends. Independently of the stiffness, the inertia in front of the sensor
-makes the force feedback positive above the robot's bandwidth: Ki < 1 / (m w_b), halved here.
+pi/2 where stability ends; the proportional part alone ends it at k Kp = 1. Independently of the
+stiffness, the inertia in front of the sensor makes the force feedback positive above the robot's
+bandwidth: Ki < 1 / (m w_b), halved here.
 """
 
 from dataclasses import dataclass
+from math import pi
 
 from common.cell import Cell
 from common.messages import Gains, Preset
@@ -53,6 +55,30 @@ def tune(cell: Cell, preset: Preset = "normal") -> Tuning:
         inertia / (contact.inertia_kg_m2 * bandwidth),
     )
     return Tuning(tau_s, force, torque)
+
+
+def instability(cell: Cell, gains: Gains) -> str:
+    """Say what makes the loop unstable at the cell file's stiffest contact; empty: nothing does.
+
+    No reason to refuse: what is really touched may be softer.
+    """
+    tau_s, bandwidth, contact = loop_delay_s(cell), cell.robot.bandwidth_rad_s, cell.contact
+    stiffness, tilt = contact.stiffness_N_m, contact.tilt_stiffness_Nm_rad
+    ends = {
+        "force_p_m_per_N": 1.0 / stiffness,
+        "force_i_m_per_Ns": min(pi / 2 / (stiffness * tau_s), 1 / (contact.inertia_kg * bandwidth)),
+        "torque_p_rad_per_Nm": 1.0 / tilt,
+        "torque_i_rad_per_Nms": min(
+            pi / 2 / (tilt * tau_s), 1.0 / (contact.inertia_kg_m2 * bandwidth)
+        ),
+    }
+    beyond = [
+        f"{name} above {end:.2g}" for name, end in ends.items() if max(getattr(gains, name)) > end
+    ]
+    if not beyond:
+        return ""
+    where = f"contact.stiffness_N_m {stiffness:g} and a delay of {1e3 * tau_s:.0f} ms"
+    return f"unstable at {where}: {', '.join(beyond)}"
 
 
 def loop_delay_s(cell: Cell) -> float:

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from services.regulator.settings import PROBE_N, law_settings, pi_gains
-from services.regulator.tuning import loop_delay_s, tune
+from services.regulator.tuning import LOOP_GAINS, instability, loop_delay_s, tune
 from tests.fakes.bench import CELL
 
 GAINS = pi_gains(tune(CELL).gains)
@@ -30,6 +30,27 @@ def test_the_gain_rule_is_045_over_k_tau_unless_inertia_is_in_the_way(k, k_tilt,
         else:
             assert gain == cap
             assert stiffness * gain * tuning.tau_s <= 0.45 * (1.0 + 1e-12)
+
+
+@given(
+    st.sampled_from(sorted(LOOP_GAINS)),
+    st.floats(1e3, 1e6),
+    st.floats(1.0, 1e4),
+    st.floats(0.0, 0.2),
+    st.sampled_from(sorted(type(tune(CELL).gains).model_fields)),
+)
+def test_no_preset_is_unstable_and_what_would_be_is_named(preset, k, k_tilt, delay_s, name) -> None:
+    """Any cell: the rule's own gains pass, one gain that is a thousand times too much does not."""
+    update = {"stiffness_N_m": k, "tilt_stiffness_Nm_rad": k_tilt}
+    contact = CELL.contact.model_copy(update=update)
+    robot = CELL.robot.model_copy(update={"delay_s": delay_s})
+    cell = CELL.model_copy(update={"contact": contact, "robot": robot})
+    gains = tune(cell, preset).gains
+    assert not instability(cell, gains)
+    rule = (gains.force_i_m_per_Ns[0], gains.torque_i_rad_per_Nms[0])
+    much = 1e3 * max(*rule, 1.0 / k, 1.0 / k_tilt)
+    said = instability(cell, gains.model_copy(update={name: (0.0, 0.0, much)}))
+    assert f": {name} above " in said
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ import viser
 
 from common.client import Cell
 from common.messages import Gains, Mode, Preset, StartLaw
-from common.requests import ForceStartRequest
+from common.requests import ForceStartRequest, GainsRequest
 from services.panel.tabs import Refresh, Tab
 from services.panel.viewer import Viewer, put
 from services.panel.watch import Snapshot
@@ -147,8 +147,11 @@ class _GainsForm:
         return self._set(cell, wanted)
 
     def _set(self, cell: Cell, wanted: dict[str, Any]) -> str:
-        self._show(cell.force.gains(**wanted))
-        return "set; the regulator ramps to them"
+        reply = cell.force.ask_gains(GainsRequest(**wanted))
+        if reply.gains is not None:
+            self._show(reply.gains)
+        warning = f"  \n⚠ {reply.text}" if reply.text else ""
+        return f"set; the regulator ramps to them{warning}"
 
     def _show(self, gains: Gains) -> None:
         self._are_read = True

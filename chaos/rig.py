@@ -124,7 +124,7 @@ class Rig:
 
     def _log_anew(self) -> None:
         """A run file names each process once: whoever was started again is another process."""
-        self._log = RunLog(self.cell.cell, self._file)
+        self._log = RunLog(self.cell, self._file)
         for running in self.running.values():
             self._log.started(running.process, running.pid)
 

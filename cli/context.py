@@ -1,7 +1,7 @@
 """What every verb needs: its cell, the way onto the bus, one line and an exit code for trouble."""
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NoReturn, TypeVar
 
@@ -74,6 +74,38 @@ def find_cell_file(named: Path | None, *, ended: bool = False) -> Path:
     return Path(found[0].cell_file) if found else default_cell_file()
 
 
+def live_cell(named: Path | None, *, ended: bool = False) -> "CellFile":
+    """Return the cell that a verb is to talk to, whatever is being done to its file meanwhile.
+
+    A cell that is up here is as `up` has read it: a hold must not wait for a text editor. One that
+    is up elsewhere can be told to hold without its calibration, should only that be wrong.
+
+    Args:
+        named: As `find_cell_file`.
+        ended: As `find_cell_file`.
+
+    Raises:
+        ConfigError: The file is wrong, and the cell is not up here.
+    """
+    from cli.runfile import read_runs
+    from common.cell import Cell
+    from common.config import load_cell
+    from common.errors import ConfigError
+
+    path = find_cell_file(named, ended=ended)
+    for run in read_runs():
+        if run.live and run.as_started and run.cell_file == str(path.resolve()):
+            return Cell.model_validate_json(run.as_started)
+    try:
+        return load_cell(path)
+    except ConfigError as error:
+        with suppress(ConfigError):
+            cell = load_cell(path, {"calibration": None})
+            typer.echo(f"{error}\nthe cell is taken without its calibration", err=True)
+            return cell
+        raise
+
+
 @contextmanager
 def one_line_errors() -> Iterator[None]:
     """Turn every error that forcemesh raises on purpose into one line and an exit code."""
@@ -117,7 +149,7 @@ def cell_of(named: Path | None) -> "Iterator[Cell]":
 
     with (
         one_line_errors(),
-        Cell(find_cell_file(named), commander="operator", patience_s=PATIENCE_S) as cell,
+        Cell(live_cell(named), commander="operator", patience_s=PATIENCE_S) as cell,
     ):
         yield cell
 

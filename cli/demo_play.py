@@ -51,8 +51,8 @@ def play_real(
         processes.wait_ready()
         try:
             with (
-                recorder_beside(processes.cell_file, wanted=recorder),
-                panel_beside(processes.cell_file, wanted=panel),
+                recorder_beside(processes, wanted=recorder),
+                panel_beside(processes, wanted=panel),
                 open_bus(cell, CLIENT) as client,
             ):
                 check = _refuse_the_dead(processes)

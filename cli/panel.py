@@ -1,13 +1,15 @@
 """The verb `panel`, and the panel that `up` and `demo` start beside a cell."""
 
 from contextlib import AbstractContextManager
-from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from cli.beside import beside
 from cli.context import CellOption, client_of, find_cell_file, one_line_errors
+
+if TYPE_CHECKING:
+    from cli.processes import Supervisor
 
 WITHOUT_VARIABLE = "FORCEMESH_NO_PANEL"
 
@@ -48,6 +50,8 @@ def panel(
         main(words)
 
 
-def panel_beside(cell_file: Path, *, wanted: bool = True) -> AbstractContextManager[None]:
+def panel_beside(
+    supervisor: "Supervisor", *, wanted: bool = True
+) -> AbstractContextManager[None]:
     """Serve the panel of a cell that is up, for as long as this lasts."""
-    return beside("services.panel", "panel", cell_file, wanted=wanted)
+    return beside("services.panel", "panel", supervisor, wanted=wanted)

@@ -43,6 +43,7 @@ ASK_WITHIN_S = 0.5
 HOLD_WITHIN_S = 1.0
 STOP_WITHIN_S = 3.0
 HUB_LAST_S = 0.5  # of those, kept for the hub, which goes last
+NOT_STARTED = "cell {cell} was not started"
 HELD = ("HOLDING", "FAULT", "BOOT")  # what the arbiter is after a hold
 
 
@@ -116,7 +117,7 @@ class Supervisor:
             path = self._cell_file = writable_folder() / f"{self._cell.cell}.yaml"
             write_whole(path, dump_cell(self._cell))
         self._stop_on_sigterm()
-        self._log = RunLog(self._cell.cell, path.resolve())
+        self._log = RunLog(self._cell, path.resolve())
         try:
             self._start_all(path.resolve(), self._log)
         except BaseException:
@@ -158,8 +159,15 @@ class Supervisor:
         Raises ForcemeshError before the start.
         """
         if self._cell_file is None:
-            raise ForcemeshError(f"cell {self._cell.cell} was not started")
+            raise ForcemeshError(NOT_STARTED.format(cell=self._cell.cell))
         return self._cell_file
+
+    @property
+    def log(self) -> RunLog:
+        """Return what writes the run file. Raises ForcemeshError before the start."""
+        if self._log is None:
+            raise ForcemeshError(NOT_STARTED.format(cell=self._cell.cell))
+        return self._log
 
     # --- while it is up ---------------------------------------------------------------------------
 

@@ -1,7 +1,6 @@
 """The verb `record`, and the recorder that `up` and `demo` start beside a cell."""
 
 from contextlib import AbstractContextManager
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -10,6 +9,7 @@ from cli.beside import beside
 from cli.context import NOT_WELL, OK, CellOption, JsonOption, cell_of, tell
 
 if TYPE_CHECKING:
+    from cli.processes import Supervisor
     from common.messages import RecorderStatus
 
 WITHOUT_VARIABLE = "FORCEMESH_NO_RECORDER"
@@ -25,9 +25,11 @@ NoRecorder = Annotated[
 ]
 
 
-def recorder_beside(cell_file: Path, *, wanted: bool = True) -> AbstractContextManager[None]:
+def recorder_beside(
+    supervisor: "Supervisor", *, wanted: bool = True
+) -> AbstractContextManager[None]:
     """Keep the last minutes of a cell that is up, and record it, for as long as this lasts."""
-    return beside("services.recorder", "recorder", cell_file, wanted=wanted)
+    return beside("services.recorder", "recorder", supervisor, wanted=wanted)
 
 
 @record.command("start")

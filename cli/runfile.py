@@ -8,11 +8,16 @@ import os
 import tempfile
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from pydantic import BaseModel, ValidationError
 
+if TYPE_CHECKING:
+    from common.cell import Cell
+
 ROOT = Path(__file__).resolve().parent.parent
 FOLDER_VARIABLE = "FORCEMESH_RUN_FOLDER"
+NOT_KEPT = {"calibration", "panel"}  # one changes while a cell is up, the other holds tokens
 
 
 class Ended(BaseModel):
@@ -48,6 +53,7 @@ class Run(BaseModel):
     started_at: str
     ended_at: str | None = None
     last_state: str = ""  # of the arbiter
+    as_started: str = ""  # the cell as its processes have it, JSON; its file may change meanwhile
     processes: list[Entry] = []
 
     @property
@@ -60,12 +66,13 @@ class Run(BaseModel):
         return next((entry for entry in self.processes if role in entry.roles), None)
 
 
-def new_run(cell: str, cell_file: Path) -> Run:
+def new_run(cell: "Cell", cell_file: Path) -> Run:
     """Return the run that this process is about to supervise."""
     pid = os.getpid()
     return Run(
-        cell=cell,
+        cell=cell.cell,
         cell_file=str(cell_file),
+        as_started=cell.model_dump_json(exclude=NOT_KEPT),
         supervisor_pid=pid,
         supervisor_ticks=start_ticks(pid),
         started_at=now(),

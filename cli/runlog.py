@@ -6,15 +6,17 @@ from pathlib import Path
 
 from cli.runfile import Ended, Entry, Run, new_run, now, remove_run, start_ticks, write_run
 from cli.running import Died, Process
+from common.cell import Cell
 
 
 class RunLog:
     """Writes every change of a run at once; several threads may tell it things."""
 
-    def __init__(self, cell: str, cell_file: Path) -> None:
+    def __init__(self, cell: Cell, cell_file: Path) -> None:
         """Begin a run; nothing is written before the first process."""
         self._run: Run = new_run(cell, cell_file)
         self._lock = threading.Lock()
+        self._closed = False
 
     def started(self, process: Process, pid: int) -> None:
         """Add a process."""
@@ -48,8 +50,11 @@ class RunLog:
                 self._put(ended_at=now())
             else:
                 remove_run(self._run)
+            self._closed = True
 
     def _put(self, **update: object) -> None:
+        if self._closed:  # a helper may end after the cell
+            return
         self._run = self._run.model_copy(update=update)
         with suppress(OSError):  # a full disk is no reason to leave a cell without supervision
             write_run(self._run)

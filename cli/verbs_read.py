@@ -13,6 +13,7 @@ from cli.context import (
     JsonOption,
     fail,
     find_cell_file,
+    live_cell,
     one_line_errors,
 )
 
@@ -37,13 +38,12 @@ def status(
     with one_line_errors():
         from cli.runfile import read_run
         from cli.status import cell_status, is_well
-        from common.config import load_cell
         from common.topics import HELPERS, ROLES
 
         names = (*ROLES, *HELPERS)
         if service is not None and service not in names:
             fail(f"no role is called {service!r}: there are {', '.join(names)}", USAGE)
-        loaded = load_cell(find_cell_file(cell, ended=True))
+        loaded = live_cell(cell, ended=True)
         found = cell_status(loaded, read_run(loaded.cell), only=service)
     if service is not None:
         row = next(row for row in found["services"] if row["name"] == service)

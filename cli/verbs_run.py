@@ -67,8 +67,8 @@ def up(
     with ExitStack() as afterwards:  # the helpers end last: the arm is what is stopped first
 
         def start_helpers() -> None:
-            afterwards.enter_context(recorder_beside(path, wanted=not no_recorder))
-            afterwards.enter_context(panel_beside(path, wanted=not no_panel))
+            afterwards.enter_context(recorder_beside(supervisor, wanted=not no_recorder))
+            afterwards.enter_context(panel_beside(supervisor, wanted=not no_panel))
 
         try:
             _watch(supervisor, loaded, path, stop=stop, when_ready=start_helpers)

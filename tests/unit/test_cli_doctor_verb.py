@@ -117,7 +117,7 @@ def test_while_the_cell_is_up_the_controller_is_left_alone(
     """A run file of a living supervisor: no second client, also when its hub does not answer."""
     with FakeController() as controller:
         path = cell_file(controller.port)
-        write_run(new_run("doctor", path))  # this test is the supervisor
+        write_run(new_run(load_cell(path), path))  # this test is the supervisor
         code, words = ask(path)
         assert (code, words["bus"], "address" in words) == (NO_ANSWER, "FAIL", False)
         assert controller.connections == 0

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from cli.context import default_cell_file, find_cell_file
+from cli.context import default_cell_file, find_cell_file, live_cell
 from cli.runfile import (
     FOLDER_VARIABLE,
     Ended,
@@ -22,6 +22,9 @@ from cli.runfile import (
     writable_folder,
     write_run,
 )
+from common.config import cell_hash, dump_cell
+from common.errors import ConfigError
+from tests.fakes.bench import CELL
 
 
 @pytest.fixture(autouse=True)
@@ -34,7 +37,8 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def a_run(cell: str, *, live: bool = True, started_at: str = "2026-01-01T00:00:00") -> Run:
     """Return a run of this very process, or one that is over; its cell file exists."""
-    run = new_run(cell, Path(__file__)).model_copy(update={"started_at": started_at})
+    named = CELL.model_copy(update={"cell": cell})
+    run = new_run(named, Path(__file__)).model_copy(update={"started_at": started_at})
     if live:
         return run
     return run.model_copy(update={"ended_at": "2026-01-01T01:00:00"})
@@ -110,3 +114,33 @@ def test_a_folder_that_cannot_be_made_falls_back_to_the_temporary_one(
     folder = writable_folder()
     assert folder.parent == tmp_path
     assert folder.stat().st_mode & 0o077 == 0
+
+
+def test_a_cell_that_is_up_is_talked_to_as_it_was_started(tmp_path: Path) -> None:
+    """Whatever stands in its file meanwhile: a hold does not wait for a text editor."""
+    path = tmp_path / "cell.yaml"
+    path.write_text(dump_cell(CELL))
+    write_run(new_run(CELL, path))
+    assert cell_hash(live_cell(path)) == cell_hash(CELL)
+    path.write_text("cell: [")
+    assert cell_hash(live_cell(path)) == cell_hash(CELL)
+    (tmp_path / "other.yaml").write_text("cell: [")
+    with pytest.raises(ConfigError):
+        live_cell(tmp_path / "other.yaml")
+
+
+def test_a_wrong_calibration_keeps_nobody_from_talking_to_a_cell_elsewhere(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It is said, and the cell is taken without."""
+    path, calibration = tmp_path / "cell.yaml", tmp_path / "calibration.yaml"
+    path.write_text(dump_cell(CELL) + "calibration: calibration.yaml\n")
+    calibration.write_text("x: [")
+    assert live_cell(path).calibration is None
+    assert "calibration.yaml" in capsys.readouterr().err
+
+
+def test_what_a_run_file_keeps_of_a_cell_holds_no_token() -> None:
+    """It may be read by others of the machine."""
+    secret = CELL.model_copy(update={"panel": CELL.panel.model_copy(update={"token": "s3cret"})})
+    assert "s3cret" not in new_run(secret, Path(__file__)).as_started

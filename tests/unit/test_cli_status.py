@@ -13,6 +13,7 @@ import pytest
 
 from cli.cellview import CellView
 from cli.processes import Supervisor
+from cli.record import recorder_beside
 from cli.runfile import FOLDER_VARIABLE, read_run
 from cli.running import Process
 from cli.status import DOWN, CellStatus, cell_status, is_well
@@ -102,6 +103,25 @@ def test_a_helper_is_listed_while_it_runs(cell: Cell) -> None:
             assert time.monotonic() < wait_s, rows
         assert [row["name"] for row in rows] == [*topics.ROLES, "recorder"]
         assert rows[-1]["alive"]
+
+
+@pytest.mark.parametrize(
+    ("number", "says"), [(signal.SIGKILL, "killed by SIGKILL"), (signal.SIGSTOP, "but no health")]
+)
+def test_a_helper_that_was_started_stays_in_the_list(
+    cell: Cell, number: signal.Signals, says: str
+) -> None:
+    """One that died or froze is missing, and the cell is not well."""
+    with Supervisor(cell, processes=[HUB]) as supervisor, recorder_beside(supervisor):
+        run = read_run(cell.cell)
+        assert run is not None
+        entry = run.entry("recorder")
+        assert entry is not None
+        os.kill(entry.pid, number)
+        wait_s = time.monotonic() + 20.0
+        while says not in (row := cell_status(cell, read_run(cell.cell))["services"][-1])["fault"]:
+            assert time.monotonic() < wait_s, row
+        assert (row["name"], row["alive"]) == ("recorder", False)
 
 
 def put_health(bus: Bus) -> None:

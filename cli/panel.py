@@ -50,8 +50,6 @@ def panel(
         main(words)
 
 
-def panel_beside(
-    supervisor: "Supervisor", *, wanted: bool = True
-) -> AbstractContextManager[None]:
+def panel_beside(supervisor: "Supervisor", *, wanted: bool = True) -> AbstractContextManager[None]:
     """Serve the panel of a cell that is up, for as long as this lasts."""
     return beside("services.panel", "panel", supervisor, wanted=wanted)

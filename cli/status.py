@@ -12,6 +12,7 @@ from common.errors import BusError
 from common.messages import Health
 
 DOWN = "DOWN"
+STOPPED, ASKED = ("STOPPING", "HOLDING"), "hold"
 CONNECT_WITHIN_S = 0.5
 
 
@@ -71,8 +72,9 @@ def in_words(name: str, number: float) -> str:
 
 
 def is_well(status: CellStatus) -> bool:
-    """Tell whether everything is alive and nothing complains."""
-    bad = status["state"] in (DOWN, "FAULT")
+    """Tell whether everything is alive and nothing complains; a hold that was asked for is well."""
+    stopped = status["state"] in STOPPED and any(t["code"] != ASKED for t in status["trips"])
+    bad = stopped or status["state"] in (DOWN, "FAULT")
     return not bad and all(row["alive"] and not row["fault"] for row in status["services"])
 
 

@@ -33,6 +33,7 @@ def status(
 ) -> None:
     """Show who is alive and who commands; exit code 0 only when all is well.
 
+    A hold that somebody asked for is well, one that a limit brought is not until it is cleared.
     The recorder is listed, and must be well, where it is heard or was started by `up`.
     """
     with one_line_errors():

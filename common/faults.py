@@ -96,7 +96,7 @@ FAULTS: dict[str, Fault] = {fault.code: fault for fault in (
     Fault(503, "not_armed",         "REFUSAL", "the arm is not armed", "arm first"),
     Fault(504, "already",           "REFUSAL", "it is so already", "there is nothing to do"),
     Fault(505, "busy",              "REFUSAL", "somebody of the same or a higher rank commands the arm", "wait, or stop that first"),
-    Fault(506, "state",             "REFUSAL", "not possible in this state", "do what `clears` of arbiter/status says"),
+    Fault(506, "state",             "REFUSAL", "not possible in this state", "do what `forcemesh status` names as next"),
     Fault(507, "malformed",         "REFUSAL", "the request is not complete or not of its form", "see the request's fields"),
     Fault(508, "host",              "REFUSAL", "this cell has no such host for force feedback", "choose one of robot.hosts"),
     Fault(509, "setpoint",          "REFUSAL", "the set point is above force.setpoint_max_N", "ask for less"),

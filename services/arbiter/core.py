@@ -30,7 +30,7 @@ from services.arbiter.commanders import Commanders, Step
 from services.arbiter.goals import real_speed_m_s, speed_of, speed_trip
 from services.arbiter.inputs import Inputs
 from services.arbiter.preflight import Terms, complaints, lasting
-from services.arbiter.reports import lines, recent
+from services.arbiter.reports import lines, recent, what_next
 from services.arbiter.states import CLEARS, after
 from services.arbiter.stream import Moment
 from services.arbiter.turns import REST_S, Claim
@@ -92,7 +92,7 @@ class Arbiter:
             armed_for=self._armed_for,
             trips=self.trips,
             not_ready=lines([trip.text for trip in self._not_ready]),
-            clears=CLEARS[self.state],
+            clears=what_next(self.state, self._not_ready),
         )
 
     def _watch_readiness(self, inputs: Inputs) -> None:

@@ -1,11 +1,13 @@
 """Makes what the arbiter says fit into its message, whatever was said to it. Pure."""
 
-from common.faults import clipped
-from common.messages import Trip
+from common.faults import FAULTS, clipped
+from common.messages import ArbiterState, Trip
+from services.arbiter.states import CLEARS, TABLE
 
 MOST_TRIPS = 4
 MOST_LINES = 12
 LINE_BYTES = 120
+MORE = " …"
 
 
 def recent(trips: tuple[Trip, ...]) -> tuple[Trip, ...]:
@@ -15,4 +17,19 @@ def recent(trips: tuple[Trip, ...]) -> tuple[Trip, ...]:
 
 def lines(texts: list[str]) -> tuple[str, ...]:
     """Return the first of many lines, each short enough to be sent."""
-    return tuple(clipped(text, LINE_BYTES) for text in texts[:MOST_LINES])
+    return tuple(_short(text) for text in texts[:MOST_LINES])
+
+
+def what_next(state: ArbiterState, not_ready: list[Trip]) -> str:
+    """Return what a person can do now: where arming would be refused, what mends that."""
+    if not_ready and "arm" in TABLE[state]:
+        return f"{FAULTS[not_ready[0].code].remedy}; then arm"
+    return CLEARS[state]
+
+
+def _short(text: str) -> str:
+    """Cut between words, and show that there was more."""
+    if len(text.encode()) <= LINE_BYTES:
+        return text
+    beginning = clipped(text, LINE_BYTES - len(MORE.encode()))
+    return (beginning.rpartition(" ")[0] or beginning) + MORE

@@ -3,9 +3,18 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.faults import MOST_BYTES, clipped
+from common.faults import FAULTS, MOST_BYTES, clipped
 from common.messages import Trip
-from services.arbiter.reports import LINE_BYTES, MOST_LINES, MOST_TRIPS, lines, recent
+from services.arbiter.reports import (
+    LINE_BYTES,
+    MORE,
+    MOST_LINES,
+    MOST_TRIPS,
+    lines,
+    recent,
+    what_next,
+)
+from services.arbiter.states import CLEARS
 
 texts = st.text(max_size=500)
 
@@ -35,8 +44,29 @@ def test_of_many_causes_the_first_and_the_newest_are_kept(causes: list[str]) -> 
 
 @given(st.lists(texts, max_size=30))
 def test_of_many_lines_the_first_are_said(many: list[str]) -> None:
-    """Enough for every role and bit; the rest shows when these are mended."""
-    assert lines(many) == tuple(clipped(text, LINE_BYTES) for text in many[:MOST_LINES])
+    """Enough for every role and bit; the rest shows when these are mended. Long ones are cut."""
+    said = lines(many)
+    assert len(said) == min(len(many), MOST_LINES)
+    for line, text in zip(said, many, strict=False):
+        assert len(line.encode()) <= LINE_BYTES
+        assert line == text or (len(text.encode()) > LINE_BYTES and line.endswith(MORE))
+        assert text.startswith(line.removesuffix(MORE))
+
+
+def test_a_line_is_cut_between_words() -> None:
+    """Half a number would be another number."""
+    (line,) = lines(["12345 " * 40])
+    assert set(line.removesuffix(MORE).split()) == {"12345"}
+
+
+def test_what_to_do_next_is_what_mends_it_where_arming_would_be_refused() -> None:
+    """Never `arm` while that is refused; a fault has its own way."""
+    why = [Trip(code="force", rule=408, text="90 N"), Trip(code="payload", rule=517, text="none")]
+    assert what_next("IDLE", []) == CLEARS["IDLE"]
+    for state in ("IDLE", "HOLDING"):
+        assert what_next(state, why) == f"{FAULTS['force'].remedy}; then arm"
+    for state in ("FAULT", "ARMED"):
+        assert what_next(state, why) == CLEARS[state]
 
 
 def test_there_is_room_for_what_a_person_needs() -> None:

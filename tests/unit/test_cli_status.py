@@ -124,6 +124,28 @@ def test_a_helper_that_was_started_stays_in_the_list(
         assert (row["name"], row["alive"]) == ("recorder", False)
 
 
+def test_a_hold_that_was_asked_for_is_well_and_one_by_a_limit_is_not() -> None:
+    """What a script goes by."""
+
+    def held_by(code: str) -> bool:
+        trips: list[dict[str, object]] = [{"code": code, "text": "why"}]
+        return is_well(
+            CellStatus(
+                cell="cell",
+                state="HOLDING",
+                commander="none",
+                trips=trips,
+                not_ready=[],
+                clears="",
+                last_state="",
+                services=[],
+            )
+        )
+
+    assert held_by("hold")
+    assert not held_by("force")
+
+
 def put_health(bus: Bus) -> None:
     """Publish once what a cell in good order publishes, but for the sensor's health."""
     for role in (role for role in topics.ROLES if role != "sensor"):

@@ -10,6 +10,7 @@ from services.panel.viewer import Viewer
 from services.panel.watch import Snapshot
 
 SHOWN = 12
+NOTHING = "nothing since somebody looks at this panel; recordings have what was before"
 
 
 def build(viewer: Viewer) -> Refresh:
@@ -19,7 +20,7 @@ def build(viewer: Viewer) -> Refresh:
     clear = gui.add_button("Clear", icon=viser.Icon.CHECK, hint="Acknowledge; arming comes after.")
     clear.on_click(lambda _event: viewer.do("Clear", lambda cell: cell.clear().text))
     with gui.add_folder("What happened"):
-        before = gui.add_markdown("nothing since this panel runs")
+        before = gui.add_markdown(NOTHING)
 
     def refresh(heard: Snapshot) -> None:
         for handle, text in ((now, now_text(heard)), (before, log_text(viewer.log.newest()))):
@@ -51,8 +52,7 @@ def _reasons(status: ArbiterStatus) -> list[str]:
         f"✖ `{trip.code}` ({trip.rule}) {trip.text}  \n*{_remedy(trip.code)}*"
         for trip in status.trips
     ]
-    if not status.trips:
-        lines += [f"not ready: {text}" for text in status.not_ready]
+    lines += [f"not ready: {text}" for text in status.not_ready]
     return lines or ["nothing stops the arm"]
 
 
@@ -64,7 +64,7 @@ def _remedy(code: str) -> str:
 def log_text(happened: tuple[Happened, ...]) -> str:
     """Return the newest of what has happened."""
     if not happened:
-        return "nothing since this panel runs"
+        return NOTHING
     return "\n\n".join(
         f"{one.at} **{one.state}** `{one.trip.code}` {one.trip.text}  \n*{one.remedy}*"
         for one in happened[:SHOWN]

@@ -32,6 +32,10 @@ EXIT_CODES = f"Exit codes: {'; '.join(f'{code} {meaning}' for code, meaning in E
 CELL_VARIABLE = "FORCEMESH_CELL"
 DEFAULT_CELL = Path("cells/demo.yaml")
 NEXT_STEP = "`forcemesh up` starts it, `forcemesh status` says what is missing."
+PART_STEP = (
+    "the cell is up, and a part of it is dead or stands still. `forcemesh status` says which; "
+    "end `forcemesh up` and start it anew."
+)
 PATIENCE_S = 1.0  # with the hub: a cell that is up answers at once
 
 CellOption = Annotated[
@@ -116,6 +120,7 @@ def one_line_errors() -> Iterator[None]:
         ConfigError,
         DataError,
         ForcemeshError,
+        LostError,
         RefusedError,
         first_mistake,
     )
@@ -125,13 +130,14 @@ def one_line_errors() -> Iterator[None]:
     except (ConfigError, DataError) as error:
         fail(str(error), USAGE)
     except ValidationError as error:  # of a request, before it was sent
-        first = first_mistake(error)
-        fail(f"{first.where}: {first.what}, found {first.found!r}", USAGE)
+        fail(first_mistake(error).text, USAGE)
     except RefusedError as error:
         fail(f"refused ({error.code}): {error}", REFUSED)
+    except LostError as error:
+        fail(f"{error}: {NEXT_STEP if error.is_all else PART_STEP}", NO_ANSWER)
     except BusError as error:
-        what = str(error).removesuffix(": is the cell up?")
-        fail(f"{what}: is the cell up? {NEXT_STEP}", NO_ANSWER)
+        is_away = str(error).endswith("is the cell up?")
+        fail(f"{error} {NEXT_STEP}" if is_away else str(error), NO_ANSWER)
     except ForcemeshError as error:
         fail(str(error), NOT_WELL)
 

@@ -46,7 +46,9 @@ def trouble(check: str, word: Word, found: str, remedy: str) -> Line:
 # --- the way there --------------------------------------------------------------------------------
 
 
-def check_address(where: str, opened: Opened, detail: str, took_s: float) -> Line:
+def check_address(
+    where: str, opened: Opened, detail: str, took_s: float, *, is_emulated: bool = False
+) -> Line:
     """Tell whether TCP gets through to the controller; `detail` is what the system said."""
     if opened == "open":
         return passed("address", f"{where} answers in {1e3 * took_s:.1f} ms")
@@ -57,7 +59,8 @@ def check_address(where: str, opened: Opened, detail: str, took_s: float) -> Lin
         "unreachable": f"{where}: no way there",
     }
     found = texts[opened] + (f" ({detail})" if detail else "")
-    return trouble("address", "FAIL", found, f"address.{opened}")
+    remedy = "address.emulated" if is_emulated else f"address.{opened}"
+    return trouble("address", "FAIL", found, remedy)
 
 
 def check_hello(greeted: Greeted, detail: str, took_s: float) -> Line:

@@ -29,6 +29,7 @@ REMEDIES = {
     "role.version": "it is of another version: restart the cell, run one version everywhere",
     "address.unresolved": "write the controller's IP address into gateway.host, or mend the name",
     "address.refused": "on the controller: EXECUTE fm.main; look at fm.port in fm.config and at gateway.port",
+    "address.emulated": "`forcemesh up` starts the emulated controller of this cell",
     "address.silent": "is the controller on, the cable in, gateway.host its address? `ping` it; a firewall may drop it",
     "address.unreachable": "give this PC an address in the controller's network; look at cable and gateway.host",
     "hello.silent": "another client holds the only connection: end it (a gateway, `forcemesh up`, on any PC); if there is none: fm.quit=1, then EXECUTE fm.main",

@@ -50,7 +50,15 @@ def link_lines(
 ) -> list[Line]:
     """Return the lines of a visit to the controller; what was not reached is skipped by name."""
     where = f"{section.host}:{section.port}"
-    lines = [check_address(where, found.opened, found.opened_detail, found.opened_s)]
+    lines = [
+        check_address(
+            where,
+            found.opened,
+            found.opened_detail,
+            found.opened_s,
+            is_emulated=cell.roles.sensor == "sim",
+        )
+    ]
     if found.opened == "open":
         lines.append(check_hello(found.greeted, found.greeted_detail, found.greeted_s))
     if found.hello is not None and found.greeted == "answered":

@@ -98,7 +98,8 @@ class CalibrationSection(Section):
         if self.revision not in ("", revision):
             raise ValueError(
                 f"revision {self.revision} is of other numbers: the file was changed after it was "
-                "written; calibrate again, or delete the line `revision` if the change is meant"
+                "written; delete the line `revision` if the change is meant, else move the file "
+                "away, start the cell and calibrate"
             )
         object.__setattr__(self, "revision", revision)
         return self

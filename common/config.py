@@ -39,9 +39,7 @@ def load_cell(path: Path | str, overrides: dict[str, Any] | None = None) -> Cell
     for dotted, value in (overrides or {}).items():
         _set(tree, dotted, value, source)
     if (calibration := _calibration_file(tree, path)) is not None:
-        tree["calibration"] = (
-            _read_tree(calibration, str(calibration)) if calibration.exists() else None
-        )
+        tree["calibration"] = _read_calibration(calibration) if calibration.exists() else None
     return cell_from_tree(tree, source)
 
 
@@ -107,6 +105,15 @@ def dump_cell(cell: Cell) -> str:
     """Return a cell file that loads into the same cell."""
     text: str = yaml.safe_dump(cell.model_dump(mode="json", exclude_none=True), sort_keys=False)
     return text
+
+
+def _read_calibration(path: Path) -> Any:
+    source = str(path.resolve())
+    try:
+        return _read_tree(path, source)
+    except ConfigError as error:
+        remedy = "move the file away, start the cell and calibrate"
+        raise ConfigError(source, [f"{what}; {remedy}" for what in error.mistakes]) from error
 
 
 def _read_tree(path: Path, source: str) -> Any:

@@ -2,7 +2,7 @@
 
 ForcemeshError
 ├── ConfigError            a cell file is wrong; lists every mistake at once
-├── DataError              a recording or calibration file is wrong; names file, line, column
+├── DataError              what was given is wrong: a file, with line and column, or a number
 ├── BusError               the hub cannot be reached, or a topic is used against the table
 │   └── LostError              a service or the whole cell is not heard; says which
 ├── MessageError           bytes from the bus are not the message that the table promises
@@ -51,7 +51,7 @@ class ConfigError(ForcemeshError):
 
 
 class DataError(ForcemeshError):
-    """A recording or a calibration file cannot be used."""
+    """What was given cannot be used: a recording, a calibration file, a number."""
 
 
 class BusError(ForcemeshError):
@@ -61,9 +61,9 @@ class BusError(ForcemeshError):
 class LostError(BusError):
     """A service that is needed, or the whole cell, is not heard any more. `roles` says which."""
 
-    def __init__(self, text: str, roles: tuple[str, ...] = ()) -> None:
-        """Keep the silent roles for programs, the text for people."""
-        self.roles = roles
+    def __init__(self, text: str, roles: tuple[str, ...] = (), *, is_all: bool = False) -> None:
+        """Keep the silent roles, and whether they are all, for programs, the text for people."""
+        self.roles, self.is_all = roles, is_all
         super().__init__(text)
 
 
@@ -157,6 +157,11 @@ class Mistake(NamedTuple):
     what: str
     kind: str  # pydantic's name for it
     found: object
+
+    @property
+    def text(self) -> str:
+        """One clause for whoever gave it."""
+        return f"{self.where}: {self.what}, found {self.found!r}"
 
 
 def first_mistake(error: "ValidationError") -> Mistake:

@@ -12,6 +12,7 @@ from common.client.moves import Move, Moves
 from common.errors import (
     ArmStoppedError,
     BusError,
+    DataError,
     ForcemeshError,
     LostError,
     NotReachedError,
@@ -23,6 +24,7 @@ __all__ = [
     "ArmStoppedError",
     "BusError",
     "Cell",
+    "DataError",
     "Feed",
     "Force",
     "ForcemeshError",

@@ -1,10 +1,14 @@
 """The one way to ask a cell for something: an answer, or an exception that says what to do."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import TypeVar
+
+from pydantic import ValidationError
 
 from common.clock import NS_PER_S
 from common.endpoints import Bus
-from common.errors import ArmStoppedError, RefusedError
+from common.errors import ArmStoppedError, DataError, RefusedError, first_mistake
 from common.faults import FAULTS
 from common.messages import ArbiterStatus, Record
 from common.requests import Reply
@@ -15,6 +19,15 @@ Q = TypeVar("Q", bound=Record)
 ANSWER_S = 2.0
 AGAIN_S = 0.1
 PASSING = ("not_ready", "moving", "wait")  # refusals that time alone mends
+
+
+@contextmanager
+def well_formed() -> Iterator[None]:
+    """Raise DataError, which names argument and value, for what no request can say."""
+    try:
+        yield
+    except ValidationError as error:
+        raise DataError(first_mistake(error).text) from None
 
 
 def ask(bus: Bus, request: Request[Q], message: Q, timeout_s: float = ANSWER_S) -> Reply:

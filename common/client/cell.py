@@ -10,7 +10,7 @@ from common import topics
 from common.bus import open_bus
 from common.calibration import CalibrationSection
 from common.cell import Cell as CellFile
-from common.client.asking import stopped
+from common.client.asking import stopped, well_formed
 from common.client.feed import Feed
 from common.client.force import Force
 from common.client.moves import Moves
@@ -105,6 +105,7 @@ class Cell:
 
     # --- who may move -----------------------------------------------------------------------------
 
+    @well_formed()
     def arm(self, purpose: Purpose = "all", *, within_s: float = READY_WITHIN_S) -> Reply:
         """Let motion begin, after the preflight; for `jog` moves alone, in contact as well.
 
@@ -129,6 +130,7 @@ class Cell:
 
     # --- settings ---------------------------------------------------------------------------------
 
+    @well_formed()
     def speed(
         self,
         *,

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from common import topics
 from common.client import turning
-from common.client.asking import stopped
+from common.client.asking import stopped, well_formed
 from common.client.session import Session
 from common.clock import NS_PER_S
 from common.errors import ForcemeshError, NotReachedError
@@ -51,6 +51,7 @@ class Force:
         axis = turning.of_oat_deg(session.config.tool.T_flange_tcp.oat_deg)
         self._axis_in_flange = turning.turned(axis, (0.0, 0.0, 1.0))
 
+    @well_formed()
     def start(
         self,
         setpoint_N: float = 0.0,
@@ -77,6 +78,7 @@ class Force:
         self._wanted = wanted
         return reply
 
+    @well_formed()
     def set(self, setpoint_N: float) -> Reply:
         """Change the set point [N] of what this client has started; the force ramps there.
 
@@ -85,13 +87,15 @@ class Force:
         wanted = self._wanted
         if wanted is None:
             raise ForcemeshError(NOT_STARTED)
-        return self.begin(wanted.model_copy(update={"setpoint_N": setpoint_N}))
+        changed = wanted.model_dump() | {"setpoint_N": setpoint_N}
+        return self.begin(ForceStartRequest.model_validate(changed))
 
     def stop(self) -> Reply:
         """Stop force feedback; the arm stays where it is."""
         self._wanted = None
         return self._session.ask(topics.FORCE_STOP, Empty())
 
+    @well_formed()
     def path(
         self,
         points_m: tuple[Vec3, ...],
@@ -110,6 +114,7 @@ class Force:
         )
         return self._session.ask(topics.FORCE_PATH, request)
 
+    @well_formed()
     def gains(
         self,
         preset: Preset | None = None,

@@ -5,7 +5,7 @@ from typing import Literal, NoReturn
 
 from common import topics
 from common.client import turning
-from common.client.asking import remedy_of, stopped
+from common.client.asking import remedy_of, stopped, well_formed
 from common.client.session import Session
 from common.clock import NS_PER_S
 from common.errors import ArmStoppedError, LostError, NotReachedError, RefusedError
@@ -119,6 +119,7 @@ class Moves:
         """Move nothing yet."""
         self._session = session
 
+    @well_formed()
     def to(
         self,
         position_m: Vec3,
@@ -132,6 +133,7 @@ class Moves:
         pose = PoseRecord(position_m=position_m, orientation_xyzw=turned)
         return self._go(MoveRequest(kind="pose", pose=pose, speed_m_s=speed_m_s), timeout_s)
 
+    @well_formed()
     def joints(
         self, joint_rad: Vec6, *, speed_m_s: float | None = None, timeout_s: float = LONGEST_S
     ) -> RobotState:
@@ -139,6 +141,7 @@ class Moves:
         request = MoveRequest(kind="joints", joint_rad=joint_rad, speed_m_s=speed_m_s)
         return self._go(request, timeout_s)
 
+    @well_formed()
     def by(
         self, joint_rad: Vec6, *, speed_m_s: float | None = None, timeout_s: float = LONGEST_S
     ) -> RobotState:
@@ -146,6 +149,7 @@ class Moves:
         request = MoveRequest(kind="by", joint_rad=joint_rad, speed_m_s=speed_m_s)
         return self._go(request, timeout_s)
 
+    @well_formed()
     def jog(
         self,
         shift_m: Vec3 = ZERO3,
@@ -167,6 +171,7 @@ class Moves:
         pose = self.jogged(shift_m, turn_rad, axes=axes)
         return self._go(MoveRequest(kind="pose", pose=pose, speed_m_s=speed_m_s), timeout_s)
 
+    @well_formed()
     def jogged(
         self, shift_m: Vec3 = ZERO3, turn_rad: Vec3 = ZERO3, *, axes: Literal["base", "tool"]
     ) -> PoseRecord:

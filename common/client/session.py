@@ -65,10 +65,11 @@ class Session:
     def lost(self, text: str) -> LostError:
         """Return the exception of something that is not heard: it says who is silent, or nobody."""
         silent = self.roles.silent()
-        if len(silent) == len(ROLES):
+        is_all = len(silent) == len(ROLES)
+        if is_all:
             who = "nothing is heard of the whole cell: its hub or the network to it is gone"
         elif silent:
             who = f"silent: {', '.join(silent)}"
         else:
             who = "every service is heard"
-        return LostError(f"{text} ({who})", silent)
+        return LostError(f"{text} ({who})", silent, is_all=is_all)

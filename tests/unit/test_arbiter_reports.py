@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from common.faults import FAULTS, MOST_BYTES, clipped
-from common.messages import Trip
+from common.messages import ArbiterState, Trip
 from services.arbiter.reports import (
     LINE_BYTES,
     MORE,
@@ -63,9 +63,11 @@ def test_what_to_do_next_is_what_mends_it_where_arming_would_be_refused() -> Non
     """Never `arm` while that is refused; a fault has its own way."""
     why = [Trip(code="force", rule=408, text="90 N"), Trip(code="payload", rule=517, text="none")]
     assert what_next("IDLE", []) == CLEARS["IDLE"]
-    for state in ("IDLE", "HOLDING"):
+    refused: tuple[ArbiterState, ...] = ("IDLE", "HOLDING")
+    others: tuple[ArbiterState, ...] = ("FAULT", "ARMED")
+    for state in refused:
         assert what_next(state, why) == f"{FAULTS['force'].remedy}; then arm"
-    for state in ("FAULT", "ARMED"):
+    for state in others:
         assert what_next(state, why) == CLEARS[state]
 
 

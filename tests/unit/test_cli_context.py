@@ -3,21 +3,39 @@
 import pytest
 import typer
 
-from cli.context import NO_ANSWER, NOT_WELL, REFUSED, USAGE, one_line_errors
-from common.errors import BusError, ConfigError, DataError, ForcemeshError, RefusedError
+from cli.context import (
+    NEXT_STEP,
+    NO_ANSWER,
+    NOT_WELL,
+    PART_STEP,
+    REFUSED,
+    USAGE,
+    one_line_errors,
+)
+from common.errors import (
+    BusError,
+    ConfigError,
+    DataError,
+    ForcemeshError,
+    LostError,
+    RefusedError,
+)
 from common.requests import ForceStartRequest
 
 ROWS: tuple[tuple[Exception, int, str], ...] = (
     (ConfigError("cell.yaml", ["wrong"]), USAGE, "cell.yaml: 1 mistake(s)"),
     (DataError("a.mcap: no recording"), USAGE, "a.mcap: no recording"),
     (RefusedError("not_armed", "arm first"), REFUSED, "refused (not_armed): arm first"),
-    (BusError("no hub at tcp/a:1"), NO_ANSWER, "no hub at tcp/a:1: is the cell up?"),
+    (BusError("no hub: is the cell up?"), NO_ANSWER, f"no hub: is the cell up? {NEXT_STEP}\n"),
+    (BusError("cannot listen on tcp/a:1"), NO_ANSWER, "cannot listen on tcp/a:1\n"),
+    (LostError("no answer", ("arbiter",)), NO_ANSWER, f"no answer: {PART_STEP}\n"),
+    (LostError("no answer", is_all=True), NO_ANSWER, f"no answer: {NEXT_STEP}\n"),
     (ForcemeshError("off by 3 mm"), NOT_WELL, "off by 3 mm"),
 )
 
 
 @pytest.mark.parametrize(
-    ("error", "code", "said"), ROWS, ids=[type(row[0]).__name__ for row in ROWS]
+    ("error", "code", "said"), ROWS, ids=[row[2] for row in ROWS]
 )
 def test_an_error_raised_on_purpose(
     error: Exception, code: int, said: str, capsys: pytest.CaptureFixture[str]

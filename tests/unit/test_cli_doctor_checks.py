@@ -26,12 +26,15 @@ SILENT = RoleHeard("wrench", 3.0, is_fresh=False, rate_hz=250.0)
 FAULTY = RoleHeard("wrench", 0.1, is_fresh=True, rate_hz=250.0, fault="sensor/wrench stale")
 OTHER_FILE = RoleHeard("wrench", 0.1, is_fresh=True, rate_hz=250.0, same_config=False)
 
+EMULATED = checks.check_address("h:1", "refused", "", 0.001, is_emulated=True)
+
 # What is found, the word, and the remedy.
 # fmt: off
 CASES: list[tuple[Line, str, str]] = [
     (checks.check_address("h:1", "open", "", 0.001), "PASS", ""),
     (checks.check_address("h:1", "unresolved", "unknown", 0.1), "FAIL", "address.unresolved"),
     (checks.check_address("h:1", "refused", "", 0.001), "FAIL", "address.refused"),
+    (EMULATED, "FAIL", "address.emulated"),
     (checks.check_address("h:1", "silent", "", 2.0), "FAIL", "address.silent"),
     (checks.check_address("h:1", "unreachable", "no route", 0.1), "FAIL", "address.unreachable"),
     (checks.check_hello("answered", "", 0.01), "PASS", ""),

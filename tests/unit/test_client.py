@@ -11,6 +11,7 @@ from common import topics
 from common.client import (
     ArmStoppedError,
     Cell,
+    DataError,
     ForcemeshError,
     LostError,
     NotReachedError,
@@ -169,6 +170,25 @@ def test_what_nobody_started_cannot_be_changed(calm: Cell) -> None:
         calm.force.set(5.0)
     with pytest.raises(ForcemeshError, match="use start"):
         calm.force.settle()
+
+
+@pytest.mark.parametrize(
+    ("do", "names"),
+    [
+        (lambda cell: cell.force.press(-1.0), "setpoint_N: .*found -1.0"),
+        (lambda cell: cell.force.press("a"), "setpoint_N: .*found 'a'"),
+        (lambda cell: cell.force.path((("a", 0.0, 0.0),)), "points_m.0.0: .*found 'a'"),
+        (lambda cell: cell.force.gains(force_i_m_per_Ns=(1.0, 2.0)), "force_i_m_per_Ns"),
+        (lambda cell: cell.move.joints((0.0,)), "joint_rad"),
+        (lambda cell: cell.jog(shift_m=(float("nan"), 0.0, 0.0)), "position_m"),
+        (lambda cell: cell.speed(mechanical_m_s=-1.0), "mechanical_m_s: .*found -1.0"),
+        (lambda cell: cell.arm("weld"), "purpose: .*found 'weld'"),
+    ],
+)
+def test_an_argument_that_no_request_can_say_is_named(calm: Cell, do, names: str) -> None:
+    """One sentence of ours, nothing was sent."""
+    with pytest.raises(DataError, match=names):
+        do(calm)
 
 
 def test_gains_come_back_as_numbers(calm: Cell) -> None:

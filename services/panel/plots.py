@@ -10,7 +10,8 @@ from services.panel.readout import ERRORS, FORCES, LATENCIES, TORQUES
 
 PERIOD_S = 0.2
 HEIGHT = 118
-MARGIN = 1.25  # so that the last number of an axis is not cut off
+TICKS_APART = 16  # at least, up an axis [px]: a plot of this height has room for three or four
+MARGIN = 1.4  # so that the last number of an axis is not cut off
 
 # The same hue means the same axis in every plot, and in the scene: x red, y green, z blue.
 RED, GREEN, BLUE, ORANGE, GREY = "#e8590c", "#2f9e44", "#1c7ed6", "#f08c00", "#868e96"
@@ -108,5 +109,5 @@ def axis(label: str = "") -> uplot.Axis:
     """Return an axis that can be read on light and on dark."""
     shown = uplot.Axis(stroke="#8b95a1", grid=uplot.Axis_Grid(stroke="#8b95a133", width=1))
     if not label:
-        shown["size"] = 46
+        shown["size"], shown["space"] = 46, TICKS_APART
     return shown

@@ -34,9 +34,7 @@ ROWS: tuple[tuple[Exception, int, str], ...] = (
 )
 
 
-@pytest.mark.parametrize(
-    ("error", "code", "said"), ROWS, ids=[row[2] for row in ROWS]
-)
+@pytest.mark.parametrize(("error", "code", "said"), ROWS, ids=[row[2] for row in ROWS])
 def test_an_error_raised_on_purpose(
     error: Exception, code: int, said: str, capsys: pytest.CaptureFixture[str]
 ) -> None:

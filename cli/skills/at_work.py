@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from common.client import Cell
 
 INTERRUPTED = 130
+TAKEN_OVER = "force feedback runs already: this takes it over, and ends it at its own end"
 
 
 @contextmanager
@@ -24,6 +25,8 @@ def at_work(named: Path | None) -> "Iterator[tuple[Cell, Tell]]":
     from common.errors import ForcemeshError
 
     with cell_of(named) as cell:
+        if cell.status().commander == "regulator":
+            typer.echo(TAKEN_OVER, err=True)
         try:
             with bar() as tell, like_ctrl_c():
                 yield cell, tell

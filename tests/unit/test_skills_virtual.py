@@ -221,6 +221,16 @@ def test_the_verbs_print_a_line_or_an_object(cell: Skilled, monkeypatch, tmp_pat
         assert says in done.stderr
 
 
+def test_a_verb_says_that_it_takes_over_what_runs(cell: Skilled, monkeypatch) -> None:
+    """Whoever started it finds it ended when the verb is done."""
+    words = ("press", "6", "--seconds", "0.1")
+    alone = said(monkeypatch, cell.client, silent, *words)
+    assert (alone.exit_code, alone.stderr) == (0, "")
+    cell.client.force.start(5.0)
+    cell.world.advance(0.2)
+    assert said(monkeypatch, cell.client, silent, *words).stderr.strip() == at_work.TAKEN_OVER
+
+
 def test_ctrl_c_between_two_things_holds_the_arm_too(cell: Skilled, monkeypatch) -> None:
     """Interrupted before anything has been asked for: what the verb says is what is so."""
 

@@ -39,6 +39,7 @@ class Overruns:
             allowed_s: A longer gap [s] is an overrun; None: none is.
         """
         self._allowed_s = allowed_s
+        self.gap_s = 0.0  # before the latest step
         self._last_ns: int | None = None
         self._late_ns: deque[int] = deque()  # when a gap was too long
         self._peaks: deque[tuple[int, float]] = deque()  # when and how long, longest first
@@ -46,7 +47,7 @@ class Overruns:
     def stepped(self, now_ns: int) -> None:
         """Note a step."""
         gap_s = 0.0 if self._last_ns is None else (now_ns - self._last_ns) / NS_PER_S
-        self._last_ns = now_ns
+        self._last_ns, self.gap_s = now_ns, gap_s
         if self._allowed_s is not None and gap_s > self._allowed_s:
             self._late_ns.append(now_ns)
         while self._peaks and self._peaks[-1][1] <= gap_s:

@@ -22,6 +22,7 @@ REST_S = 0.2  # so long the flange must have stayed where it is
 REST_POSITION_M = 2e-4
 REST_TURN_RAD = 2e-3
 RESIDUAL_S = 0.5
+STOOD_STILL_S = 1.0  # after which all the others look silent, and are not to blame
 MISALIGNED_PAIRS = 2  # one pair may have met a message on its way
 
 
@@ -41,6 +42,9 @@ class Watch:
         """Return the snapshot with what all snapshots so far have shown."""
         self._own.stepped(inputs.now_ns)
         faults = [self._alignment.see(inputs)]
+        if self._own.gap_s > STOOD_STILL_S:
+            text = f"the arbiter itself stood still for {self._own.gap_s:.1f} s and heard nobody"
+            faults.append(tripped("overrun", text))
         if self._own.count > MOST_OVERRUNS:
             faults.append(overrun_trip("arbiter", self._own.count, self._own.longest_s))
         watched = Watched(

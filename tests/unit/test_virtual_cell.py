@@ -72,12 +72,13 @@ def test_whoever_freezes_and_comes_back_sets_nothing_in_motion(role: str, motion
     lab = Lab()
     MOTIONS[motion](lab)
     frozen = lab.cell.runners.pop(role)
-    lab.cell.advance(1.3 if role == "hub" else 0.7)
+    lab.cell.advance(1.3 if role in ("hub", "arbiter") else 0.7)
     lab.cell.runners[role] = frozen
     lab.cell.advance(BRAKE_S)
     lab.assert_still(1.2)
     assert lab.status.state in {"HOLDING", "FAULT"}
     assert lab.status.trips
+    assert (role == "arbiter") == any("itself stood still" in t.text for t in lab.status.trips)
     assert lab.state.hold_reason
 
     assert lab.ask(topics.CLEAR, Empty()).accepted

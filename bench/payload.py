@@ -70,7 +70,7 @@ def compared(world: World, poses: int, seeds: int) -> tuple[dict[str, Array], Co
 def comparison_table(seeds: int) -> Table:
     """Return the errors of every method in every world, and ours as a share of LSM-short."""
     table = Table(
-        title=f"mean residual on {OTHER_POSES} other poses, N / mN·m, {seeds} recordings each"
+        title=f"mean residual on {OTHER_POSES} other poses, N / mN m, {seeds} recordings each"
     )
     for name in ("error", "poses", *PEERS, "ours", "ours : LSM-short", "worst", "our model"):
         table.add_column(name)
@@ -98,9 +98,9 @@ def accuracy_table(seeds: int) -> Table:
     The truth without noise is compared: what remains is the payload's error alone.
     """
     table = Table(
-        title=f"after 10 poses of {SAMPLES_PER_DWELL} samples (0.1 N, 5 mN·m each), {seeds} seeds"
+        title=f"after 10 poses of {SAMPLES_PER_DWELL} samples (0.1 N, 5 mN m each), {seeds} seeds"
     )
-    for name in ("cell", "mean N", "95 %", "mean mN·m", "95 %", "within 2 sigma", *NAMES):
+    for name in ("cell", "mean N", "95 %", "mean mN m", "95 %", "within 2 sigma", *NAMES):
         table.add_column(name)
     for label, world in (("no error", World()), ("tilt, mounting 1 deg", World(1.0, 1.0))):
         found = [trial(world, seed) for seed in range(seeds)]
@@ -173,7 +173,7 @@ def left_out_table(path: Path | None) -> Table:
         title, samples = f"{path.name}, wrench in {axes} axes", data.samples(axes)
     poses = sort_into_poses(samples)
     table = Table(title=f"leave one pose out: {title}")
-    for name in ("method", "mean N", "rms N", "mean mN·m", "rms mN·m", "poses"):
+    for name in ("method", "mean N", "rms N", "mean mN m", "rms mN m", "poses"):
         table.add_column(name)
     for name in (*PEERS, "ours"):
         left = []

@@ -129,9 +129,9 @@ def _warn_of_other_axes(taken: dict[str, Any], other: dict[str, Any]) -> None:
     keys = ("residual_force_N_mean", "residual_torque_Nm_mean")
     if all(taken[key] > 2.0 * other[key] for key in keys):
         _say(
-            f"warning: residual {taken[keys[0]]:.3g} N, {taken[keys[1]]:.3g} N·m in "
+            f"warning: residual {taken[keys[0]]:.3g} N, {taken[keys[1]]:.3g} N m in "
             f"{taken['wrench_axes']} axes, but only {other[keys[0]]:.3g} N, "
-            f"{other[keys[1]]:.3g} N·m in {other['wrench_axes']} axes: "
+            f"{other[keys[1]]:.3g} N m in {other['wrench_axes']} axes: "
             f"use --wrench-axes {other['wrench_axes']}"
         )
 
@@ -144,7 +144,7 @@ def _print_check(report: dict[str, Any]) -> None:
     table = Table("residual", "mean", "max", "line of the max", title=title)
     for label, key, line in (
         ("force (N)", "residual_force_N", "worst_force_line"),
-        ("torque (N·m)", "residual_torque_Nm", "worst_torque_line"),
+        ("torque (N m)", "residual_torque_Nm", "worst_torque_line"),
     ):
         mean, worst = report[f"{key}_mean"], report[f"{key}_max"]
         table.add_row(label, f"{mean:.4f}", f"{worst:.4f}", str(report[line]))

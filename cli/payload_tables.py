@@ -7,6 +7,7 @@ from rich.table import Table
 
 Vector = list[float]
 MODELS_SHOWN = 6  # beside the plain one
+WORTH = 0.97  # a pose that leaves more of the deviation than this is not worth going to
 
 
 def print_fit(report: dict[str, Any]) -> None:
@@ -31,7 +32,7 @@ def found_parameters(report: dict[str, Any]) -> list[tuple[str, str, str]]:
     for label, key, std_key, scale, digits in (
         ("centre of mass (mm)", "com_m", "com_std_m", 1e3, 2),
         ("bias force (N)", "bias_force_N", "bias_force_std_N", 1.0, 3),
-        ("bias torque (N·m)", "bias_torque_Nm", "bias_torque_std_Nm", 1.0, 4),
+        ("bias torque (N m)", "bias_torque_Nm", "bias_torque_std_Nm", 1.0, 4),
         ("mounting (mrad)", "mounting_rotation_rad", "mounting_rotation_std_rad", 1e3, 2),
         ("gain of force", "force_gain", "force_gain_std", 1.0, 4),
         ("gain of torque", "torque_gain", "torque_gain_std", 1.0, 4),
@@ -47,7 +48,7 @@ def found_parameters(report: dict[str, Any]) -> list[tuple[str, str, str]]:
     if report["drift"] is not None:
         drift = report["drift"]
         rows.append(("drift of force (N)", _joined(drift["force_N"], 1.0, 3), ""))
-        rows.append(("drift of torque (N·m)", _joined(drift["torque_Nm"], 1.0, 4), ""))
+        rows.append(("drift of torque (N m)", _joined(drift["torque_Nm"], 1.0, 4), ""))
     return rows
 
 
@@ -57,13 +58,19 @@ def remarks(report: dict[str, Any]) -> list[str]:
     lines += [f"hardly told by these poses: {line}" for line in report["unsure"]]
     lines += [f"not told by this recording: {line}" for line in report["untold"]]
     advice = report["next_pose"]
-    lines.append(
-        "record next: gravity along "
-        f"({_joined(advice['down_in_sensor'], 1.0, 2)}) in sensor axes; "
-        f"{advice['parameter']} would be sure to {advice['std_after']:.2g} "
-        f"instead of {advice['std_before']:.2g}"
-    )
+    if is_worth_it(advice):
+        lines.append(
+            "record next: gravity along "
+            f"({_joined(advice['down_in_sensor'], 1.0, 2)}) in sensor axes; "
+            f"{advice['parameter']} would be sure to {advice['std_after']:.2g} "
+            f"instead of {advice['std_before']:.2g}"
+        )
     return lines
+
+
+def is_worth_it(advice: dict[str, Any]) -> bool:
+    """Tell whether the best next pose would make any parameter surer in a way one notices."""
+    return bool(advice["std_after"] <= WORTH * advice["std_before"])
 
 
 def _pose_table(report: dict[str, Any]) -> Table:
@@ -72,7 +79,7 @@ def _pose_table(report: dict[str, Any]) -> Table:
     if len(shown) > 20:  # a long recording: the worst are what one looks for
         shown = sorted(shown, key=lambda row: row["force_N"], reverse=True)[:20]
         title = f"residual of the 20 worst of {report['poses']} poses"
-    table = Table("line", "force (N)", "torque (N·m)", title=title)
+    table = Table("line", "force (N)", "torque (N m)", title=title)
     for row in shown:
         table.add_row(str(row["line"]), f"{row['force_N']:.3f}", f"{row['torque_Nm']:.4f}")
     table.add_section()
@@ -83,7 +90,7 @@ def _pose_table(report: dict[str, Any]) -> Table:
 
 
 def _model_table(report: dict[str, Any]) -> Table:
-    table = Table("model", "rms N", "N·m", "left out N", "N·m", "cond.", "verdict")
+    table = Table("model", "rms N", "N m", "left out N", "N m", "cond.", "verdict")
     table.title = "models tried: rms residual, and rms on poses left out of the fit"
     plain, *richer = report["models"]
     best = sorted(richer, key=lambda model: model["evidence"], reverse=True)

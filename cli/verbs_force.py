@@ -10,6 +10,12 @@ from cli.numbers import NEGATIVE_NUMBERS, parse_gain
 force = typer.Typer(no_args_is_help=True, help="Force feedback: start, stop, gains.")
 
 
+OPTIONS = (  # of the verb `gains`, in the order of the record
+    ("--force-p", "m/N"),
+    ("--force-i", "m/(N s)"),
+    ("--torque-p", "rad/(N m)"),
+    ("--torque-i", "rad/(N m s)"),
+)
 AXES = ("x", "y", "z", "rx", "ry", "rz")
 
 
@@ -99,7 +105,7 @@ def force_gains(
     """Set gains about the base axes x,y,z, or one number for all three; print them all.
 
     What is left out keeps its value, or takes the preset's; without options the present gains are
-    printed. Where force feedback runs, gains change on a ramp.
+    printed, as this verb takes them back. Where force feedback runs, gains change on a ramp.
     """
     from common.requests import GainsRequest
 
@@ -115,8 +121,8 @@ def force_gains(
     if reply.gains is not None and as_json:
         print(reply.gains.model_dump_json())
     elif reply.gains is not None:
-        for name, (x, y, z) in reply.gains.model_dump().items():
-            print(f"{name}: {x:g}, {y:g}, {z:g}")
+        for (option, unit), gain in zip(OPTIONS, reply.gains.model_dump().values(), strict=True):
+            print(f"{option} {','.join(f'{part:g}' for part in gain)}  # {unit}")
     if reply.text:
         typer.echo(reply.text, err=True)
 

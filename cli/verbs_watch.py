@@ -109,7 +109,8 @@ def _table(feed: "Feed[Message]", heard: "Heard[Message]", *, rate_hz: float) ->
     from rich.table import Table
 
     age_ms = (time.monotonic_ns() - heard.header.stamp_ns) / 1e6
-    caption = f"seq {heard.header.seq}, {rate_hz:.1f} Hz, written {age_ms:.1f} ms ago"
+    rate = f"{rate_hz:.1f} Hz, " if rate_hz else ""  # one message has none
+    caption = f"seq {heard.header.seq}, {rate}written {age_ms:.1f} ms ago"
     table = Table("field", "value", title=feed.topic.key, caption=caption)
     for name, value in heard.message.model_dump().items():
         table.add_row(name, _text(value))

@@ -8,10 +8,11 @@ from typing import Any
 from cli.calibration import pictures
 from cli.calibration.evidence import Findings
 from cli.calibration.verdict import Verdict
+from cli.payload_tables import is_worth_it
 from common.errors import DataError
 
-WORTH = 0.97  # a pose that leaves more of the deviation than this is not worth going to
 MODELS_SHOWN = 7
+LEFT = ["", "poses", "force mean (N)", "max (N)", "torque mean (N m)", "max (N m)"]
 METHODS = {
     "arm": "the wizard moved the arm",
     "manual": "a person moved the arm",
@@ -31,7 +32,7 @@ PARAMETERS = (
     ("mass", "mass_kg", "mass_std_kg", 1.0, 4, "kg"),
     ("centre of mass", "com_m", "com_std_m", 1e3, 2, "mm"),
     ("bias of force", "bias_force_N", "bias_force_std_N", 1.0, 3, "N"),
-    ("bias of torque", "bias_torque_Nm", "bias_torque_std_Nm", 1e3, 2, "mN·m"),
+    ("bias of torque", "bias_torque_Nm", "bias_torque_std_Nm", 1e3, 2, "mN m"),
     ("mounting rotation", "mounting_rotation_rad", "mounting_rotation_std_rad", 1e3, 2, "mrad"),
     ("gain of force", "force_gain", "force_gain_std", 1.0, 4, ""),
     ("gain of torque", "torque_gain", "torque_gain_std", 1.0, 4, ""),
@@ -57,7 +58,7 @@ def page(found: Findings) -> str:
         _table([], _origin(found)),
         "<h2>What is left at each pose</h2>",
         _picture("what is left at each pose", pictures.residual_bars(found)),
-        _table(["", "poses", "force mean", "max (N)", "torque mean", "max (N·m)"], _left(found)),
+        _table(LEFT, _left(found)),
         "<h2>Payload and bias</h2>",
         _table(["parameter", "value", "standard deviation", ""], _parameters(found.report)),
         _paragraph(
@@ -70,7 +71,7 @@ def page(found: Findings) -> str:
         _picture("directions of gravity in sensor axes", pictures.attitudes(found)),
         _paragraph(_advice(found.report)),
         "<h2>Models tried</h2>",
-        _table(["model", "rms (N)", "rms (N·m)", "verdict"], _models(found.report)),
+        _table(["model", "rms (N)", "rms (N m)", "verdict"], _models(found.report)),
         "<h2>Remarks</h2>",
         _list(_remarks(found)),
     ]
@@ -127,7 +128,7 @@ def _parameters(report: dict[str, Any]) -> list[list[str]]:
         )
     if report["drift"] is not None:
         rows.append(["drift of force", _numbers(report["drift"]["force_N"], 1.0, 3), "", "N"])
-        rows.append(["drift of torque", _numbers(report["drift"]["torque_Nm"], 1e3, 2), "", "mN·m"])
+        rows.append(["drift of torque", _numbers(report["drift"]["torque_Nm"], 1e3, 2), "", "mN m"])
     return rows
 
 
@@ -145,7 +146,7 @@ def _models(report: dict[str, Any]) -> list[list[str]]:
 
 def _advice(report: dict[str, Any]) -> str:
     advice = report["next_pose"]
-    if advice["std_after"] > WORTH * advice["std_before"]:
+    if not is_worth_it(advice):
         return "No further pose would make any parameter much surer."
     down = _numbers(advice["down_in_sensor"], 1.0, 2)
     return (

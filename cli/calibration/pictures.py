@@ -37,7 +37,7 @@ def residual_bars(found: Findings) -> Figure:
     forces = [(label, left.force_N, colour) for label, left, colour in groups]
     torques = [(label, 1e3 * left.torque_Nm, colour) for label, left, colour in groups]
     _bars(force, forces, "force left (N)", found.bounds.force_N)
-    _bars(torque, torques, "torque left (mN·m)", 1e3 * found.bounds.torque_Nm)
+    _bars(torque, torques, "torque left (mN m)", 1e3 * found.bounds.torque_Nm)
     force.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, frameon=False)
     return figure
 
@@ -50,7 +50,7 @@ def before_after(found: Findings) -> Figure:
     left_N, left_Nm = residual(payload, R, force_N=F, torque_Nm=M, time_s=samples.time_s)
     figure, panels = _panels(5.4, rows=2)
     first_row = found.evidence.fit.first_row
-    for column, (read, left, unit) in enumerate(((F, left_N, "N"), (M, left_Nm, "N·m"))):
+    for column, (read, left, unit) in enumerate(((F, left_N, "N"), (M, left_Nm, "N m"))):
         kind = ("force", "torque")[column]
         _lines(panels[0, column], read, first_row, f"{kind} as read ({unit})")
         _lines(panels[1, column], left, first_row, f"{kind} compensated ({unit})")

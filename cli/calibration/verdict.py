@@ -87,8 +87,8 @@ def judge(left: Left | None, bounds: Bounds) -> Verdict:
     passed = found.force_max_N <= bounds.force_N and found.torque_max_Nm <= bounds.torque_Nm
     poses = f"{found.poses} fresh pose{'' if found.poses == 1 else 's'}"
     text = (
-        f"at {poses} {found.force_mean_N:.3f} N and {found.torque_mean_Nm:.4f} N·m are left in the "
-        f"mean, {found.force_max_N:.3f} N and {found.torque_max_Nm:.4f} N·m at most (limits "
-        f"{bounds.force_N:g} N, {bounds.torque_Nm:g} N·m)"
+        f"at {poses} {found.force_mean_N:.3f} N and {found.torque_mean_Nm:.4f} N m are left in the "
+        f"mean, {found.force_max_N:.3f} N and {found.torque_max_Nm:.4f} N m at most (limits "
+        f"{bounds.force_N:g} N, {bounds.torque_Nm:g} N m)"
     )
     return Verdict(passed, f"{'PASS' if passed else 'FAIL'}: {text}")

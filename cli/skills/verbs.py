@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal
 import typer
 
 from cli.context import USAGE, CellOption, JsonOption, fail
+from cli.numbers import NEGATIVE_NUMBERS
 from cli.skills.at_work import at_work
 from cli.verbs_force import PresetOption
 
@@ -28,7 +29,8 @@ WithinOption = Annotated[
 def add_to(app: typer.Typer, panel: str) -> None:
     """Give the command line these verbs."""
     for verb in (touch, press, follow, align, guide):
-        app.command(rich_help_panel=panel)(verb)
+        settings = NEGATIVE_NUMBERS if verb is press else None
+        app.command(rich_help_panel=panel, context_settings=settings)(verb)
 
 
 def _say(as_json: bool, result: Any, text: str) -> None:

@@ -12,6 +12,7 @@ import http.client
 import io
 import json
 import logging
+import os
 import socket
 from collections.abc import Awaitable, Callable, Iterator
 from http import HTTPStatus
@@ -119,8 +120,8 @@ def listen(host: str, port: int) -> socket.socket:
         return socket.create_server((host, port), backlog=BACKLOG)
     except OSError as error:
         raise ForcemeshError(
-            f"cannot listen on {host}:{port} ({error.strerror}): panel.port in the cell file, or "
-            "--port, chooses another one"
+            f"cannot listen on {host}:{port} ({os.strerror(error.errno or 0)}): is the panel there "
+            "already? panel.port in the cell file, or --port, chooses another one"
         ) from None
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 FOLDER_VARIABLE = "FORCEMESH_RECORDINGS"
 PROJECT = Path(__file__).resolve().parents[2]
 SUFFIX = ".mcap"
-FAULT = "FAULT"  # in the name of a file that a fault began; labels of people are in small letters
+STOP = "STOP"  # in the name of a file that a stop began; labels of people are in small letters
 LONGEST_LABEL = 60
 
 
@@ -49,7 +49,7 @@ def forget_oldest(folder: Path, cell: str, label: str, keep: int) -> None:
 
     Each label for itself: what stops an arm daily must not push out what happened once.
     """
-    if not label.startswith(FAULT):
+    if not label.startswith(STOP):
         return
     found = sorted(folder.glob(f"{cell}-*-{label}-*{SUFFIX}"))
     for path in found[: max(len(found) - keep, 0)]:

@@ -7,7 +7,7 @@ from contextlib import suppress
 from common.cell import Cell
 from common.clock import NS_PER_S, Clock
 from common.faults import clipped
-from services.recorder.folder import FAULT, file_name, folder_of, forget_oldest, free_bytes
+from services.recorder.folder import STOP, file_name, folder_of, forget_oldest, free_bytes
 from services.recorder.frames import Frame
 from services.recorder.past import Block
 from services.recorder.recording import Recording
@@ -132,4 +132,4 @@ class Tape:
 
 def fault_label(code: str) -> str:
     """Return the label of a recording that a fault began."""
-    return f"{FAULT}-{code}"
+    return f"{STOP}-{code}"

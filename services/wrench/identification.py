@@ -191,7 +191,7 @@ def _times_better(a: Identification, b: Identification) -> float:
 
 
 def _rms_text(fit: Identification) -> str:
-    return f"{fit.chosen.rms_force_N:.3g} N, {fit.chosen.rms_torque_Nm:.3g} N·m"
+    return f"{fit.chosen.rms_force_N:.3g} N, {fit.chosen.rms_torque_Nm:.3g} N m"
 
 
 def _unsure(std: Deviations) -> tuple[str, ...]:

@@ -72,7 +72,7 @@ def test_fit_prints_tables_for_people(tmp_path):
     """Without --json the parameters, residuals and models come as tables with their units."""
     result = run("fit", write_recording(tmp_path / "a.csv"))
     assert result.exit_code == 0
-    for text in ("mass (kg)", "centre of mass (mm)", "bias torque (N·m)", "models tried"):
+    for text in ("mass (kg)", "centre of mass (mm)", "bias torque (N m)", "models tried"):
         assert text in result.stdout
 
 

@@ -76,7 +76,7 @@ def test_a_fault_writes_memory_out_and_goes_on_for_a_while(begin: Begin) -> None
     bench.pass_s(6.0)
     assert not bench.status().recording
     (path,) = bench.files()
-    assert "-FAULT-force" in path.name
+    assert "-STOP-force" in path.name
     read = RecordedFile(path)
     assert read.about["cause"] == "force"
     assert numbers(path) == list(range(1, 83))
@@ -131,12 +131,12 @@ def test_what_a_fault_began_gives_way_to_a_start(begin: Begin) -> None:
 def test_only_so_many_faults_are_kept(begin: Begin) -> None:
     """The oldest goes; what a person recorded stays, and what another fault began."""
     bench = begin(after_fault_s=0.0, faults_kept=2)
-    bench.start(label="FAULT-of-mine")
+    bench.start(label="STOP-of-mine")
     bench.stop()
     for code in ("rare", *["force"] * 4):
         bench.trip(code=code)
         bench.pass_s(2.0)
-    kept = [path.name for path in bench.files() if "FAULT" in path.name]
+    kept = [path.name for path in bench.files() if "STOP" in path.name]
     assert sorted("rare" in name for name in kept) == [False, False, True]
     assert len(bench.files()) == 4
 

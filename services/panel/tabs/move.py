@@ -240,16 +240,16 @@ def where_text(heard: Snapshot) -> str:
     T = pose_of(robot)
     x, y, z = (1e3 * float(part) for part in T.translation)
     o, a, t = (math.degrees(angle) for angle in oat_from_R(T.rotation))
-    joints = ", ".join(f"{math.degrees(angle):.1f}" for angle in robot.joint_rad)
+    joints = ", ".join(f"{math.degrees(angle):z.1f}" for angle in robot.joint_rad)
     return (
-        f"flange **{x:.1f}, {y:.1f}, {z:.1f}** mm · O A T {o:.1f}, {a:.1f}, {t:.1f}°  \n"
+        f"flange **{x:z.1f}, {y:z.1f}, {z:z.1f}** mm · O A T {o:z.1f}, {a:z.1f}, {t:z.1f}°  \n"
         f"joints {joints}°"
     )
 
 
 def _arrived(state: RobotState) -> str:
     x, y, z = (1e3 * part for part in state.position_m)
-    return f"there: flange at {x:.1f}, {y:.1f}, {z:.1f} mm"
+    return f"there: flange at {x:z.1f}, {y:z.1f}, {z:z.1f} mm"
 
 
 TAB = Tab(20, "Move", viser.Icon.ARROWS_MOVE, build)

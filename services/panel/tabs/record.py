@@ -11,7 +11,7 @@ from services.panel.viewer import Viewer
 from services.panel.watch import Snapshot
 
 ANSWER_S = 15.0  # the recorder first writes what waits
-NOBODY = "⚠ no recorder is heard: `forcemesh up` starts one beside the cell"
+NOBODY = "⚠ no recorder is heard: it comes with `forcemesh up`; `forcemesh status` says more"
 
 
 def build(viewer: Viewer) -> Refresh:
@@ -45,8 +45,8 @@ def build(viewer: Viewer) -> Refresh:
         if now.content != text:
             now.content = text
         asked = status is not None and status.recording and status.cause == "asked"
-        if start.disabled != asked:
-            start.disabled = asked
+        if start.disabled != (asked or status is None):
+            start.disabled = asked or status is None
         records = status is not None and status.recording
         if stop.disabled == records:
             stop.disabled = not records

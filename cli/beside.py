@@ -26,7 +26,7 @@ def beside(
 
     process, log = Process(module, (name,)), supervisor.log
     running = Running(process, supervisor.cell_file, say_on_stderr)
-    log.started(process, running.pid)
+    log.started(process, running.pid, is_helper=True)
     over = threading.Event()
     threading.Thread(target=_mourn, args=[running, log, over], daemon=True).start()
     try:

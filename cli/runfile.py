@@ -36,6 +36,7 @@ class Entry(BaseModel):
     pid: int
     started_ticks: int | None  # tells a process from a later one with the same pid
     ended: Ended | None = None
+    is_helper: bool = False  # its death ends nothing
 
     @property
     def alive(self) -> bool:

@@ -18,10 +18,14 @@ class RunLog:
         self._lock = threading.Lock()
         self._closed = False
 
-    def started(self, process: Process, pid: int) -> None:
+    def started(self, process: Process, pid: int, *, is_helper: bool = False) -> None:
         """Add a process."""
         entry = Entry(
-            roles=process.roles, module=process.module, pid=pid, started_ticks=start_ticks(pid)
+            roles=process.roles,
+            module=process.module,
+            pid=pid,
+            started_ticks=start_ticks(pid),
+            is_helper=is_helper,
         )
         with self._lock:
             self._put(processes=[*self._run.processes, entry])

@@ -164,7 +164,8 @@ def _why_silent(role: str, run: Run | None) -> str:
         return entry.ended.how
     if entry.alive:
         return ""
-    causes = [f"{e.roles[0]}: {e.ended.how}" for e in run.processes if e.ended is not None]
+    dead = [(e.roles[0], e.ended) for e in run.processes if e.ended and not e.is_helper]
+    causes = [f"{name}: {ended.how}" for name, ended in dead]
     if run.ended_at is not None and causes:
         return f"stopped because of {', '.join(causes)}"
     return f"process {entry.pid} is gone" if run.live else "ended with its supervisor"

@@ -87,7 +87,7 @@ def _is_heard(view: CellView, expected: set[str]) -> bool:
 def _judge(
     cell: Cell, run: Run | None, view: CellView | None, *, waited_s: float, only: str | None
 ) -> CellStatus:
-    heard_of = {only, *_helpers(view), *_started(run)}
+    heard_of = {only, *_helpers(view), *started_helpers(run)}
     helpers = [name for name in topics.HELPERS if name in heard_of]
     heard = None if view is None else view.arbiter().fresh
     return CellStatus(
@@ -102,7 +102,7 @@ def _judge(
     )
 
 
-def _started(run: Run | None) -> tuple[str, ...]:
+def started_helpers(run: Run | None) -> tuple[str, ...]:
     """Return the helpers that a supervisor has started which is there now."""
     if run is None or not run.live:
         return ()

@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from cli.cellview import CellView
+from cli.doctor_bus import listen
 from cli.processes import Supervisor
 from cli.record import recorder_beside
 from cli.runfile import FOLDER_VARIABLE, read_run
@@ -122,6 +123,10 @@ def test_a_helper_that_was_started_stays_in_the_list(
         while says not in (row := cell_status(cell, read_run(cell.cell))["services"][-1])["fault"]:
             assert time.monotonic() < wait_s, row
         assert (row["name"], row["alive"]) == ("recorder", False)
+        found = listen(cell, 0.1)
+        assert found is not None
+        assert found.roles[-1].role == "recorder"
+        assert not found.roles[-1].is_fresh
 
 
 def test_a_hold_that_was_asked_for_is_well_and_one_by_a_limit_is_not() -> None:

@@ -1,15 +1,19 @@
 """The live plots: some times a second, and only while somebody looks."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 
+import numpy as np
 import viser
 from viser import uplot
 
-from services.panel.history import WINDOW_S, History, Span
+from services.panel.history import WINDOW_S, History, Series, Span
 from services.panel.readout import ERRORS, FORCES, LATENCIES, TORQUES
 
 PERIOD_S = 0.2
 HEIGHT = 118
+BRIDGED_S = 0.5  # the longest gap that a line crosses
+OUTSIDE = -1e6  # of every axis
 TICKS_APART = 16  # at least, up an axis [px]: a plot of this height has room for three or four
 MARGIN = 1.4  # so that the last number of an axis is not cut off
 
@@ -83,7 +87,20 @@ class Plots:
             times_s, *lines = self._history.series(kind.names, now_s)
             if self._spans[kind].take(tuple(lines)):
                 handle.scales = scales(self._spans[kind])
-            handle.data = (times_s, *lines)
+            handle.data = (times_s, *(broken(times_s, line) for line in lines))
+
+
+def broken(times_s: Series, line: Series) -> Series:
+    """Return a line that leaves the plot in its gaps: the page would draw straight across them.
+
+    A gap of a moment is bridged: not each sample knows each number.
+    """
+    shown = line.copy()
+    known = np.flatnonzero(np.isfinite(line))
+    for last, first in pairwise(known):
+        if times_s[first] - times_s[last] > BRIDGED_S:
+            shown[last + 1 : first] = OUTSIDE
+    return shown
 
 
 def scales(span: Span) -> dict[str, uplot.Scale]:

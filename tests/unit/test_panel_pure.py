@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -26,9 +27,11 @@ from common.messages import (
 )
 from services.panel.faultlog import KEPT, FaultLog
 from services.panel.history import POINTS, History, Span
+from services.panel.plots import BRIDGED_S, OUTSIDE, broken
 from services.panel.readout import NAMES, Readout, distance_mm
 from services.panel.strip import strip
 from services.panel.tabs.calibrate import notes_of
+from services.panel.tabs.faults import now_text
 from services.panel.watch import Snapshot
 from services.panel.wizard import Progress, Wizard
 
@@ -94,6 +97,23 @@ def test_an_axis_without_a_sign_begins_at_zero_until_something_is_below():
     assert (span.low, span.high) == (0.0, 100.0)
     span.take((np.array([-3.0]),))
     assert span.low < -3.0
+
+
+@given(
+    st.lists(st.tuples(st.floats(0.01, 1.0), st.one_of(st.just(np.nan), st.floats(-50.0, 50.0)))),
+)
+def test_a_line_leaves_the_plot_in_its_longer_gaps_and_nowhere_else(samples):
+    """What is known stays; between two known samples far apart it is outside, before both not."""
+    times_s = np.cumsum([step for step, _ in samples]) if samples else np.zeros(0)
+    line = np.array([value for _, value in samples])
+    shown = broken(times_s, line)
+    known = np.flatnonzero(np.isfinite(line))
+    assert (shown[known] == line[known]).all()
+    for place in np.flatnonzero(~np.isfinite(line)):
+        before, after = known[known < place], known[known > place]
+        inside = len(before) > 0 and len(after) > 0
+        is_long = inside and times_s[after[0]] - times_s[before[-1]] > BRIDGED_S
+        assert (shown[place] == OUTSIDE) == is_long
 
 
 def test_gaps_alone_do_not_move_an_axis():
@@ -204,6 +224,18 @@ def test_the_bar_shows_a_recorder_once_it_was_heard():
     for reading, fault in ((heard(Health(rate_hz=4.0)), ""), (late, "recorder/health stale")):
         rows = strip(CELL, all_heard(ArbiterStatus(), recorder=reading), "view")["services"]
         assert (rows[-1]["name"], rows[-1]["fault"]) == ("recorder", fault)
+
+
+def test_the_faults_say_nothing_of_a_recorder_that_was_never_there():
+    """A cell without one lacks nothing; one that fell silent is named."""
+    fine = {role: heard(Health(rate_hz=250.0)) for role in ("sensor", "regulator", "arbiter")}
+    never: dict[str, Any] = {
+        "recorder": Reading(None, None, 9.0, "recorder/health missing", silent=True)
+    }
+    silent = {"recorder": heard(Health(rate_hz=10.0), "recorder/health stale")}
+    idle = ArbiterStatus(state="IDLE")
+    assert "recorder" not in now_text(all_heard(idle, **fine, **never))
+    assert "⚠ recorder: recorder/health stale" in now_text(all_heard(idle, **fine, **silent))
 
 
 @pytest.mark.parametrize("monitor", [False, True])

@@ -5,6 +5,7 @@ import viser
 from common.faults import FAULTS
 from common.messages import ArbiterStatus
 from services.panel.faultlog import Happened
+from services.panel.strip import services
 from services.panel.tabs import Refresh, Tab
 from services.panel.viewer import Viewer
 from services.panel.watch import Snapshot
@@ -43,7 +44,7 @@ def now_text(heard: Snapshot) -> str:
     lines = [f"**{status.state}**", *_reasons(status)]
     if status.clears:
         lines.append(f"→ {status.clears}")
-    silent = [f"⚠ {role}: {said.fault}" for role, said in heard.health.items() if said.fault]
+    silent = [f"⚠ {row['name']}: {row['fault']}" for row in services(heard) if row["fault"]]
     return "\n\n".join([*lines, *silent])
 
 

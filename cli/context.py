@@ -91,6 +91,8 @@ def live_cell(named: Path | None, *, ended: bool = False) -> "CellFile":
     Raises:
         ConfigError: The file is wrong, and the cell is not up here.
     """
+    from pydantic import ValidationError
+
     from cli.runfile import read_runs
     from common.cell import Cell
     from common.config import load_cell
@@ -98,8 +100,9 @@ def live_cell(named: Path | None, *, ended: bool = False) -> "CellFile":
 
     path = find_cell_file(named, ended=ended)
     for run in read_runs():
-        if run.live and run.as_started and run.cell_file == str(path.resolve()):
-            return Cell.model_validate_json(run.as_started)
+        if run.live and run.cell_file == str(path.resolve()):
+            with suppress(ValidationError):  # of another version, which keeps cells in another form
+                return Cell.model_validate_json(run.as_started)
     try:
         return load_cell(path)
     except ConfigError as error:

@@ -124,6 +124,9 @@ def test_a_cell_that_is_up_is_talked_to_as_it_was_started(tmp_path: Path) -> Non
     assert cell_hash(live_cell(path)) == cell_hash(CELL)
     path.write_text("cell: [")
     assert cell_hash(live_cell(path)) == cell_hash(CELL)
+    path.write_text(dump_cell(CELL))
+    write_run(new_run(CELL, path).model_copy(update={"as_started": '{"of": "another version"}'}))
+    assert cell_hash(live_cell(path)) == cell_hash(CELL)
     (tmp_path / "other.yaml").write_text("cell: [")
     with pytest.raises(ConfigError):
         live_cell(tmp_path / "other.yaml")

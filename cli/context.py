@@ -36,6 +36,10 @@ PART_STEP = (
     "the cell is up, and a part of it is dead or stands still. `forcemesh status` says which; "
     "end `forcemesh up` and start it anew."
 )
+UNHEARD_STEP = (
+    "a request goes unheard where this PC's certificate may only look (a monitor's), and where a "
+    "helper is missing: `forcemesh status` shows every process."
+)
 PATIENCE_S = 1.0  # with the hub: a cell that is up answers at once
 
 CellOption = Annotated[
@@ -137,7 +141,8 @@ def one_line_errors() -> Iterator[None]:
     except RefusedError as error:
         fail(f"refused ({error.code}): {error}", REFUSED)
     except LostError as error:
-        fail(f"{error}: {NEXT_STEP if error.is_all else PART_STEP}", NO_ANSWER)
+        step = NEXT_STEP if error.is_all else PART_STEP if error.roles else UNHEARD_STEP
+        fail(f"{error}: {step}", NO_ANSWER)
     except BusError as error:
         is_away = str(error).endswith("is the cell up?")
         fail(f"{error} {NEXT_STEP}" if is_away else str(error), NO_ANSWER)

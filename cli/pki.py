@@ -130,8 +130,10 @@ def check(folder: FolderOption = None, cell: CellOption = None) -> None:
     with one_line_errors():
         loaded, where = _cell_and_folder(cell, folder)
         found = check_folder(where, loaded.cell, _now())
+    same = (f" --cell {cell}" if cell else "") + (f" --folder {folder}" if folder else "")
     for finding in found:
-        remedy = f"  -> {finding.remedy}" if finding.remedy else ""
+        more = same if "forcemesh pki" in finding.remedy else ""
+        remedy = f"  -> {finding.remedy}{more}" if finding.remedy else ""
         typer.echo(f"{finding.verdict:5} {finding.name}: {finding.text}{remedy}")
     if any(finding.verdict == "wrong" for finding in found):
         raise typer.Exit(NOT_WELL)

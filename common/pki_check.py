@@ -47,7 +47,8 @@ def check_folder(folder: Path, cell: str, now: dt.datetime) -> list[Finding]:
         found += [Finding("wrong", name, "missing", REMEDY.format(name=name)) for name in missing]
     if not there:
         found.append(Finding("wrong", "all", "no certificate of any name", "forcemesh pki init"))
-    return found
+    wrong = {finding.name for finding in found if finding.verdict == "wrong"}
+    return [each for each in found if each.verdict != "good" or each.name not in wrong]
 
 
 def _of_name(

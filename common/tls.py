@@ -123,8 +123,9 @@ def identity_of(cell: Cell, role: str) -> Identity:
             path.read_bytes()
         except FileNotFoundError:
             raise BusError(
-                f"no certificate for {name}: {path} is missing; `forcemesh pki init` makes all of "
-                f"a cell, `forcemesh pki issue {name}` one, {FOLDER_VARIABLE} says where they are"
+                f"no certificate for {name}: {path} is missing; `forcemesh pki init --cell FILE` "
+                f"makes all of a cell, `forcemesh pki issue {name} --cell FILE` one, "
+                f"{FOLDER_VARIABLE} says where they are"
             ) from None
         except OSError as error:
             raise BusError(

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+import pinocchio as pin
 
 from cli.skills.feel import Feeler, Felt, Steady, Tell, force_ends, silent
 from cli.skills.pressing import BAND_N, STEADY_S, How
@@ -12,6 +13,7 @@ from common import topics
 from common.client import Cell
 from common.errors import DataError
 from common.frames import Array
+from common.limits import Limits, check_workspace
 from common.messages import Vec3
 from common.requests import ForceStartRequest, PathRequest
 
@@ -22,6 +24,7 @@ START_WITHIN_M = 0.02  # across: farther away it is no start but a way nobody as
 BEGINNING_S = 1.0  # of the way: not counted in the mean error
 STANDS_S = 0.2
 DONE_M = 1e-5
+LEAST_M = 1e-4  # a shorter way is none
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,14 +64,16 @@ def follow(
         tell: Told how it goes.
 
     Raises:
-        DataError: The path begins somewhere else than the tool is.
+        DataError: The path begins somewhere else than the tool is, leaves the workspace, or goes
+            nowhere across the tool's axis.
         NotReachedError: The force was not there in time.
         RefusedError, ArmStoppedError, LostError: As the client raises them.
     """
     feeler = Feeler(cell)
     start = feeler.here()
     placed = _placed(points, start.translation, start.rotation[:, 2], way)
-    length_m = sum(float(np.linalg.norm(b - a)) for a, b in pairwise(placed))
+    limits = Limits.of(cell.config)
+    to_go = _left_m(placed, start.translation, start.rotation[:, 2], limits)
     request = ForceStartRequest(
         mode="both" if way.flat else "position",
         setpoint_N=way.force_N,
@@ -81,8 +86,8 @@ def follow(
         cell.force.begin(request)
         there = Steady(lambda felt: abs(felt.press_N - way.force_N) <= BAND_N, STEADY_S)
         feeler.until(there, within_s=within_s, what="pressing", tell=tell)
-        felt = _go(cell, feeler, placed, way=way, length_m=length_m, tell=tell)
-    return _judged(felt, way, length_m)
+        felt = _go(cell, feeler, placed, way=way, to_go=to_go, tell=tell)
+    return _judged(felt, way, to_go[0])
 
 
 def _placed(points: Sequence[Array], here: Array, axis: Array, way: Way) -> list[Array]:
@@ -97,13 +102,26 @@ def _placed(points: Sequence[Array], here: Array, axis: Array, way: Way) -> list
     return list(points)
 
 
+def _left_m(points: list[Array], here: Array, axis: Array, limits: Limits) -> list[float]:
+    """Return how far it is from each point to the last one across the axis. Raises DataError."""
+    across = [point - ((point - here) @ axis) * axis for point in points]
+    for number, point in enumerate(across, 1):
+        trip = check_workspace(limits, pin.SE3(np.eye(3), point))
+        if trip is not None:
+            raise DataError(f"point {number} of the path: {trip.text}")
+    left = [0.0]
+    for a, b in pairwise(reversed(across)):
+        left.append(left[-1] + float(np.linalg.norm(b - a)))
+    if left[-1] < LEAST_M:
+        raise DataError("the path does not go across the tool's axis: only that counts, not height")
+    return left[::-1]
+
+
 def _go(
-    cell: Cell, feeler: Feeler, points: list[Array], *, way: Way, length_m: float, tell: Tell
+    cell: Cell, feeler: Feeler, points: list[Array], *, way: Way, to_go: list[float], tell: Tell
 ) -> list[Felt]:
     """Send the points bit by bit until all have been gone to; return what was felt."""
-    to_go = [length_m]
-    for a, b in pairwise(points):
-        to_go.append(to_go[-1] - float(np.linalg.norm(b - a)))
+    length_m = to_go[0]
     sent, behind, felt, done = 0, 0, [feeler.next()], Steady(_has_arrived, STANDS_S)
     while True:
         left_m = length_m

@@ -20,7 +20,8 @@ from common.client.asking import stopped
 from common.clock import NS_PER_S
 from common.convert import pose_of, record_of
 from common.endpoints import Reader
-from common.errors import DataError, NotReachedError
+from common.errors import DataError, NotReachedError, RefusedError
+from common.faults import FAULTS
 from common.frames import Array
 from common.messages import Vec3
 from common.requests import ForceStartRequest, MoveRequest, PathRequest
@@ -77,7 +78,8 @@ class Measuring:
         """Raise ForcemeshError, in one sentence, when it should not begin."""
         status, touch_N = self._cell.status(), self._cell.config.force.touch_N
         if status.state != "ARMED":
-            raise NotReachedError(f"the arbiter is {status.state}: tune begins armed and at rest")
+            text = f"the arbiter is {status.state}: tune begins armed and at rest"
+            raise RefusedError("not_armed", text, remedy=FAULTS["not_armed"].remedy)
         found_N = float(np.linalg.norm(self._cell.wrench().force_N))
         if found_N > touch_N:
             text = f"the tool feels {found_N:.1f} N before it touches anything"

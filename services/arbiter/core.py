@@ -92,7 +92,7 @@ class Arbiter:
             armed_for=self._armed_for,
             trips=self.trips,
             not_ready=lines([trip.text for trip in self._not_ready]),
-            clears=what_next(self.state, self._not_ready),
+            clears=what_next(self.state, self._not_ready, self._armed_for),
         )
 
     def _watch_readiness(self, inputs: Inputs) -> None:

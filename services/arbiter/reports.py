@@ -1,13 +1,14 @@
 """Makes what the arbiter says fit into its message, whatever was said to it. Pure."""
 
 from common.faults import FAULTS, clipped
-from common.messages import ArbiterState, Trip
+from common.messages import MAY_MOVE, ArbiterState, Purpose, Trip
 from services.arbiter.states import CLEARS, TABLE
 
 MOST_TRIPS = 4
 MOST_LINES = 12
 LINE_BYTES = 120
 MORE = " …"
+JOG_ALONE = "armed for jog alone; for force feedback hold, then arm"
 
 
 def recent(trips: tuple[Trip, ...]) -> tuple[Trip, ...]:
@@ -20,8 +21,10 @@ def lines(texts: list[str]) -> tuple[str, ...]:
     return tuple(_short(text) for text in texts[:MOST_LINES])
 
 
-def what_next(state: ArbiterState, not_ready: list[Trip]) -> str:
+def what_next(state: ArbiterState, not_ready: list[Trip], armed_for: Purpose = "all") -> str:
     """Return what a person can do now: where arming would be refused, what mends that."""
+    if state in MAY_MOVE and armed_for == "jog":
+        return JOG_ALONE
     if not_ready and "arm" in TABLE[state]:
         return f"{FAULTS[not_ready[0].code].remedy}; then arm"
     return CLEARS[state]

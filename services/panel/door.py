@@ -13,7 +13,7 @@ from http.cookies import CookieError, SimpleCookie
 from typing import Literal
 from urllib.parse import parse_qs, urlsplit
 
-from common.cell_panel import SHORTEST_TOKEN, PanelSection
+from common.cell_panel import SAME_TOKEN, PanelSection, guessable
 from common.errors import ForcemeshError
 
 Rights = Literal["operate", "view"]
@@ -36,16 +36,21 @@ class Door:
     def __post_init__(self) -> None:
         """Raise ForcemeshError where others could walk in."""
         if not self.token and not stays_here(self.host):
+            what = "watch the cell" if self.view_only else "move the arm"
             raise ForcemeshError(
-                f"refused: on {self.host} anybody in reach could move the arm: set panel.token in "
+                f"refused: on {self.host} anybody in reach could {what}: set panel.token in "
                 f"the cell file or {TOKEN_VARIABLE}, or let the panel listen on 127.0.0.1"
             )
         for token in (self.token, self.view_token):
-            if token and len(token) < SHORTEST_TOKEN:
-                raise ForcemeshError(
-                    f"refused: a token of {len(token)} characters can be guessed: take at least "
-                    f"{SHORTEST_TOKEN}, `openssl rand -hex 16` makes one"
-                )
+            if why := guessable(token):
+                raise ForcemeshError(f"refused: {why}")
+        if self.view_token and self.view_token == self.token:
+            raise ForcemeshError(f"refused: {SAME_TOKEN}")
+        if self.view_token and not self.token:
+            raise ForcemeshError(
+                "refused: with panel.view_token alone everybody may operate: set panel.token as "
+                f"well, or {TOKEN_VARIABLE}"
+            )
 
     @property
     def cookie(self) -> str:

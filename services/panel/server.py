@@ -8,6 +8,7 @@ that this took effect, so that another version of viser cannot quietly come with
 
 import contextlib
 import contextvars
+import errno
 import http.client
 import io
 import json
@@ -119,10 +120,11 @@ def listen(host: str, port: int) -> socket.socket:
     try:
         return socket.create_server((host, port), backlog=BACKLOG)
     except OSError as error:
-        raise ForcemeshError(
-            f"cannot listen on {host}:{port} ({os.strerror(error.errno or 0)}): is the panel there "
-            "already? panel.port in the cell file, or --port, chooses another one"
-        ) from None
+        what = "panel.host is to be an address of this machine"
+        if error.errno == errno.EADDRINUSE:
+            what = "is the panel there already? panel.port, or --port, chooses another one"
+        why = os.strerror(error.errno or 0)
+        raise ForcemeshError(f"cannot listen on {host}:{port} ({why}): {what}") from None
 
 
 def open_server(gate: Gate, door: Door) -> PanelServer:

@@ -26,7 +26,7 @@ def parser() -> argparse.ArgumentParser:
     )
     words.add_argument("--address", default="127.0.0.1", help="listen on this address only")
     words.add_argument("--port", type=int, default=49152, help="of RDT, UDP; 0: a free one")
-    words.add_argument("--page-port", type=int, default=8080, help="of HTTP, TCP; 0: a free one")
+    words.add_argument("--page-port", type=int, default=8081, help="of HTTP, TCP; 0: a free one")
     words.add_argument("--rate-hz", type=float, default=1000.0, help="records in a second")
     words.add_argument("--force", type=vector, default="0,0,10", metavar="X,Y,Z", help="[N]")
     words.add_argument("--torque", type=vector, default="0,0,0", metavar="X,Y,Z", help="[N m]")

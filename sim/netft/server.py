@@ -1,9 +1,9 @@
 """The simulated sensor's sockets: RDT on UDP, its page and its fault switches on HTTP.
 
-curl http://127.0.0.1:8080/netftapi2.xml
-curl http://127.0.0.1:8080/faults                        shows the switches
-curl http://127.0.0.1:8080/faults -d 'loss=0.2&stall=on'  sets some
-curl http://127.0.0.1:8080/faults -d restart=on
+curl http://127.0.0.1:8081/netftapi2.xml
+curl http://127.0.0.1:8081/faults                        shows the switches
+curl http://127.0.0.1:8081/faults -d 'loss=0.2&stall=on'  sets some
+curl http://127.0.0.1:8081/faults -d restart=on
 """
 
 import json

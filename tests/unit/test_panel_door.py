@@ -3,6 +3,7 @@
 import asyncio
 import http.client
 import json
+from pathlib import Path
 
 import pytest
 from hypothesis import given
@@ -13,7 +14,8 @@ from websockets.sync.client import connect
 from websockets.typing import Origin
 
 from common.cell_panel import PanelSection
-from common.errors import ForcemeshError
+from common.config import load_cell
+from common.errors import ConfigError, ForcemeshError
 from services.panel.door import Door, door_of, stays_here
 from services.panel.server import Gate, PanelServer, close_server, listen, open_server
 
@@ -54,6 +56,20 @@ def test_a_token_that_can_be_guessed_is_refused():
     """Short ones are none."""
     with pytest.raises(ForcemeshError, match="can be guessed"):
         Door(WIDE, 8080, token="0" * 15)
+
+
+@pytest.mark.parametrize("more", [{}, {"token": VIEW}])
+def test_who_may_only_look_never_operates(more):
+    """A view token alone, or one that is the operator's too, would let everybody operate."""
+    with pytest.raises(ForcemeshError, match=r"everybody may operate|could operate"):
+        Door("127.0.0.1", 8080, view_token=VIEW, **more)
+
+
+@pytest.mark.parametrize("panel", [{"token": "short"}, {"token": VIEW, "view_token": VIEW}])
+def test_the_cell_file_is_told_what_the_panel_would_refuse(panel):
+    """`config check` says it, before anything is started."""
+    with pytest.raises(ConfigError, match=r"can be guessed|could operate"):
+        load_cell(Path(__file__).parents[2] / "cells" / "demo.yaml", {"panel": panel})
 
 
 @given(st.text(max_size=40))

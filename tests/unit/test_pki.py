@@ -50,6 +50,16 @@ def wrong(folder: Path, after_days: float = 0.0) -> list[Finding]:
     return [finding for finding in found if finding.verdict != "good"]
 
 
+def test_a_certificate_is_not_wrong_and_good_at_once(folder: Path) -> None:
+    """What is right about it besides is not said; the remedy names the folder that was named."""
+    (folder / "operator.key").chmod(0o644)
+    said = [each.verdict for each in check_folder(folder, "demo", NOW) if each.name == "operator"]
+    assert said == ["wrong"]
+    code, words = pki("check", folder=folder)
+    assert code == 1
+    assert f"forcemesh pki issue operator --again --cell {DEMO} --folder {folder}" in words
+
+
 def certificate(folder: Path, name: str) -> x509.Certificate:
     """Return a certificate of a folder."""
     return x509.load_pem_x509_certificate((folder / f"{name}.pem").read_bytes())

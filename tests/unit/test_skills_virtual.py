@@ -128,6 +128,13 @@ def test_follow_keeps_the_force_along_a_path(cell: Skilled) -> None:
     assert done.took_s == pytest.approx(1.0, abs=0.6)
     assert done.contacts_lost == 0
     assert done.mean_error_N < 0.5
+    for wrong, says in (
+        ([[0.0, 0.0, 0.0], [5.0, 0.0, 0.0]], "point 2 of the path: TCP x = .* outside"),
+        ([[0.0, 0.0, 0.0], [0.0, 0.0, 0.5]], "does not go across"),
+    ):
+        points = [np.array(point) for point in wrong]
+        with pytest.raises(DataError, match=says):
+            following.follow(cell.client, points, way, how=How(), within_s=5.0)
     far = [cell.p_tcp() + np.array([1.0, 0.0, 0.0])]
     with pytest.raises(DataError, match="begins 1000 mm beside"):
         following.follow(cell.client, far, following.Way(8.0, 0.02), how=How(), within_s=5.0)

@@ -125,7 +125,7 @@ def test_a_missing_file_is_named_with_the_remedy(tmp_path: Path, missing: str) -
     """The error says which file and which command makes it."""
     touch_pair(tmp_path, "wrench")
     (tmp_path / missing).unlink()
-    with pytest.raises(BusError, match=f"{missing} is missing; `forcemesh pki init`"):
+    with pytest.raises(BusError, match=f"{missing} is missing; `forcemesh pki init --cell FILE`"):
         identity_of(cell(tls={"folder": str(tmp_path)}), "wrench")
 
 

@@ -11,7 +11,7 @@ from cli.tuning.measure import Trial, measure
 from cli.virtual import VirtualCell
 from common.client import Cell
 from common.config import load_cell
-from common.errors import NotReachedError
+from common.errors import NotReachedError, RefusedError
 from services.regulator.tuning import tune
 from tests.fakes.verbs import said
 
@@ -88,7 +88,7 @@ def test_it_begins_armed_free_and_inside_the_workspace() -> None:
     cell.client.config = wide
     cell.client.hold()
     cell.world.advance(0.1)
-    with pytest.raises(NotReachedError, match="the arbiter is HOLDING: tune begins armed"):
+    with pytest.raises(RefusedError, match="the arbiter is HOLDING: tune begins armed"):
         run(cell, trial)
     assert cell.p() == pytest.approx(start, abs=1e-4)
 

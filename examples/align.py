@@ -3,7 +3,7 @@
 import math
 import sys
 
-from common.client import Cell, NotReachedError
+from common.client import Cell, ForcemeshError, NotReachedError
 from common.client.turning import inverse, times, unit
 
 FORCE_N = 10.0
@@ -37,5 +37,8 @@ def main(cell: Cell) -> float:
 
 
 if __name__ == "__main__":
-    with Cell(sys.argv[1] if len(sys.argv) > 1 else "cells/demo.yaml") as the_cell:
-        main(the_cell)
+    try:
+        with Cell(sys.argv[1] if len(sys.argv) > 1 else "cells/demo.yaml") as the_cell:
+            main(the_cell)
+    except ForcemeshError as error:  # one sentence that says what is wrong and what to do
+        sys.exit(str(error))

@@ -2,7 +2,7 @@
 
 import sys
 
-from common.client import Cell, NotReachedError
+from common.client import Cell, ForcemeshError, NotReachedError
 from common.client.turning import of_oat_deg, plus, turned, unit
 from common.messages import Vec3
 from common.requests import ForceStartRequest
@@ -54,5 +54,8 @@ def main(cell: Cell, side_m: float = SIDE_M) -> float:
 
 
 if __name__ == "__main__":
-    with Cell(sys.argv[1] if len(sys.argv) > 1 else "cells/demo.yaml") as the_cell:
-        main(the_cell)
+    try:
+        with Cell(sys.argv[1] if len(sys.argv) > 1 else "cells/demo.yaml") as the_cell:
+            main(the_cell)
+    except ForcemeshError as error:  # one sentence that says what is wrong and what to do
+        sys.exit(str(error))

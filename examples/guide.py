@@ -7,7 +7,7 @@ is not a safety function: keep a hand at the emergency stop.
 import math
 import sys
 
-from common.client import ArmStoppedError, Cell
+from common.client import ArmStoppedError, Cell, ForcemeshError
 from common.messages import PoseRecord
 
 SECONDS = 10.0
@@ -46,5 +46,8 @@ def main(cell: Cell, seconds: float = SECONDS) -> int:
 
 
 if __name__ == "__main__":
-    with Cell(sys.argv[1] if len(sys.argv) > 1 else "cells/demo.yaml") as the_cell:
-        main(the_cell)
+    try:
+        with Cell(sys.argv[1] if len(sys.argv) > 1 else "cells/demo.yaml") as the_cell:
+            main(the_cell)
+    except ForcemeshError as error:  # one sentence that says what is wrong and what to do
+        sys.exit(str(error))

@@ -3,7 +3,7 @@
 import statistics
 import sys
 
-from common.client import Cell
+from common.client import Cell, ForcemeshError
 
 FORCE_N = 10.0
 HOLD_S = 2.0
@@ -23,5 +23,8 @@ def main(cell: Cell, hold_s: float = HOLD_S) -> float:
 
 
 if __name__ == "__main__":
-    with Cell(sys.argv[1] if len(sys.argv) > 1 else "cells/demo.yaml") as the_cell:
-        main(the_cell)
+    try:
+        with Cell(sys.argv[1] if len(sys.argv) > 1 else "cells/demo.yaml") as the_cell:
+            main(the_cell)
+    except ForcemeshError as error:  # one sentence that says what is wrong and what to do
+        sys.exit(str(error))

@@ -2,7 +2,7 @@
 
 import sys
 
-from common.client import Cell, NotReachedError
+from common.client import Cell, ForcemeshError, NotReachedError
 
 FORCE_N = 5.0  # the approach would go on to this, if it were not stopped at the touch
 BACK_M = 0.002
@@ -16,8 +16,9 @@ def main(cell: Cell) -> tuple[float, float, float]:
         for said in cell.target.stream(seconds=WITHIN_S):
             if said.message.contact == "contact":
                 break
-            if not cell.status().goes_on:
-                raise NotReachedError("the arm was stopped on its way")
+            if not (status := cell.status()).goes_on:
+                why = "; ".join(trip.text for trip in status.trips)
+                raise NotReachedError(f"the arm was stopped on its way: {why}")
         else:
             raise NotReachedError(f"nothing was touched within {WITHIN_S:g} s")
         place = cell.state().position_m
@@ -30,5 +31,8 @@ def main(cell: Cell) -> tuple[float, float, float]:
 
 
 if __name__ == "__main__":
-    with Cell(sys.argv[1] if len(sys.argv) > 1 else "cells/demo.yaml") as the_cell:
-        main(the_cell)
+    try:
+        with Cell(sys.argv[1] if len(sys.argv) > 1 else "cells/demo.yaml") as the_cell:
+            main(the_cell)
+    except ForcemeshError as error:  # one sentence that says what is wrong and what to do
+        sys.exit(str(error))

@@ -55,9 +55,9 @@ def test_show_tells_what_is_in_the_file_and_what_is_a_default() -> None:
 def test_show_keeps_a_token_to_itself(tmp_path: Path) -> None:
     """A token that is printed is a token that is known."""
     path = tmp_path / "cell.yaml"
-    path.write_text(DEMO.read_text() + "\npanel: {token: do-not-tell}\n")
+    path.write_text(DEMO.read_text() + "\npanel: {token: do-not-tell-this}\n")
     shown = run("show", "--cell", path, "--json").stdout
-    assert "do-not-tell" not in shown
+    assert "do-not-tell-this" not in shown
     assert json.loads(shown)["values"]["panel.token"] == {"value": "(not shown)", "from": "file"}
 
 

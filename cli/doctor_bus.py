@@ -7,7 +7,7 @@ from typing import Any
 from cli.cellview import CellView
 from cli.doctor_checks import RoleHeard
 from cli.runfile import read_run
-from cli.status import started_helpers
+from cli.status import helpers_of
 from common import topics
 from common.bus import open_bus
 from common.cell import Cell
@@ -84,17 +84,14 @@ class _Count:
 def _overheard(cell: Cell, bus: Bus, view: CellView, counts: list[_Count]) -> Overheard:
     state = counts[0].reader.read(bus.clock.now_ns()).message
     return Overheard(
-        roles=[_role(cell, view, role) for role in (*topics.ROLES, *_helpers(cell, view))],
+        roles=[
+            _role(cell, view, role)
+            for role in (*topics.ROLES, *helpers_of(view, read_run(cell.cell)))
+        ],
         robot=_fresh_health(view, "robot"),
         state=state if isinstance(state, RobotState) else None,
         stream_hz={count.reader.topic.key: count.hz for count in counts},
     )
-
-
-def _helpers(cell: Cell, view: CellView) -> list[str]:
-    """Return the helpers that are heard, or should be: `up` has started them."""
-    started = started_helpers(read_run(cell.cell))
-    return [h for h in topics.HELPERS if h in started or view.health(h).message is not None]
 
 
 def _fresh_health(view: CellView, role: str) -> Health | None:

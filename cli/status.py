@@ -87,8 +87,8 @@ def _is_heard(view: CellView, expected: set[str]) -> bool:
 def _judge(
     cell: Cell, run: Run | None, view: CellView | None, *, waited_s: float, only: str | None
 ) -> CellStatus:
-    heard_of = {only, *_helpers(view), *started_helpers(run)}
-    helpers = [name for name in topics.HELPERS if name in heard_of]
+    listed = {only, *helpers_of(view, run)}
+    helpers = [name for name in topics.HELPERS if name in listed]
     heard = None if view is None else view.arbiter().fresh
     return CellStatus(
         cell=cell.cell,
@@ -102,11 +102,13 @@ def _judge(
     )
 
 
-def started_helpers(run: Run | None) -> tuple[str, ...]:
-    """Return the helpers that a supervisor has started which is there now."""
-    if run is None or not run.live:
-        return ()
-    return tuple(name for name in topics.HELPERS if run.entry(name))
+def helpers_of(view: CellView | None, run: Run | None) -> tuple[str, ...]:
+    """Return the helpers that are heard, or should be: a supervisor that is there started them."""
+    started = run if run is not None and run.live else None
+    heard = _helpers(view)
+    return tuple(
+        name for name in topics.HELPERS if name in heard or (started and started.entry(name))
+    )
 
 
 def _helpers(view: CellView | None) -> tuple[str, ...]:

@@ -36,6 +36,8 @@ ENV PATH=/venv/bin:$PATH \
     PYTHONDONTWRITEBYTECODE=1 \
     HOME=/tmp \
     MPLCONFIGDIR=/tmp/matplotlib
+# A volume that compose makes takes over whose they are.
+RUN mkdir /calibration /recordings && chown 10001:10001 /calibration /recordings
 COPY --from=build /venv /venv
 COPY --from=build /app /app
 WORKDIR /app

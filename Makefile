@@ -27,7 +27,7 @@ NO_NEW_BRANCH := mistake_is_found or no_way_through or dead_end or every_fault_o
   or judge_sees or no_command_gets_past or wall_that_vanishes or four_times_stiffer
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-long test-browser test-subscribers coverage check format readme bench bench-tcp bench-payload bench-force chaos chaos-full chaos-network chaos-flood chaos-clocks soak soak-sensor fuzz fuzz-codec fuzz-commands pki up down sbom compose-test lock clean
+.PHONY: help setup demo test test-long test-browser test-subscribers coverage check format readme bench bench-tcp bench-payload bench-force chaos chaos-full chaos-network chaos-flood chaos-clocks soak soak-sensor flips fuzz fuzz-codec fuzz-commands hostile pki up down sbom compose-test lock clean
 
 help: ## list these targets
 	@grep -hE '^[a-z-]+:.*##' Makefile | sed -E 's/:[^#]*## */\t/' | expand -t 10
@@ -115,24 +115,30 @@ fuzz: setup ## look for inputs that break the readers, FUZZ_SECONDS=60 for each:
 fuzz-commands: setup ## let an evil arbiter say a million commands: ARGS="--messages 100000 gateway"
 	@$(BIN)/python -m fuzz.commands $(ARGS)
 
+hostile: setup ## ten thousand hostile requests and messages to a running cell: ARGS="--count 500"
+	@$(BIN)/python -m tools.hostile --up $(ARGS)
+
+flips: setup ## spoil every digit of every report of the controller in turn, some hours
+	@EVERY_FLIP=1 $(BIN)/python -m pytest -q -n auto -m long tests/contract/test_abuse_reports.py $(ARGS)
+
 fuzz-codec: setup ## spoil ten million streams of packets, none may be believed: ARGS="--cases 100000"
 	@$(BIN)/python -m fuzz.codec $(ARGS)
 
 pki: setup ## make the certificates of the bus and tell docker compose (.env) where they are: ARGS="--host labpc"
 	@$(BIN)/forcemesh pki init --env .env $(ARGS)
 
-PROFILE ?= sim
-PROFILES := --profile sim --profile emulated --profile real
-UP = $(COMPOSE) --profile $(PROFILE)
+PROFILE ?=
+ALL := --profile emulated --profile real
+UP = $(COMPOSE)$(if $(PROFILE), --profile $(PROFILE))
+KEEPER = $(or $(PROFILE),sim)
 COMPOSE ?= $(shell docker compose version >/dev/null 2>&1 && echo docker compose || echo docker-compose)
 
-up: ## bring a cell up in containers: PROFILE=sim, emulated or real, the last with CELL=my-cell.yaml
-	@mkdir -p calibration recordings
+up: ## bring the simulated cell up in containers; PROFILE=real CELL=my-cell.yaml yours in its place, PROFILE=emulated
 	@$(UP) up -d --build $(ARGS)
-	@$(UP) exec -T $(PROFILE)-cell python -m common.in_use check $(PROFILE)
+	@$(UP) exec -T $(KEEPER)-cell python -m common.in_use check $(KEEPER)
 
 down: ## take the containers down, of whichever profile
-	@$(COMPOSE) $(PROFILES) down $(ARGS)
+	@$(COMPOSE) $(ALL) down $(ARGS)
 
 sbom: setup ## write what the image is made of into out/sbom.cdx.json (CycloneDX)
 	@mkdir -p out

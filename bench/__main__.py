@@ -12,9 +12,11 @@ from bench import (
     installations,
     latency,
     panel,
+    physics,
     recorder,
     sensor_faults,
     settling,
+    subscriptions,
 )
 
 PARTS: dict[str, Callable[[], Table]] = {
@@ -24,11 +26,13 @@ PARTS: dict[str, Callable[[], Table]] = {
     "faults": faults.table,
     "sensor-faults": sensor_faults.table,
     "latency": latency.table,
+    "physics": physics.table,
     "installations": installations.table,
     "panel": panel.table,
     "recorder": recorder.table,
+    "subscriptions": subscriptions.table,
 }
-ASKED_FOR = {"installations", "panel", "recorder"}  # long, or with a browser
+ASKED_FOR = {"installations", "panel", "recorder", "subscriptions"}  # long, or with a browser
 
 
 def main() -> None:

@@ -14,7 +14,16 @@ from rich.table import Table
 from common.clock import NS_PER_S
 from common.config import load_cell
 from common.packet import ZERO_VEC, Packet, VecInt, encode
-from common.packet_table import ID_LAST, PROTOCOL_VERSION, Com, FeedbackSwitch, GainKind, next_id
+from common.packet_table import (
+    ID_LAST,
+    Bank,
+    Com,
+    FeedbackSwitch,
+    GainKind,
+    Point,
+    greeting,
+    next_id,
+)
 from sim.controller.behaviour import Behaviour
 from sim.controller.machine import Machine
 from sim.controller.network import MemoryNetwork
@@ -32,7 +41,27 @@ BUSY_S, SHIPPED_S = 0.25, 5.0  # virtual
 REPEATS = 5
 TICK_NS = 1_000_000
 SCALES: VecInt = (50, 500, 250, 100, 1000, 10)  # per mm, degree, degree of a joint, N, N m, mm/s
-LIMITS: VecInt = (50, 1000, 500, 10_000, 5_000, 250)  # 1 mm, 2 deg, 50 mm/s, 200 mm, 50 N, 250 ms
+ARM = 1  # fm.num as it ships
+LIMITS: dict[Bank, VecInt] = {
+    Bank.FEEDBACK: (
+        50,
+        1000,
+        500,
+        10_000,
+        5_000,
+        250,
+    ),  # 1 mm, 2 deg, 50 mm/s, 200 mm, 50 N, 250 ms
+    Bank.MOTION: (
+        75_000,
+        10_000,
+        1_000,
+        5_000,
+        2_500,
+        0,
+    ),  # 150 deg, 10 N m, 20 mm, 10 deg, 250 mm/s
+    Bank.LOWER_CORNER: (-50_000, 0, -10_000, 0, 0, 0),
+    Bank.UPPER_CORNER: (50_000, 60_000, 60_000, 0, 0, 0),
+}
 GAINS_I: VecInt = (250, 250, 250, 250, 250, 250)  # 0.05 mm/(N s), 0.05 deg/(N m s)
 SAMPLE = f" {Com.POSE:06d} ".encode("ascii")
 STEPS_S = (1e-4, 1.25e-4, 2.5e-4, 5e-4)
@@ -126,7 +155,7 @@ class Client:
         self._id = ID_LAST
         self._ticks = 0
         self.samples = 0
-        self.say(Com.HELLO, PROTOCOL_VERSION, SCALES)
+        self.say(Com.HELLO, greeting(ARM), SCALES)
         self.live(500)
         self._receive()
 
@@ -161,8 +190,10 @@ class Client:
         self.samples += (data or b"").count(SAMPLE)
 
     def start_feedback(self) -> None:
-        """Set limits and gains, start both kinds of force feedback."""
-        self.say(Com.LIMITS, 0, LIMITS)
+        """Set limits, TCP and gains, start both kinds of force feedback."""
+        for bank, vec in LIMITS.items():
+            self.say(Com.LIMITS, bank, vec)
+        self.say(Com.TCP, Point.TCP)
         self.say(Com.GAINS, GainKind.INTEGRAL, GAINS_I)
         self.say(Com.FEEDBACK, FeedbackSwitch.POSITION)
         self.say(Com.FEEDBACK, FeedbackSwitch.ORIENTATION)

@@ -30,7 +30,7 @@ from bench.installations_stage import (
 )
 from bench.sensor_faults import PRESSED_N, Eyes
 from common import topics
-from common.errors import ForcemeshError
+from common.errors import ConfigError, ForcemeshError
 from common.requests import ArmRequest, Empty
 from services.wrench.installation import judge_installation
 from services.wrench.installation_fit import SIGNED
@@ -38,6 +38,7 @@ from services.wrench.installation_terms import Belief
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "installations.md"
 PRESS_S, REST_S = 6.0, 0.1
+NO_CELL = "nothing starts"
 ALL, FORCES, TORQUES, UNITS = "all six channels", "forces", "torques", "units and payload"
 KGF, LBF = 1.0 / 9.80665, 1.0 / 4.4482216
 
@@ -94,7 +95,13 @@ def play(mistake: Mistake) -> Outcome:
 
     Torques do not matter to a straight press, and forces alone press as all six channels do.
     """
-    believed = changed(true_cell(), mistake.changes)
+    try:
+        believed = changed(true_cell(), mistake.changes)
+    except ConfigError as error:
+        said = f"the cell file is refused: {'; '.join(error.mistakes)}"
+        return Outcome(
+            mistake.name, mistake.group, "wrong", (said,), NO_CELL, NO_CELL, "", 0.0, 0.0
+        )
     found = judge_installation(as_shown(mistake), Belief.of(believed))
     tare, arming = ("", "") if mistake.group == FORCES else _arming(mistake)
     press = ("", 0.0, 0.0) if mistake.group in (FORCES, TORQUES) else _press(mistake)

@@ -6,12 +6,17 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 CellName = Literal["sim", "tcp"]
-Kind = Literal["kill", "freeze-0.1", "freeze-1", "freeze-5", "terminate", "restart"]
+Kind = Literal[
+    "kill", "freeze-0.1", "freeze-1", "freeze-5", "terminate", "restart",
+    "memory", "two-killed", "two-frozen-1", "killed-in-freeze-1",
+]  # fmt: skip
 Phase = Literal["approach", "press", "retreat"]
 
 CELLS: tuple[CellName, ...] = get_args(CellName)
 KINDS: tuple[Kind, ...] = get_args(Kind)
 PHASES: tuple[Phase, ...] = get_args(Phase)
+FREEZES = ("freeze", "two-frozen", "killed-in-freeze")
+TWO: tuple[Kind, ...] = ("two-killed", "two-frozen-1", "killed-in-freeze-1")
 ROLES = ("hub", "robot", "sensor", "wrench", "regulator", "arbiter")
 
 
@@ -38,8 +43,19 @@ class Case:
     @property
     def frozen_s(self) -> float:
         """How long the process is stopped before it goes on [s]; 0 when it ends."""
-        name, _, seconds = self.kind.partition("-")
-        return float(seconds) if name == "freeze" else 0.0
+        name, _, seconds = self.kind.rpartition("-")
+        return float(seconds) if name in FREEZES else 0.0
+
+    @property
+    def second_role(self) -> str:
+        """The process that is hit beside it, empty where one alone is hit.
+
+        Never the robot's or the arm's: what they do is what is measured.
+        """
+        if self.kind not in TWO:
+            return ""
+        others = [role for role in ROLES if role not in (self.role, "robot", "sensor")]
+        return random.Random(f"second {self.name}/{self.seed}").choice(others)
 
     @property
     def hits_the_arm(self) -> bool:

@@ -12,8 +12,8 @@ from common import topics
 from common.convert import pose_of, record_of
 from common.errors import ForcemeshError
 from common.messages import (
+    ArmPurpose,
     Host,
-    Purpose,
 )
 from common.requests import ArmRequest, Empty, ForceStartRequest, HoldRequest, MoveRequest, Reply
 
@@ -59,7 +59,7 @@ class Job:
         if reply is None or not reply.accepted:
             raise NotMovingError(f"it could not be armed: {reply.text if reply else 'silent'}")
 
-    def _arm_for(self, purpose: Purpose) -> Reply | None:
+    def _arm_for(self, purpose: ArmPurpose) -> Reply | None:
         """Ask again and again until it is armed, or contact is in the way; return the answer."""
         reply: Reply | None = None
 

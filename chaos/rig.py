@@ -29,6 +29,7 @@ def chaos_cell(name: CellName) -> Cell:
     """Return a demo's cell with a soft plate, on ports of its own."""
     bus, controller = free_port(), free_port()
     overrides: dict[str, object] = {
+        "limits.move_rise_N": 40.0,  # the phase `retreat` begins where a move has pressed 25 N
         "cell": f"chaos-{bus}",
         "bus.endpoint": f"tcp/127.0.0.1:{bus}",
         "sim.stiffness_N_m": PLATE_N_M,

@@ -2,7 +2,7 @@
 
 import time
 
-from chaos import injector
+from chaos import injector, memory
 from chaos.cases import Case
 from chaos.ear import Ear
 from chaos.job import Job, NotMovingError
@@ -56,30 +56,53 @@ class Trials:
     # --- while it happens -------------------------------------------------------------------------
 
     def _inject(self, outcome: Outcome) -> Window:
-        case, name = outcome.case, self._rig.name_of(outcome.case.role)
-        running, thaw_ns = self._rig.running[name], 0
-        if case.frozen_s:
-            fault_ns = injector.freeze(running)
-            injector.prove_frozen(running)
-            left_s = case.frozen_s - (time.monotonic_ns() - fault_ns) / NS_PER_S
-            self._ear.during(max(left_s, 0.0))
-            thaw_ns = injector.thaw(running)
-            self._ear.during(WATCH_S)
-        else:
-            strike = injector.terminate if case.kind == "terminate" else injector.kill
-            fault_ns = strike(running)
-            injector.prove_gone(running)
+        case, names = outcome.case, self._names(outcome.case)
+        fault_ns, thaw_ns = self._freeze(outcome) if case.frozen_s else (self._strike(case), 0)
+        gone = [name for name in names if self._rig.running[name].ended() is not None]
+        if gone:
             self._rig.note_deaths()
             if case.kind != "restart":
                 self._ear.during(LOOK_S)
                 outcome.status_shows = self._shows(self._status(), case.role)
-            self._rig.start(name)
-            self._until_up(outcome, name)
+            self._rig.start(*gone)
+            self._until_up(outcome, *gone)
             self._ear.during(WATCH_S if case.kind == "restart" else WATCH_S / 2)
         self._note_causes(outcome)
         if case.kind == "restart":
-            self._restart_the_others(name, outcome)
+            self._restart_the_others(names[0], outcome)
         return Window(fault_ns, thaw_ns, self._end(outcome))
+
+    def _names(self, case: Case) -> list[str]:
+        """Return the processes that are hit, the measured one first."""
+        roles = [case.role, case.second_role] if case.second_role else [case.role]
+        return [self._rig.name_of(role) for role in roles]
+
+    def _strike(self, case: Case) -> int:
+        """End the processes that are hit; return when."""
+        hit = [self._rig.running[name] for name in self._names(case)]
+        strikes = {"terminate": injector.terminate, "memory": memory.exhaust}
+        times = [strikes.get(case.kind, injector.kill)(each) for each in hit]
+        for each in hit:
+            injector.prove_gone(each)
+        return times[0]
+
+    def _freeze(self, outcome: Outcome) -> tuple[int, int]:
+        """Stop processes for a while, perhaps end another meanwhile; return from when to when."""
+        case = outcome.case
+        hit = [self._rig.running[name] for name in self._names(case)]
+        frozen = hit[:1] if case.kind.startswith("killed") else hit
+        frozen_ns = [injector.freeze(each) for each in frozen]
+        for each in frozen:
+            injector.prove_frozen(each)
+        if len(frozen) < len(hit):
+            self._ear.during(case.frozen_s / 2)
+            injector.kill(hit[1])
+            injector.prove_gone(hit[1])
+        left_s = case.frozen_s - (time.monotonic_ns() - frozen_ns[0]) / NS_PER_S
+        self._ear.during(max(left_s, 0.0))
+        thawed_ns = [injector.thaw(each) for each in frozen]
+        self._ear.during(WATCH_S)
+        return frozen_ns[0], thawed_ns[0]
 
     def _restart_the_others(self, name: str, outcome: Outcome) -> None:
         """Start everything anew but the arm, which could then not be seen to move."""

@@ -24,6 +24,7 @@ from cli.context import EXIT_CODES
 from cli.demo import demo
 from cli.doctor import doctor
 from cli.export import export
+from cli.group import OneSentence
 from cli.numbers import NEGATIVE_NUMBERS
 from cli.panel import panel
 from cli.record import record
@@ -34,6 +35,7 @@ from cli.tuning.verb import tune
 from cli.verbs_bench import bench
 
 app = typer.Typer(
+    cls=OneSentence,
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode="markdown",  # units in square brackets are text
@@ -58,10 +60,12 @@ app.command(rich_help_panel=LOOK)(doctor)
 app.command(rich_help_panel=LOOK)(verbs_read.topics)
 app.command(rich_help_panel=LOOK)(verbs_watch.watch)
 app.command(rich_help_panel=MOVE)(verbs_motion.arm)
+app.command("back-off", rich_help_panel=MOVE)(verbs_motion.back_off)
 app.command(rich_help_panel=MOVE)(verbs_motion.hold)
 app.command(rich_help_panel=MOVE)(verbs_motion.clear)
 app.add_typer(verbs_move.move, name="move", rich_help_panel=MOVE)
 app.command(rich_help_panel=MOVE, context_settings=NEGATIVE_NUMBERS)(verbs_move.jog)
+app.command(rich_help_panel=MOVE)(verbs_move.retract)
 app.command(rich_help_panel=MOVE)(verbs_motion.speed)
 app.add_typer(verbs_force.force, name="force", rich_help_panel=FORCE)
 skills.add_to(app, "Skills")

@@ -1,49 +1,74 @@
-"""What runs beside a cell that is up: panel and recorder. What becomes of them stops nothing."""
+"""What runs beside a cell that is up: panel and recorder. What becomes of them stops nothing.
+
+One that dies is started again, with the same patience as the processes of the cell.
+"""
 
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from cli.processes import Supervisor
-    from cli.runlog import RunLog
-    from cli.running import Running
+    from cli.running import Process
 
 ENDS_WITHIN_S = 3.0
 LOOK_S = 0.2
+REFUSED = 2  # exit code of a process that says what is wrong
 
 
 @contextmanager
 def beside(
     module: str, name: str, supervisor: "Supervisor", *, wanted: bool = True
 ) -> Iterator[None]:
-    """Run a helper of a cell that is up, for as long as this lasts; say when it ends by itself."""
+    """Run a helper of a cell that is up, for as long as this lasts."""
     if not wanted:
         yield
         return
-    from cli.running import Process, Running, say_on_stderr
+    from cli.running import Process
 
-    process, log = Process(module, (name,)), supervisor.log
-    running = Running(process, supervisor.cell_file, say_on_stderr)
-    log.started(process, running.pid, is_helper=True)
-    over = threading.Event()
-    threading.Thread(target=_mourn, args=[running, log, over], daemon=True).start()
+    over, begun = threading.Event(), threading.Event()
+    words = [Process(module, (name,)), supervisor, over, begun]
+    thread = threading.Thread(target=_play, args=words, daemon=True)
+    thread.start()
+    begun.wait()
     try:
         yield
     finally:
         over.set()
-        running.terminate()
-        running.finish(ENDS_WITHIN_S)
+        thread.join()
 
 
-def _mourn(running: "Running", log: "RunLog", over: threading.Event) -> None:
-    from cli.running import say_on_stderr
+def _play(
+    process: "Process", supervisor: "Supervisor", over: threading.Event, begun: threading.Event
+) -> None:
+    """Run a helper until it is over; it dies with the thread that has started it, so in this one.
 
-    while not over.wait(LOOK_S):
-        if (died := running.ended()) is not None:
-            if not over.is_set():
-                log.ended(died)
-                what = f"there is no {running.process.name}: {died.how}"
-                say_on_stderr("up", f"{what}; the cell goes on without it")
+    One that says itself why it cannot run is not started again.
+    """
+    from cli.revive import Patience
+    from cli.running import Running, say_on_stderr
+
+    patience = Patience()
+    while True:
+        running = Running(process, supervisor.cell_file, say_on_stderr)
+        supervisor.log.started(process, running.pid, is_helper=True)
+        begun.set()
+        while (died := running.ended()) is None and not over.wait(LOOK_S):
+            pass
+        if died is None or over.is_set():
+            running.terminate()
+            running.finish(ENDS_WITHIN_S)
+            return
+        running.finish(0.0)
+        supervisor.log.ended(died)
+        now_s = time.monotonic()
+        due_s = None if died.code == REFUSED else patience.died(process.name, now_s)
+        if due_s is None:
+            what = f"there is no {process.name}: {died.how}"
+            say_on_stderr("up", f"{what}; the cell goes on without it")
+            return
+        say_on_stderr("up", f"{process.name} died: {died.how}; it is started again")
+        if over.wait(due_s - now_s):
             return

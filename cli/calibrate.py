@@ -31,9 +31,21 @@ Turn = Annotated[
 ]
 MaxForce = Annotated[float, typer.Option(min=0.001, help="Force that may be left [N].")]
 MaxTorque = Annotated[float, typer.Option(min=0.0001, help="Torque that may be left [N m].")]
-Force = Annotated[bool, typer.Option("--force", help="Write and use it although it failed.")]
+Force = Annotated[bool, typer.Option("--force", help="Write it although it failed; never use it.")]
+Use = Annotated[
+    bool,
+    typer.Option(
+        "--use",
+        help="Put it into use when it passed; the wizard that moves the arm does so without --out.",
+    ),
+]
+Free = Annotated[
+    bool,
+    typer.Option("--free", help="The tool hangs free, although a force is shown: another tool."),
+]
 Out = Annotated[
-    Path | None, typer.Option(metavar="FILE", help="Write it here, not where the cell says.")
+    Path | None,
+    typer.Option(metavar="FILE", help="Only write it, there; with --use put it into use as well."),
 ]
 Manual = Annotated[bool, typer.Option("--manual", help="Move nothing: watch a person do it.")]
 AutoCapture = Annotated[
@@ -80,6 +92,27 @@ class _Way:
         return ""
 
 
+@dataclass(frozen=True, slots=True)
+class Fate:
+    """What becomes of the result: use needs a wish of its own, and never follows from --out."""
+
+    out: Path | None
+    use: bool
+    force: bool
+    moves_arm: bool
+
+    @property
+    def uses(self) -> bool:
+        """Whether it goes into use when it passed; the wizard that moves the arm is for that."""
+        return self.use or (self.moves_arm and self.out is None and not self.force)
+
+    def mistake(self) -> str:
+        """Say which options do not go together, empty when they do."""
+        if self.use and self.force:
+            return "--use and --force do not go together: what failed is never put into use"
+        return ""
+
+
 def calibrate(
     *,
     yes: Yes = False,
@@ -91,6 +124,8 @@ def calibrate(
     max_force: MaxForce = 0.5,
     max_torque: MaxTorque = 0.05,
     force: Force = False,
+    use: Use = False,
+    free: Free = False,
     out: Out = None,
     manual: Manual = False,
     auto_capture: AutoCapture = False,
@@ -100,17 +135,21 @@ def calibrate(
     wrench_axes: Axes = AxesOption.AUTO,
     cell: CellOption = None,
 ) -> None:
-    """Find payload and sensor bias, verify them on fresh poses, write the cell's calibration.
+    """Find payload and sensor bias, verify them on fresh poses, put them into use.
 
     The arm moves by itself through poses inside the workspace of the cell file, after a person has
-    confirmed that it is free. This is not a safety function.
+    confirmed that it is free. What fresh poses have proved is written where the cell file says and
+    used by the running cell at once. With --manual, --from or --out it is only written; --use puts
+    it into use, when it passed. This is not a safety function.
     """
     way = _Way(manual, auto_capture, from_file, verify_with, verify_only, wrench_axes)
-    if way.mistake():
-        fail(way.mistake(), USAGE)
+    fate = Fate(out, use, force, moves_arm=not (manual or from_file))
+    mistake = way.mistake() or fate.mistake()
+    if mistake:
+        fail(mistake, USAGE)
     with one_line_errors():
         path = find_cell_file(cell)
-        job = _job(path, out, (max_force, max_torque), force=force)
+        job = _job(path, fate, (max_force, max_torque))
         if from_file is not None:
             code = _by_file(job, from_file, way)
         elif manual:
@@ -118,19 +157,26 @@ def calibrate(
         else:
             if verify_poses == 0:
                 fail("--verify-poses 0 goes with --manual: the wizard verifies what it fits", USAGE)
-            wish = _wish(job.cell, (poses, verify_poses, turn), speed, dwell, yes=yes)
+            wish = _wish(job.cell, (poses, verify_poses, turn), speed, dwell, assured=(yes, free))
             code = _by_arm(job, wish, verify_only=verify_only)
     raise typer.Exit(code)
 
 
-def _job(path: Path, out: Path | None, bounds: tuple[float, float], *, force: bool) -> "Job":
+def _job(path: Path, fate: Fate, bounds: tuple[float, float]) -> "Job":
     from cli.calibration.finish import Job
     from cli.calibration.places import places_of
     from cli.calibration.verdict import Bounds
     from common.config import load_cell
 
     cell = load_cell(path, {"calibration": None})  # not needed here, and it may be what is broken
-    return Job(cell, places_of(cell, path, out), Bounds(*bounds), force)
+    places = places_of(cell, path, fate.out)
+    if fate.out is not None and not fate.uses and not places.advice:
+        fail(
+            f"--out {fate.out} is the file that the cell takes when it is started: --use puts the "
+            "result into use, another name only writes it",
+            USAGE,
+        )
+    return Job(cell, places, Bounds(*bounds), force=fate.force, use=fate.uses)
 
 
 def _wish(
@@ -139,7 +185,7 @@ def _wish(
     speed_mm_s: float | None,
     dwell_s: float,
     *,
-    yes: bool,
+    assured: tuple[bool, bool],
 ) -> "by_arm.Wish":
     from math import radians
 
@@ -153,7 +199,7 @@ def _wish(
         fail(f"--speed {speed_mm_s:g}: limits.speed_m_s allows {most_mm_s:g} mm/s", USAGE)
     usual_mm_s = min(USUAL_SPEED_MM_S, most_mm_s)
     pace = Pace((usual_mm_s if speed_mm_s is None else speed_mm_s) / 1e3, dwell_s)
-    return Wish(Options(count, fresh, radians(turn_deg)), pace, yes)
+    return Wish(Options(count, fresh, radians(turn_deg)), pace, *assured)
 
 
 def _by_arm(job: "Job", wish: "by_arm.Wish", *, verify_only: bool) -> int:

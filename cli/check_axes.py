@@ -11,6 +11,7 @@ from cli.context import (
     USAGE,
     CellOption,
     JsonOption,
+    answers_yes,
     client_of,
     fail,
     find_cell_file,
@@ -110,6 +111,7 @@ def _by_file(
 def _by_hand(path: Path) -> "tuple[Installation, str]":
     from cli.calibration.screen import screen
     from cli.check_axes_push import PushTest
+    from cli.check_axes_tell import tell_cell
     from services.wrench.installation_terms import Belief
 
     with client_of(path) as (cell, bus), screen(with_time=False) as teller:
@@ -117,6 +119,7 @@ def _by_hand(path: Path) -> "tuple[Installation, str]":
             found = PushTest(bus, cell, teller).run(Belief.of(cell))
         except KeyboardInterrupt:
             fail("interrupted: nothing was judged", NOT_WELL)
+        tell_cell(bus, found)
     return found, f"pushes by hand, against {path}"
 
 
@@ -128,6 +131,7 @@ def _by_arm(
     from cli.calibration.rows import samples_of
     from cli.calibration.screen import screen
     from cli.calibration.wizard import Pace
+    from cli.check_axes_tell import tell_cell
     from services.wrench.installation import judge_installation
 
     with client_of(path) as (cell, bus):
@@ -136,11 +140,12 @@ def _by_arm(
         wish = by_arm.Wish(Options(poses=POSES, verify_poses=0), pace, yes)
         plan = by_arm.planned(cell, bus, wish)
         typer.echo(by_arm.explained(cell, plan, pace), err=True)
-        if not yes and not typer.confirm("is the box free, and may the arm move?", err=True):
+        if not yes and not answers_yes("is the box free, and may the arm move?"):
             fail("nothing was moved", NOT_WELL)
         with screen() as teller:
             wizard, ended = by_arm.drive(cell, bus, plan, pace, teller=teller)
         if ended is not None:
             raise typer.Exit(ended)
         found = judge_installation(samples_of(wizard.dwells), _belief(cell, mass_kg))
+        tell_cell(bus, found)
         return found, f"{len(wizard.dwells)} poses of the arm, against {path}"

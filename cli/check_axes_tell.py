@@ -4,8 +4,13 @@ import json
 
 import typer
 
+from common import topics
+from common.clock import NS_PER_S
+from common.endpoints import Bus
+from common.requests import AxesRequest
 from services.wrench.installation_terms import Installation
 
+WRENCH_WITHIN_S, POLL_S = 2.0, 0.01
 HEADLINES = {
     "right": "right: axes, signs and units are those of the cell file",
     "wrong": "wrong:",
@@ -26,6 +31,21 @@ def tell(found: Installation, source: str, *, as_json: bool) -> None:
     numbers = ", ".join(f"{name} {value:.4g}" for name, value in found.evidence.items())
     if numbers:
         typer.echo(f"  ({numbers})")
+
+
+def tell_cell(bus: Bus, found: Installation) -> None:
+    """Let the cell know that its axes are right, so that a hand may guide the tool."""
+    if found.verdict != "right":
+        return
+    wrench = bus.reader(topics.WRENCH)
+    give_up_ns = bus.clock.now_ns() + round(WRENCH_WITHIN_S * NS_PER_S)
+    while (heard := wrench.read(bus.clock.now_ns()).fresh) is None:
+        if bus.clock.now_ns() > give_up_ns:
+            typer.echo("warning: no wrench is published: the cell takes no note of it", err=True)
+            return
+        bus.clock.sleep_s(POLL_S)
+    reply = bus.ask(topics.AXES, AxesRequest(calibration=heard.calibration))
+    typer.echo(reply.text if reply.accepted else f"warning: {reply.text}", err=True)
 
 
 def as_tree(found: Installation, source: str) -> dict[str, object]:

@@ -77,12 +77,11 @@ def init(
     ] = "real",
 ) -> None:
     """Write a new cell file with comments, to be filled in; never over another file."""
-    from common.cell_bus import CELL_NAME
+    from common.patterns import CELL_NAME, WORDS
 
     name = out.stem.lower()
     if re.match(CELL_NAME, name) is None:
-        what = "letters, digits, - and _, and begins with a letter"
-        fail(f"the cell would be called {name!r}: name the file with {what}", USAGE)
+        fail(f"the cell would be called {name!r}: a cell's name {WORDS[CELL_NAME]}", USAGE)
     if out.exists():
         fail(f"{out} is there already: choose another name", USAGE)
     try:

@@ -7,27 +7,41 @@ from typing import TYPE_CHECKING, Annotated, NoReturn, TypeVar
 
 import typer
 
+from cli.exits import (
+    EXITS,
+    INTERRUPTED,
+    NO_ANSWER,
+    NOT_WELL,
+    OK,
+    REFUSED,
+    USAGE,
+    exit_code_of,
+)
+
 if TYPE_CHECKING:
     from rich.status import Status
 
     from common.cell import Cell as CellFile
     from common.client import Cell
     from common.endpoints import Bus
+    from common.errors import ForcemeshError
     from common.messages import Record
     from common.requests import Reply
     from common.topics import Request
 
 Q = TypeVar("Q", bound="Record")
 
-OK, NOT_WELL, USAGE, REFUSED, NO_ANSWER, INTERRUPTED = 0, 1, 2, 3, 4, 130
-EXITS = {
-    OK: "done and well",
-    NOT_WELL: "not well: a process died, a role is silent, a move did not get there",
-    USAGE: "wrong usage, or a file that cannot be used",
-    REFUSED: "refused, with the reason",
-    NO_ANSWER: "no answer: the cell is not up, or does not say what was waited for",
-    INTERRUPTED: "interrupted; what moved was asked to hold",
-}
+__all__ = (
+    "EXITS",
+    "INTERRUPTED",
+    "NOT_WELL",
+    "NO_ANSWER",
+    "OK",
+    "REFUSED",
+    "USAGE",
+    "exit_code_of",
+)
+
 EXIT_CODES = f"Exit codes: {'; '.join(f'{code} {meaning}' for code, meaning in EXITS.items())}."
 CELL_VARIABLE = "FORCEMESH_CELL"
 DEFAULT_CELL = Path("cells/demo.yaml")
@@ -122,32 +136,39 @@ def one_line_errors() -> Iterator[None]:
     """Turn every error that forcemesh raises on purpose into one line and an exit code."""
     from pydantic import ValidationError
 
-    from common.errors import (
-        BusError,
-        ConfigError,
-        DataError,
-        ForcemeshError,
-        LostError,
-        RefusedError,
-        first_mistake,
-    )
+    from common.errors import ForcemeshError, first_mistake
 
     try:
         yield
-    except (ConfigError, DataError) as error:
-        fail(str(error), USAGE)
     except ValidationError as error:  # of a request, before it was sent
         fail(first_mistake(error).text, USAGE)
-    except RefusedError as error:
-        fail(f"refused ({error.code}): {error}", REFUSED)
-    except LostError as error:
-        step = NEXT_STEP if error.is_all else PART_STEP if error.roles else UNHEARD_STEP
-        fail(f"{error}: {step}", NO_ANSWER)
-    except BusError as error:
-        is_away = str(error).endswith("is the cell up?")
-        fail(f"{error} {NEXT_STEP}" if is_away else str(error), NO_ANSWER)
     except ForcemeshError as error:
-        fail(str(error), NOT_WELL)
+        fail(sentence_of(error), exit_code_of(error))
+
+
+def sentence_of(error: "ForcemeshError") -> str:
+    """Return what a person is told of an error, with the next step where it is always the same."""
+    from common.errors import BusError, LostError, RefusedError
+
+    if isinstance(error, RefusedError):
+        return f"refused ({error.code}): {error}"
+    if isinstance(error, LostError):
+        step = NEXT_STEP if error.is_all else PART_STEP if error.roles else UNHEARD_STEP
+        return f"{error}: {step}"
+    if isinstance(error, BusError) and str(error).endswith("is the cell up?"):
+        return f"{error} {NEXT_STEP}"
+    return str(error)
+
+
+def answers_yes(question: str) -> bool:
+    """Ask a person yes or no on the terminal; the end of input is no answer, and so a no."""
+    try:
+        return typer.confirm(question, err=True)
+    except typer.Abort as error:
+        if isinstance(error.__context__, KeyboardInterrupt):
+            fail("\ninterrupted: nothing was moved", INTERRUPTED)
+        typer.echo("\nno answer on standard input; --yes answers beforehand", err=True)
+        return False
 
 
 def fail(text: str, code: int) -> NoReturn:
@@ -166,6 +187,17 @@ def cell_of(named: Path | None) -> "Iterator[Cell]":
         Cell(live_cell(named), commander="operator", patience_s=PATIENCE_S) as cell,
     ):
         yield cell
+
+
+def confirmed(question: str, *, yes: bool) -> None:
+    """Ask a person whether something may be done; end the verb when it may not.
+
+    Args:
+        question: What will happen.
+        yes: Whether the answer was given with the verb.
+    """
+    if not yes and not answers_yes(question):
+        fail("not done: it was not confirmed (--yes confirms it without a question)", REFUSED)
 
 
 def tell(reply: "Reply") -> None:

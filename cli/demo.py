@@ -2,13 +2,14 @@
 
 import json
 import sys
+import tempfile
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from cli.context import NOT_WELL, OK, USAGE, default_cell_file
+from cli.context import NOT_WELL, OK, USAGE, default_cell_file, exit_code_of, fail
 from cli.panel import NoPanel
 from cli.record import NoRecorder
 from common.errors import ForcemeshError
@@ -70,9 +71,10 @@ def demo(
 
     from cli.demo_cell import DEFAULT_SETPOINT_N, DEFAULT_TILT_DEG, Trial, check_plan, demo_cell
     from cli.demo_play import live_progress, play_real, play_virtual
-    from cli.scenario import Plan, ScenarioError
+    from cli.scenario import Plan
 
     screen = Console(stderr=True)
+    _make_folder(out)
     setpoint_N = DEFAULT_SETPOINT_N[mode] if setpoint is None else setpoint
     plan = Plan(mode=mode, host=host, press_N=force, setpoint_N=setpoint_N)
     try:
@@ -93,14 +95,25 @@ def demo(
             real = partial(play_real, panel=not no_panel, recorder=not no_recorder)
             trace = (play_virtual if virtual else real)(cell, plan, progress, linger)
     except ForcemeshError as error:
-        screen.print(f"[red]demo:[/red] {escape(str(error))}", highlight=False, soft_wrap=True)
+        text = escape(str(error).removeprefix("demo: "))  # a plan's mistakes come with it
+        screen.print(f"[red]demo:[/red] {text}", highlight=False, soft_wrap=True)
         if as_json:
             sys.stdout.write(json.dumps({"settled": False, "error": str(error)}) + "\n")
-        raise typer.Exit(NOT_WELL if isinstance(error, ScenarioError) else USAGE) from None
+        raise typer.Exit(exit_code_of(error)) from None
     result = report(screen, cell, plan, trace=trace, out=out)
     if as_json:
         sys.stdout.write(json.dumps(result.as_dict()) + "\n")
     raise typer.Exit(OK if result.settled else NOT_WELL)
+
+
+def _make_folder(out: Path) -> None:
+    """Make sure, before minutes of work, that its results can be written."""
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=out):
+            pass
+    except OSError as error:
+        fail(f"--out {out}: cannot be written: {error.strerror}; choose another folder", USAGE)
 
 
 def _seconds(milliseconds: float | None) -> float | None:
@@ -117,8 +130,7 @@ def report(screen: "Console", cell: "Cell", plan: "Plan", *, trace: "Trace", out
 
     surface = surface_of(cell)
     result = measure(trace, plan, surface, tune(cell).tau_s)
-    screen.print(demo_report.table(result, plan, cell.force.law))
-    out.mkdir(parents=True, exist_ok=True)
+    screen.print(demo_report.table(result, plan, trace.started))
     demo_report.plot(trace, plan, surface, out / "demo.png")
     screen.print(f"plot: {out / 'demo.png'}", highlight=False, soft_wrap=True)
     try:

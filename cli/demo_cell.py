@@ -39,8 +39,9 @@ def demo_cell(path: Path, trial: Trial) -> Cell:
     The plate rests on springs at its corners, so its tilt stiffness goes with its stiffness.
 
     Raises:
-        ConfigError: The cell file or an option is wrong.
+        ConfigError: The cell file or an option is wrong; the cell is a real one.
     """
+    plate_of(load_cell(path))  # first: the overrides would make a section `sim` of their own
     overrides: dict[str, object] = {"sim.tilt_deg": trial.tilt_deg}
     if trial.law is not None:
         overrides["force.law"] = trial.law
@@ -85,7 +86,8 @@ def _controller(plain: Cell, trial: Trial) -> dict[str, object]:
 def plate_of(cell: Cell) -> SimSettings:
     """Return the simulated cell's settings, checked before any process is started."""
     if cell.sim is None:
-        raise ConfigError(cell.cell, ["the demo needs a cell with a section `sim`"])
+        text = "the demo needs a cell with a section `sim`: it arms and presses without asking"
+        raise ConfigError(cell.cell, [text])
     return sim_settings(cell, cell.sim)
 
 
@@ -108,6 +110,11 @@ def check_plan(cell: Cell, plan: Plan) -> None:
         mistakes.append(
             f"--setpoint {plan.setpoint_N:g}: a face aligns only while it is pressed, "
             f"mode both needs at least {LEAST_PRESS_N:g} N"
+        )
+    if plan.mode == "orientation" and plan.setpoint_N > 0.0:
+        mistakes.append(
+            f"--setpoint {plan.setpoint_N:g}: mode orientation regulates the torque alone and "
+            "holds no force: choose position or both"
         )
     if mistakes:
         raise ConfigError("demo", mistakes)

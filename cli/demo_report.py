@@ -10,18 +10,17 @@ from cli.demo_cell import plate_of
 from cli.measures import Result, Surface
 from cli.scenario import SETTLED_FORCE_N, SETTLED_TORQUE_NM, Plan, Sample, Trace
 from common.cell import Cell
-from common.messages import Law
 
 
-def table(result: Result, plan: Plan, law: Law) -> Table:
-    """Return the result as a table."""
+def table(result: Result, plan: Plan, started: str) -> Table:
+    """Return the result as a table; its title is what the regulator says that it has started."""
     goal = {
         "position": f"|F - {plan.setpoint_N:g} N| <= {SETTLED_FORCE_N:g} N",
         "orientation": f"|M| <= {SETTLED_TORQUE_NM:g} N m",
         "both": f"|F - {plan.setpoint_N:g} N| <= {SETTLED_FORCE_N:g} N, "
         f"|M| <= {SETTLED_TORQUE_NM:g} N m",
     }[plan.mode]
-    rows = Table(title=f"force feedback, mode {plan.mode}, law {law}", title_justify="left")
+    rows = Table(title=f"force feedback: {started}", title_justify="left")
     rows.add_column("measure")
     rows.add_column("value", justify="right")
     rows.add_column("what it means")

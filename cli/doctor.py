@@ -135,7 +135,9 @@ def _look_at_robot(cell: "Cell", found: "Overheard | None", *, has_run: bool) ->
         return [nobody, *unused_lines(cell)]
     from cli.doctor_link import visit
 
-    lines = link_lines(cell, section, scales, visit(section.host, section.port, scales))
+    lines = link_lines(
+        cell, section, scales, visit(section.host, section.port, scales, arm=section.arm)
+    )
     return [*lines, skipped("processes", "the cell is not up: so the link itself was tried")]
 
 

@@ -84,6 +84,22 @@ def check_protocol(version: int) -> Line:
     return trouble("protocol", "FAIL", found, "protocol")
 
 
+def check_arm(number: int, wanted: int) -> Line:
+    """Compare the number of the arm with the cell file's: cables may be swapped."""
+    if number == wanted:
+        return passed("arm", f"number {number}")
+    return trouble("arm", "FAIL", f"number {number}, the cell file says {wanted}", "arm")
+
+
+def check_peer(*, any_peer: bool | None) -> Line:
+    """Tell whether the program takes a connection from any address."""
+    if any_peer is None:
+        return trouble("peer", "WARN", "not known: no 103 came", "error.none")
+    if any_peer:
+        return trouble("peer", "WARN", "a connection from any address is taken", "peer")
+    return passed("peer", "connections from one address only")
+
+
 def check_scales(asked: "Scales", answered: "VecInt") -> Line:
     """Compare the scales that the program has set with those of the cell file."""
     names = [field.name for field in fields(asked)]

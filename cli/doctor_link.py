@@ -71,7 +71,9 @@ class Visit:
     heard: Heard | None = None  # None: version or scales did not fit
 
 
-def visit(host: str, port: int, scales: Scales, patience: Patience | None = None) -> Visit:
+def visit(
+    host: str, port: int, scales: Scales, patience: Patience | None = None, *, arm: int = 1
+) -> Visit:
     """Connect, greet, watch for some seconds, leave. Raises nothing for what the peer does."""
     found, patience = Visit(), patience or PATIENCE
     started_s = time.monotonic()
@@ -80,7 +82,7 @@ def visit(host: str, port: int, scales: Scales, patience: Patience | None = None
     if sock is None:
         return found
     with sock:
-        dialogue = Dialogue(scales, Pacing(heartbeat_after_s=0.0), last_id=_any_id())
+        dialogue = Dialogue(scales, Pacing(heartbeat_after_s=0.0), arm=arm, last_id=_any_id())
         talk = _Talk(sock, dialogue, patience)
         talk.greet(found)
         if talk.dialogue.ready:
@@ -185,7 +187,7 @@ class _Talk:
     def _probe(self) -> None:
         now_ns = time.monotonic_ns()
         beat = self.dialogue.tick(now_ns, permitted=True)
-        self.trips.sent(self.dialogue.last_id, now_ns)
+        self.trips.sent(self.dialogue.last, now_ns)
         self.sock.sendall(beat + self.dialogue.hold(now_ns))
 
     def _listen(self, duration_s: float, until: Callable[[], bool] = lambda: False) -> None:
@@ -215,7 +217,7 @@ class _Talk:
 
     def _sampled(self, pose: PoseReport, joints: JointReport, now_ns: int) -> None:
         self.heard.pose, self.heard.joints = pose, joints
-        self.trips.reached(self.dialogue.framed_id, now_ns)
+        self.trips.reached(self.dialogue.framed, now_ns)
         self.samples.count(1, now_ns)
         if self.sample_ns is not None:
             gap_s = (now_ns - self.sample_ns) / NS_PER_S

@@ -36,6 +36,8 @@ REMEDIES = {
     "hello.closed": "another program listens on that port, or it did not like our hello: PCSTATUS 2: must say fm.recv",
     "hello.garbled": "another program listens on that port: look at gateway.port and at fm.port in fm.config",
     "protocol": "LOAD controller/forcemesh.as of this version, then EXECUTE fm.main",
+    "arm": "are the cables or addresses of two arms swapped? if not, make fm.num in fm.config and gateway.arm the same",
+    "peer": "write this PC's address into fm.peer in fm.config, LOAD it, EXECUTE fm.main",
     "scales": "a scale is out of the program's range: see `gateway` in the cell file; or LOAD this version's program",
     "reports.none": "PCSTATUS 1: must say fm.send; error code 10 means that other scales are needed",
     "reports.broken": "the connection went while it was watched: look at PCSTATUS 1: and 2:, at the cable",
@@ -104,7 +106,7 @@ BITS = (
     Bit(Status.WATCHDOG_LATCHED, "watchdog", False, "not latched", "latched", "FAIL",
         "the error code says why; a new connection clears it: `forcemesh clear`, `forcemesh arm`"),
     Bit(Status.TARGET_REFUSED, "last target", False, "taken", "refused", "WARN",
-        "out of reach or of a joint's range, or error code 8; the next motion clears it"),
+        "out of reach or of a joint's range, or see the error code; the next motion clears it"),
     Bit(Status.ERROR, "error lamp", False, "off", "on", "FAIL",
         "read the error on the pendant, look at the arm, ERESET, then EXECUTE fm.main"),
 )
@@ -132,5 +134,11 @@ FAULTS = {
     10: Fault("a pose or joint does not fit into a frame", "FAIL", "lower gateway.position_per_mm or joint_per_deg"),
     11: Fault("the port could not be opened", "FAIL", "it is tried each second; else switch the controller off and on"),
     12: Fault("a PC program had ended and was started again", "WARN", "PCSTATUS 1:, 2:, 3: say which and why; tell us"),
+    13: Fault("a motion came before all limits had come", "WARN", "the gateway sends them: arm again; tell us"),
+    14: Fault("the TCP would leave the box of the limits", "WARN", "limits.workspace_min_m, workspace_max_m; `forcemesh back-off`"),
+    15: Fault("the tool would turn farther than allowed since the last hold", "WARN", "limits.tether_deg; hold, then go on"),
+    16: Fault("a set point is too far from the one before", "FAIL", "gateway.segment_s; was a packet spoilt on its way?"),
+    17: Fault("a speed above the highest one", "FAIL", "limits.speed_m_s; was a packet spoilt on its way?"),
+    18: Fault("a client at another address than fm.peer", "WARN", "if it was this PC: write its address into fm.peer"),
 }
 # fmt: on

@@ -8,11 +8,13 @@ from cli.doctor_checks import (
     SLOW_BELOW,
     Line,
     check_address,
+    check_arm,
     check_error_code,
     check_goodbye,
     check_hello,
     check_loops,
     check_monitor_speed,
+    check_peer,
     check_protocol,
     check_role,
     check_round_trip,
@@ -27,7 +29,7 @@ from cli.doctor_checks import (
 from cli.doctor_pose import Frames, check_pose, model_of
 from common import topics
 from common.convert import pose_of
-from common.packet_table import Status
+from common.packet_table import Status, greeted
 from services.gateway.round_trips import Spread
 
 if TYPE_CHECKING:
@@ -40,9 +42,9 @@ if TYPE_CHECKING:
     from services.gateway.scales import Scales
 
 THINNED_BELOW = 0.6
-WAY = ("address", "hello", "protocol", "scales")
+WAY = ("address", "hello", "protocol", "arm", "scales")
 REST = ("sender", "status bits", "error code", "pose", "program loop", "monitor speed",
-        "round trip", "left behind")  # fmt: skip
+        "peer", "round trip", "left behind")  # fmt: skip
 
 
 def link_lines(
@@ -62,7 +64,9 @@ def link_lines(
     if found.opened == "open":
         lines.append(check_hello(found.greeted, found.greeted_detail, found.greeted_s))
     if found.hello is not None and found.greeted == "answered":
-        lines += [check_protocol(found.hello.param), check_scales(scales, found.hello.vec)]
+        version, number = greeted(found.hello.param)
+        lines += [check_protocol(version), check_arm(number, section.arm)]
+        lines.append(check_scales(scales, found.hello.vec))
     if found.heard is not None:
         return [*lines, *_heard_lines(cell, section, scales, found.heard)]
     done = {line.check for line in lines}
@@ -98,6 +102,7 @@ def _heard_lines(
         check_error_code(None if health is None else health.error_code),
         check_loops(heard.loop_hz),
         check_monitor_speed(None if health is None else health.monitor_speed_fraction),
+        check_peer(any_peer=None if health is None else health.any_peer),
         check_round_trip(heard.round_trip, section.watchdog_s),
         check_goodbye(heard.held),
     ]
@@ -159,6 +164,7 @@ def _number_lines(cell: "Cell", section: "GatewaySection", robot: "Health | None
     """Judge what the gateway has measured."""
     numbers = {} if robot is None else robot.numbers
     p50_s, p99_s = (numbers.get(f"framed_round_trip_{p}_s") for p in ("p50", "p99"))
+    any_peer = numbers.get("any_peer_may_connect")
     if p50_s is None or p99_s is None:
         round_trip = skipped("round trip", "nothing was sent in the last minute: arm, ask again")
     else:
@@ -172,6 +178,7 @@ def _number_lines(cell: "Cell", section: "GatewaySection", robot: "Health | None
         ),
         check_loops(numbers.get("program_loop_hz")),
         check_monitor_speed(numbers.get("monitor_speed_fraction")),
+        check_peer(any_peer=None if any_peer is None else bool(any_peer)),
         round_trip,
     ]
 

@@ -10,8 +10,8 @@ from common.frames import Array
 from sim.robot.contact import lift_off_m
 
 FINAL_WINDOW_S = 0.5
-# A light plate loses contact for single milliseconds: averages over 8 ms, and not the first
-# 15 ms, in which the tool's own inertia shows up as force.
+# Averages over 8 ms, for the sensor's noise, and not the first 15 ms, in which the tool's own
+# inertia shows up as force.
 MEAN_WINDOW_S = 0.008
 IGNORE_FIRST_S = 0.015
 

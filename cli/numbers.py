@@ -21,6 +21,7 @@ class Names:
 
 
 POSE = Names(("X", "Y", "Z", "O", "A", "T"), "mm and degrees")
+MOST_DEG = 5000.0  # a request takes 100 rad
 JOINTS = Names(("J1", "J2", "J3", "J4", "J5", "J6"), "degrees")
 
 
@@ -56,3 +57,9 @@ def parse_number(text: str, name: str) -> float:
     if not math.isfinite(number):
         raise typer.BadParameter(f"{name} must be finite, found {text!r}")
     return number
+
+
+def check_angle(angle_deg: float, name: str) -> None:
+    """Raise typer.BadParameter for an angle that no joint of an arm turns by [degrees]."""
+    if abs(angle_deg) > MOST_DEG:
+        raise typer.BadParameter(f"{name} must be within {MOST_DEG:g} degrees, found {angle_deg:g}")

@@ -20,9 +20,9 @@ import numpy as np
 import typer
 
 from cli.calibration import by_arm
-from cli.calibration.evidence import Evidence, evidence_of, findings_of
-from cli.calibration.finish import Job, keep_readings, settle
-from cli.calibration.installed import refuse_wrong_axes
+from cli.calibration.contact import refuse_loaded_tool
+from cli.calibration.evidence import Evidence, findings_of
+from cli.calibration.finish import Job, settle
 from cli.calibration.places import places_of
 from cli.calibration.plan import Options
 from cli.calibration.verdict import Bounds
@@ -97,32 +97,28 @@ def main(
 
 def _run(said: Said, path: Path, counts: tuple[int, int], speed_m_s: float) -> int:
     cell = load_cell(path, {"calibration": None})
-    job = Job(cell, places_of(cell, path, None), Bounds())
+    job = Job(cell, places_of(cell, path, None), Bounds(), use=True)
     pace = Pace(min(speed_m_s, cell.limits.speed_m_s), DWELL_S)
     wish = by_arm.Wish(Options(*counts, radians(TURN_DEG)), pace, yes=True)
     with open_bus(cell, CLIENT, patience_s=PATIENCE_S) as bus:
+        refuse_loaded_tool(bus, cell)
         plan = by_arm.planned(cell, bus, wish)
         said.say(plan=by_arm.explained(cell, plan, pace))
         if sys.stdin.readline().strip() != "go":
             said.note("nothing was moved")
             return NOT_WELL
-        wizard, ended = by_arm.drive(cell, bus, plan, pace, teller=said)
-        keep_readings(job, wizard.dwells)
-        if ended is not None:
-            return ended
-        refuse_wrong_axes(job, wizard.dwells)
-        evidence = evidence_of(
-            "arm",
-            wizard.dwells,
-            source=job.places.readings,
-            serial=wizard.serial,
-            notes=plan.warnings,
+        wizard, ended = by_arm.measure(cell, bus, plan, pace, teller=said)
+        return by_arm.finish(
+            job,
+            wizard,
+            ended,
+            lambda: _conclude(said, job, by_arm.evidence(job, wizard), bus),
+            tellers=lambda: contextlib.nullcontext(said),
         )
-        return _conclude(said, job, evidence, bus)
 
 
 def _conclude(said: Said, job: Job, evidence: Evidence, bus: Bus) -> int:
-    """Show what was found and what is left at each pose, then write and send as the command."""
+    """Show what was found and what is left at each pose, then settle it as the command does."""
     found = findings_of(job.cell, evidence, job.bounds)
     fresh = found.verify_left
     said.say(

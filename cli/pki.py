@@ -37,7 +37,9 @@ FolderOption = Annotated[
 HostOption = Annotated[
     list[str] | None,
     typer.Option(
-        "--host", metavar="NAME", help="A name or address under which the hub is reached; again."
+        "--host",
+        metavar="NAME",
+        help="A name or address of this machine for others; again.",
     ),
 ]
 DaysOption = Annotated[int, typer.Option(min=1, max=3650, help="How long they are good for.")]
@@ -83,17 +85,24 @@ def init(
             _copy_authority(authority.expanduser(), where)
         for name in NAMES:
             _issue(pair, name, loaded, where, hosts=host or [], days=days)
+        _issue_page(loaded, where, hosts=host or [], days=days, again=again)
         typer.echo(f"{where}: an authority and {len(NAMES)} certificates, {days} days")
         lines = [f"FORCEMESH_PKI={where}", f"FORCEMESH_USER={_user()}"]
         if env is not None:
-            _write_env(env, [*lines, f"{TOKEN_VARIABLE}={secrets.token_hex(16)}"])
+            lines.append("FORCEMESH_BUS=tls")
+            token = f"{TOKEN_VARIABLE}={secrets.token_hex(16)}"
+            folders = [f"FORCEMESH_{name.upper()}=./{name}" for name in WRITTEN]
+            _write_env(env, [*lines, *folders, token])
             _make_folders(env.resolve().parent)
         typer.echo("for docker compose, in the file .env: " + " ".join(lines))
 
 
 @app.command()
 def issue(
-    name: Annotated[str, typer.Argument(help="A role, operator, monitor or panel.")],
+    name: Annotated[
+        str,
+        typer.Argument(help="A role, operator, monitor, panel; panel-page for browsers."),
+    ],
     *,
     host: HostOption = None,
     days: DaysOption = DAYS,
@@ -107,17 +116,22 @@ def issue(
 ) -> None:
     """Make one certificate: a new one before the old one expires, or one for another machine."""
     from common.pki import read_authority
-    from common.tls import NAMES
+    from common.tls import HUB, NAMES, PAGE
 
     with one_line_errors():
         loaded, where = _cell_and_folder(cell, folder)
-        if name not in NAMES:
-            fail(f"nobody is called {name!r}: there are {', '.join(NAMES)}", USAGE)
+        if name not in (*NAMES, PAGE):
+            fail(f"nobody is called {name!r}: there are {', '.join((*NAMES, PAGE))}", USAGE)
+        if host and name not in (HUB, PAGE):
+            fail(f"--host is for hub and {PAGE}: nobody connects to {name}", USAGE)
         target = where if to is None else to.expanduser()
         if (target / f"{name}.pem").exists() and not again:
             fail(f"{target / name}.pem is there already: --again replaces it", USAGE)
-        _issue(read_authority(where), name, loaded, target, hosts=host or [], days=days)
-        if to is not None:
+        if name == PAGE:
+            _issue_page(loaded, where, hosts=host or [], days=days, target=target)
+        else:
+            _issue(read_authority(where), name, loaded, target, hosts=host or [], days=days)
+        if to is not None and name != PAGE:
             _copy_authority(where, target)
         typer.echo(f"{target}/{name}.pem, {name}.key: {days} days")
 
@@ -151,10 +165,32 @@ def _issue(
     authority: Pair, name: str, cell: Cell, folder: Path, *, hosts: list[str], days: int
 ) -> None:
     from common.pki import make_certificate, write_pair
+    from common.tls import HUB
 
-    names = dict.fromkeys([name, "localhost", "127.0.0.1", "::1", socket.gethostname(), *hosts])
+    names = dict.fromkeys([HUB, "localhost", "127.0.0.1", "::1", socket.gethostname(), *hosts])
     pair = make_certificate(authority, name, cell.cell, hosts=[*names], days=days, now=_now())
     write_pair(folder, name, pair, owner=_owner())
+
+
+def _issue_page(
+    cell: Cell,
+    folder: Path,
+    *,
+    hosts: list[str],
+    days: int,
+    target: Path | None = None,
+    again: bool = False,
+) -> None:
+    """Make the certificate of the panel's page, and its authority where there is none yet."""
+    from common.pki import make_page_authority, make_page_certificate, read_authority, write_pair
+    from common.tls import PAGE, PAGE_AUTHORITY
+
+    if again or not (folder / f"{PAGE_AUTHORITY}.pem").exists():
+        write_pair(folder, PAGE_AUTHORITY, make_page_authority(cell.cell, _now()), owner=None)
+    authority = read_authority(folder, PAGE_AUTHORITY)
+    names = dict.fromkeys(["localhost", "127.0.0.1", "::1", socket.gethostname(), *hosts])
+    pair = make_page_certificate(authority, cell.cell, hosts=[*names], days=days, now=_now())
+    write_pair(target or folder, PAGE, pair, owner=_owner())
 
 
 def _copy_authority(source: Path, target: Path) -> None:
@@ -184,11 +220,22 @@ def _user() -> str:
 
 
 def _write_env(path: Path, lines: list[str]) -> None:
-    """Put lines into a file of settings, in place of older ones of the same names."""
+    """Put lines into a file of settings, in place of older ones of the same names.
+
+    It holds the panel's token: only whose folder it is may read it, also while it is written.
+    """
     names = tuple(line.partition("=")[0] + "=" for line in lines)
     old = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
     kept = [line for line in old if not line.startswith(names)]
-    path.write_text("\n".join([*kept, *lines]) + "\n", encoding="utf-8")
+    path = path.resolve()
+    draft = path.with_name(f"{path.name}.{os.getpid()}")
+    draft.unlink(missing_ok=True)
+    with os.fdopen(os.open(draft, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as file:
+        if os.geteuid() == 0:
+            folder = path.parent.stat()
+            os.fchown(file.fileno(), folder.st_uid, folder.st_gid)
+        file.write("\n".join([*kept, *lines]) + "\n")
+    draft.replace(path)
 
 
 def _now() -> dt.datetime:

@@ -1,5 +1,6 @@
 """The processes of a cell: the table of who plays which role, and who starts and stops them."""
 
+import math
 import signal
 import sys
 import threading
@@ -10,6 +11,7 @@ from pathlib import Path
 from types import TracebackType
 
 from cli.cellview import POLL_S, CellView
+from cli.revive import Reviver
 from cli.runfile import read_run, writable_folder, write_whole
 from cli.runlog import RunLog
 from cli.running import Died, Process, Running, Say, say_on_stderr
@@ -38,10 +40,13 @@ MODULES: dict[str, dict[str, str | None]] = {
 EMULATOR = "sim.controller"
 WORDS = {EMULATOR: ("controller/forcemesh.as",)}
 WATCH_S = 0.02
-HUB_WITHIN_S = 10.0
+# A machine that is busy is let be slow: what cannot come up dies, and that ends the wait at once.
+UP_WITHIN_S = 120.0
+HUB_SLOW_S = 10.0
 ASK_WITHIN_S = 0.5
 HOLD_WITHIN_S = 1.0
 STOP_WITHIN_S = 3.0
+LINGER_S = 5.0  # of a cell that never was ready
 HUB_LAST_S = 0.5  # of those, kept for the hub, which goes last
 NOT_STARTED = "cell {cell} was not started"
 HELD = ("HOLDING", "FAULT", "BOOT")  # what the arbiter is after a hold
@@ -97,6 +102,7 @@ class Supervisor:
         self._exits = ExitStack()
         self._client: Bus | None = None
         self._view: CellView | None = None
+        self._reviver: Reviver | None = None
 
     # --- start and stop ---------------------------------------------------------------------------
 
@@ -119,7 +125,7 @@ class Supervisor:
         self._stop_on_sigterm()
         self._log = RunLog(self._cell, path.resolve())
         try:
-            self._start_all(path.resolve(), self._log)
+            self._start_all()
         except BaseException:
             self.stop()
             raise
@@ -178,7 +184,7 @@ class Supervisor:
         self._last_state()
         return self._view.missing()
 
-    def wait_ready(self, timeout_s: float = 20.0) -> None:
+    def wait_ready(self, timeout_s: float = UP_WITHIN_S) -> None:
         """Wait until every role's health is fresh and the arbiter is past BOOT.
 
         Raises:
@@ -194,15 +200,33 @@ class Supervisor:
             time.sleep(POLL_S)
         self._raise_death()
 
-    def mourn(self, linger_s: float) -> None:
-        """After a death: let the arbiter hold, and keep the rest up so that status can be asked."""
+    def keep_up(self) -> None:
+        """From now on start what dies again, in `tend`: the cell was ready once."""
+        self._reviver = Reviver(start=self._start_again, hold=self._hold, say=self._say)
+
+    def tend(self) -> None:
+        """Start again what has died; to be called often, by the thread that entered.
+
+        What dies again and again is in `died` from then on, and the others stay up.
+        """
+        if self._reviver is not None:
+            self.died += self._reviver.tend(time.monotonic())
+
+    def mourn(self, linger_s: float | None) -> None:
+        """After a death: let the arbiter hold, and keep the rest up so that status can be asked.
+
+        Without a time they stay until this is stopped, if the cell was ready once.
+        """
         give_up_s = time.monotonic() + 5 * WATCH_S
         while not self.died and time.monotonic() < give_up_s:
             time.sleep(WATCH_S)
         self._say("up", self._hold("; ".join(str(died) for died in self.died) or "stopped"))
+        if linger_s is None:
+            linger_s = LINGER_S if self._reviver is None else math.inf
         if linger_s > 0.0 and self.died:
-            self._say("up", f"the others stay up for {linger_s:g} s: ask `forcemesh status`")
-            self._stop.wait(linger_s)
+            until = "until Ctrl-C" if math.isinf(linger_s) else f"for {linger_s:g} s"
+            self._say("up", f"the others stay up {until}: ask `forcemesh status`")
+            self._stop.wait(None if math.isinf(linger_s) else linger_s)
 
     # --- inside -----------------------------------------------------------------------------------
 
@@ -213,19 +237,33 @@ class Supervisor:
             signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))
             self._exits.callback(signal.signal, signal.SIGTERM, signal.SIG_DFL)
 
-    def _start_all(self, cell_file: Path, log: RunLog) -> None:
+    def _start_all(self) -> None:
         self._watcher.start()
         for process in self._processes:
             self._raise_death()
-            running = Running(process, cell_file, self._say)
-            log.started(process, running.pid)
-            self._running.append(running)
+            running = self.begin(process)
             if "hub" in process.roles:
                 self._connect(running.pid)
 
+    def begin(self, process: Process) -> Running:
+        """Start one more process."""
+        running = Running(process, self.cell_file.resolve(), self._say)
+        self.log.started(process, running.pid)
+        self._running.append(running)
+        return running
+
+    def _start_again(self, process: Process, died: Died) -> int:
+        """Start a process in the place of one that died; return its pid."""
+        old = next(running for running in self._running if running.pid == died.pid)
+        old.finish(0.0)
+        new = Running(process, self.cell_file.resolve(), self._say)
+        self.log.started(process, new.pid)
+        self._running = [new if running is old else running for running in self._running]
+        return new.pid
+
     def _connect(self, hub_pid: int) -> None:
         """Wait until our own hub answers: another one there would make two cells of one."""
-        give_up_s = time.monotonic() + HUB_WITHIN_S
+        where, began_s, said_slow = endpoint_of(self._cell), time.monotonic(), False
         while True:
             self._raise_death()
             if self._stop.is_set():
@@ -234,9 +272,12 @@ class Supervisor:
                 self._try_to_connect()
             elif self._view.pid("hub") == hub_pid:
                 return
-            if time.monotonic() >= give_up_s:
-                where = endpoint_of(self._cell)
-                raise ForcemeshError(f"the hub at {where} was not heard in {HUB_WITHIN_S:g} s")
+            elapsed_s = time.monotonic() - began_s
+            if elapsed_s >= UP_WITHIN_S:
+                raise ForcemeshError(f"the hub at {where} was not heard in {UP_WITHIN_S:g} s")
+            if elapsed_s >= HUB_SLOW_S and not said_slow:
+                said_slow = True
+                self._say("up", f"after {elapsed_s:.0f} s still waiting for the hub at {where}")
             time.sleep(POLL_S)
 
     def _try_to_connect(self) -> None:
@@ -259,8 +300,11 @@ class Supervisor:
                 mourned.add(running.pid)
                 if self._log is not None:
                     self._log.ended(died)
-                self.died.append(died)
                 self._say("up", f"died: {died}")
+                if self._reviver is None:
+                    self.died.append(died)
+                else:
+                    self._reviver.fell(died)
 
     def _last_state(self) -> str:
         """Return the arbiter's state as last heard."""
@@ -271,7 +315,8 @@ class Supervisor:
         return ""
 
     def _is_dead(self, *roles: str) -> bool:
-        return any(role in died.process.roles for died in self.died for role in roles)
+        ended = [each.process for each in list(self._running) if each.ended() is not None]
+        return any(role in process.roles for process in ended for role in roles)
 
     def _raise_death(self) -> None:
         if self.died:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from cli.context import USAGE, fail, waiting
 from cli.recording_tables import flat
 from common.clock import NS_PER_S, ManualClock
-from common.codec import Header, decode
+from common.codec import Header, decode_recorded, readdressed
 from common.endpoints import Bus
 from common.memory import MemoryTransport
 from common.messages import Message
@@ -95,7 +95,7 @@ def feed(
             _step(runner, clock)
         clock.advance_ns(max(at_ns - clock.now_ns(), 0))
         for each in together:
-            puts[each.topic](each.data)
+            puts[each.topic](readdressed(each.data, f"{cell.cell}/{each.topic}"))
         _step(runner, clock)
     said: dict[str, Spoken] = {}
     for topic in written_by(role):
@@ -146,7 +146,7 @@ def _step(runner: Runner, clock: ManualClock) -> None:
 
 
 def _decoded(data: list[bytes], topic: Topic[Any]) -> Spoken:
-    return [decode(each, topic.message, topic.key) for each in data]
+    return [decode_recorded(each, topic.message, topic.key) for each in data]
 
 
 def _makers() -> dict[str, Callable[[Bus, Any], Service]]:

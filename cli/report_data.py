@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from cli.recording_tables import NS_PER_S
 from common import topics
-from common.codec import Header, decode
+from common.codec import Header, decode_recorded
 from common.endpoints import Reading
 from common.errors import DataError, MessageError
 from common.faults import FAULTS
@@ -124,7 +124,7 @@ def _snapshots(read: "RecordedFile", story: Story) -> Iterator[tuple[float, str,
     snapshot = Snapshot()
     for heard in read.heard():
         try:
-            header, message = decode(heard.data, TYPES[heard.topic], heard.topic)
+            header, message = decode_recorded(heard.data, TYPES[heard.topic], heard.topic)
         except (MessageError, KeyError):
             story.unreadable += 1
             continue

@@ -37,6 +37,7 @@ class Entry(BaseModel):
     started_ticks: int | None  # tells a process from a later one with the same pid
     ended: Ended | None = None
     is_helper: bool = False  # its death ends nothing
+    deaths: tuple[Ended, ...] = ()  # of those before it in its place, the newest last
 
     @property
     def alive(self) -> bool:

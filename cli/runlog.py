@@ -8,6 +8,8 @@ from cli.runfile import Ended, Entry, Run, new_run, now, remove_run, start_ticks
 from cli.running import Died, Process
 from common.cell import Cell
 
+MOST_DEATHS = 10  # of one process that a run file tells of
+
 
 class RunLog:
     """Writes every change of a run at once; several threads may tell it things."""
@@ -19,16 +21,20 @@ class RunLog:
         self._closed = False
 
     def started(self, process: Process, pid: int, *, is_helper: bool = False) -> None:
-        """Add a process."""
+        """Add a process; one that was started again takes the place of the one that died."""
+        old = next((e for e in self._run.processes if e.roles == process.roles and e.ended), None)
+        before = () if old is None or old.ended is None else (*old.deaths, old.ended)
         entry = Entry(
             roles=process.roles,
             module=process.module,
             pid=pid,
             started_ticks=start_ticks(pid),
             is_helper=is_helper,
+            deaths=before[-MOST_DEATHS:],
         )
         with self._lock:
-            self._put(processes=[*self._run.processes, entry])
+            rest = [each for each in self._run.processes if each is not old]
+            self._put(processes=[*rest, entry])
 
     def ended(self, died: Died) -> None:
         """Say what became of a process."""

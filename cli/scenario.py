@@ -82,6 +82,7 @@ class Trace:
 
     press: list[Sample] = field(default_factory=list)
     work: list[Sample] = field(default_factory=list)
+    started: str = ""  # what the regulator says that it has started: the law that runs, and why
     settled_at_s: float | None = None
     stages: dict[str, dict[int, int]] = field(default_factory=dict)  # stage: sensor seq: age [ns]
     robot_numbers: dict[str, float] = field(default_factory=dict)  # of its health, at the end
@@ -158,7 +159,7 @@ class Scenario:
         offset_s = (self._clock.now_ns() - self._start_ns) / NS_PER_S
         trace.press = [_shifted(sample, -offset_s) for sample in trace.press]
         self._start_ns = self._clock.now_ns()
-        self._ask(topics.FORCE_START, wanted)
+        trace.started = self._ask(topics.FORCE_START, wanted).text
         inside_since_s: float | None = None
         while True:
             sample = self._watch("force feedback", trace.work)

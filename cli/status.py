@@ -4,11 +4,12 @@ import time
 from typing import TypedDict
 
 from cli.cellview import CellView
+from cli.exits import NO_ANSWER, NOT_WELL, OK
 from cli.runfile import Run
 from common import topics
 from common.bus import open_bus
 from common.cell import Cell
-from common.errors import BusError
+from common.errors import BusError, SetupError
 from common.messages import Health
 
 DOWN = "DOWN"
@@ -28,6 +29,15 @@ class ServiceStatus(TypedDict):
     numbers: dict[str, float]  # what the role measures, as its health says it
 
 
+class Restart(TypedDict):
+    """What died since the cell was started, and was started again."""
+
+    name: str
+    times: int
+    how: str  # the last time: killed by SIGKILL
+    at: str
+
+
 class CellStatus(TypedDict):
     """What `forcemesh status --json` prints."""
 
@@ -38,6 +48,7 @@ class CellStatus(TypedDict):
     not_ready: list[str]
     clears: str
     last_state: str
+    restarts: list[Restart]
     services: list[ServiceStatus]
 
 
@@ -58,13 +69,26 @@ def cell_status(cell: Cell, run: Run | None, only: str | None = None) -> CellSta
             if not only:
                 view.wait(lambda: len(_helpers(view)) == len(topics.HELPERS), view.helper_wait_s)
             return _judge(cell, run, view, waited_s=time.monotonic() - started_s, only=only)
+    except SetupError:
+        raise
     except BusError:
         return _judge(cell, run, None, waited_s=0.0, only=only)
 
 
+def died_text(restart: Restart) -> str:
+    """Return for people what died and was started again."""
+    times = f", {restart['times']} times by now" if restart["times"] > 1 else ""
+    return f"{restart['name']}: {restart['how']} at {restart['at']}{times}; started again"
+
+
 def in_words(name: str, number: float) -> str:
     """Return a number of a health message for people, in the unit that its name ends with."""
-    for ending, scale, unit in (("_s", 1e3, "ms"), ("_hz", 1.0, "/s"), ("_fraction", 100.0, "%")):
+    for ending, scale, unit in (
+        ("_s", 1e3, "ms"),
+        ("_h", 1.0, "h"),
+        ("_hz", 1.0, "/s"),
+        ("_fraction", 100.0, "%"),
+    ):
         if name.endswith(ending):
             words = name.removesuffix(ending).replace("_", " ")
             return f"{words} {scale * number:.1f} {unit}"
@@ -76,6 +100,14 @@ def is_well(status: CellStatus) -> bool:
     stopped = status["state"] in STOPPED and any(t["code"] != ASKED for t in status["trips"])
     bad = stopped or status["state"] in (DOWN, "FAULT")
     return not bad and all(row["alive"] and not row["fault"] for row in status["services"])
+
+
+def exit_code(status: CellStatus) -> int:
+    """Return how `status` ends: well, not well, or nothing of the cell was heard."""
+    if is_well(status):
+        return OK
+    is_away = status["state"] == DOWN and not any(row["alive"] for row in status["services"])
+    return NO_ANSWER if is_away else NOT_WELL
 
 
 def _is_heard(view: CellView, expected: set[str]) -> bool:
@@ -98,8 +130,24 @@ def _judge(
         not_ready=[] if heard is None else list(heard.not_ready),
         clears="" if heard is None else heard.clears,
         last_state=run.last_state if run else "",
+        restarts=restarts_of(run),
         services=[_service(name, run, view, waited_s) for name in (*topics.ROLES, *helpers)],
     )
+
+
+def restarts_of(run: Run | None) -> list[Restart]:
+    """Return what a supervisor that is there has started again."""
+    entries = run.processes if run is not None and run.live else []
+    return [
+        Restart(
+            name=entry.roles[0],
+            times=len(entry.deaths),
+            how=entry.deaths[-1].how,
+            at=entry.deaths[-1].at,
+        )
+        for entry in entries
+        if entry.deaths
+    ]
 
 
 def helpers_of(view: CellView | None, run: Run | None) -> tuple[str, ...]:

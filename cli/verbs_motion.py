@@ -1,11 +1,30 @@
-"""Verbs that let the arm move, or stop it: arm, hold, clear, speed."""
+"""Verbs that let the arm move, free it, or stop it: arm, back-off, hold, clear, speed."""
 
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cli.context import CellOption, JsonOption, cell_of, tell, waiting
+from cli.context import (
+    INTERRUPTED,
+    NOT_WELL,
+    CellOption,
+    JsonOption,
+    cell_of,
+    confirmed,
+    fail,
+    tell,
+    waiting,
+)
 
+if TYPE_CHECKING:
+    from common.client import Cell
+    from common.messages import Trip
+
+BACK_OFF_QUESTION = "the arm moves up to 20 mm at 5 mm/s, away from what it presses on: may it?"
+BLIND_QUESTION = (
+    "no force can be followed: the tool goes 5 mm back along its own axis. "
+    "Look at the tool: is that way free?"
+)
 Percent = Annotated[float | None, typer.Option(min=0.1, max=100.0, help="Percent.")]
 
 
@@ -22,6 +41,53 @@ def arm(
     """Let motion begin, after the preflight."""
     with cell_of(cell) as client, waiting("preflight"):
         tell(client.arm("jog" if jog else "all", within_s=wait))
+
+
+def back_off(
+    *,
+    yes: Annotated[bool, typer.Option("--yes", "-y", help="Do not ask.")] = False,
+    without_force: Annotated[
+        bool,
+        typer.Option(
+            "--without-force",
+            help="Where no force can be followed: 5 mm back along the tool's axis; look first.",
+        ),
+    ] = False,
+    cell: CellOption = None,
+) -> None:
+    """Free an arm above a ceiling or outside the workspace: slowly back, at most 20 mm, then hold.
+
+    It goes along the measured force, or straight back into the workspace, at 5 mm/s and without a
+    turn, until the load is below half of its ceiling; the arbiter computes the way. It stops when
+    the force rises by 3 N. This is not a safety function.
+    """
+    from common.errors import RefusedError
+
+    with cell_of(cell) as client:
+        confirmed(BACK_OFF_QUESTION, yes=yes)
+        try:
+            end = _backed_off(client, without_force=without_force and yes)
+        except RefusedError as error:
+            if error.code != "no_direction" or yes:
+                raise
+            typer.echo(str(error), err=True)
+            confirmed(BLIND_QUESTION, yes=False)
+            end = _backed_off(client, without_force=True)
+        is_loaded = client.load_N() is not None
+    if end.code != "back_off":
+        fail(f"not free yet: {end.text}", NOT_WELL)
+    step = "arm for jog, then `forcemesh retract`" if is_loaded else "arm, when the way is free"
+    typer.echo(f"{end.text}; the arm holds: {step}")
+
+
+def _backed_off(client: "Cell", *, without_force: bool) -> "Trip":
+    try:
+        with waiting("backing off"):
+            return client.back_off(without_force=without_force)
+    except KeyboardInterrupt:
+        client.hold("backing off was interrupted")
+        typer.echo("interrupted: the arm was asked to hold", err=True)
+        raise typer.Exit(INTERRUPTED) from None
 
 
 def hold(

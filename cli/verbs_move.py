@@ -1,4 +1,4 @@
-"""Verbs that move the arm and wait until it is there: move to, move joints, move by, jog."""
+"""Verbs that move the arm and wait until it is there: move to, joints, by; jog; retract."""
 
 import math
 from pathlib import Path
@@ -6,8 +6,17 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from cli.context import INTERRUPTED, USAGE, CellOption, cell_of, fail, waiting
-from cli.numbers import JOINTS, NEGATIVE_NUMBERS, POSE, parse_number, parse_vector
+from cli.context import (
+    INTERRUPTED,
+    USAGE,
+    CellOption,
+    cell_of,
+    confirmed,
+    fail,
+    one_line_errors,
+    waiting,
+)
+from cli.numbers import JOINTS, NEGATIVE_NUMBERS, POSE, check_angle, parse_number, parse_vector
 
 if TYPE_CHECKING:
     from common.client import Cell, Move
@@ -28,6 +37,7 @@ AskerOption = Annotated[
     Literal["operator", "program"],
     typer.Option("--as", help="Who asks: a person takes the arm from a program."),
 ]
+Yes = Annotated[bool, typer.Option("--yes", "-y", help="Do not ask, though the tool is loaded.")]
 NoWait = Annotated[bool, typer.Option("--no-wait", help="Do not wait until it is there.")]
 
 
@@ -38,6 +48,7 @@ def move_to(
     speed: SpeedOption = None,
     asker: AskerOption = "operator",
     no_wait: NoWait = False,
+    yes: Yes = False,
     cell: CellOption = None,
 ) -> None:
     """Move the flange to a pose in base: position [mm], Kawasaki's O, A, T [degrees]."""
@@ -49,8 +60,9 @@ def move_to(
     record = PoseRecord(
         position_m=(x / 1e3, y / 1e3, z / 1e3), orientation_xyzw=of_oat_deg((o, a, t))
     )
-    request = MoveRequest(kind="pose", pose=record, speed_m_s=_m_s(speed), commander=asker)
-    _move(request, no_wait, cell)
+    with one_line_errors():
+        request = MoveRequest(kind="pose", pose=record, speed_m_s=_m_s(speed), commander=asker)
+    _move(request, cell, wait=not no_wait, yes=yes)
 
 
 @move.command("joints", context_settings=NEGATIVE_NUMBERS)
@@ -60,10 +72,11 @@ def move_joints(
     speed: SpeedOption = None,
     asker: AskerOption = "operator",
     no_wait: NoWait = False,
+    yes: Yes = False,
     cell: CellOption = None,
 ) -> None:
     """Move the joints to angles [degrees]."""
-    _move(_of_joints("joints", joints, speed, asker), no_wait, cell)
+    _move(_of_joints("joints", joints, speed, asker), cell, wait=not no_wait, yes=yes)
 
 
 @move.command("by", context_settings=NEGATIVE_NUMBERS)
@@ -73,10 +86,11 @@ def move_by(
     speed: SpeedOption = None,
     asker: AskerOption = "operator",
     no_wait: NoWait = False,
+    yes: Yes = False,
     cell: CellOption = None,
 ) -> None:
     """Move the joints by angles [degrees] from where they are."""
-    _move(_of_joints("by", joints, speed, asker), no_wait, cell)
+    _move(_of_joints("by", joints, speed, asker), cell, wait=not no_wait, yes=yes)
 
 
 def _of_joints(
@@ -98,16 +112,23 @@ def jog(
         Literal["base", "tool"], typer.Option(help="Whose axes x, y, z are; it turns at the TCP.")
     ] = "base",
     speed: SpeedOption = None,
+    yes: Yes = False,
     cell: CellOption = None,
 ) -> None:
-    """Move a little along or about one axis, or by one joint, and wait until it is there."""
+    """Move a little along or about one axis, or by one joint, and wait until it is there.
+
+    It asks first where the tool is loaded, and stops when the force rises by limits.move_rise_N.
+    """
     if axis not in JOG_AXES:
         fail(f"no axis is called {axis!r}: there are {', '.join(JOG_AXES)}", USAGE)
     far = parse_number(by, "BY")
+    if axis not in "xyz":
+        check_angle(far, "BY")
     from common.messages import ZERO3
     from common.requests import MoveRequest
 
     with cell_of(cell) as client:
+        _ask_when_loaded(client, yes=yes)
         if axis.startswith("j"):
             angles = [math.radians(far) if f"j{i}" == axis else 0.0 for i in range(1, 7)]
             request = MoveRequest(kind="by", joint_rad=_six(angles), speed_m_s=_m_s(speed))
@@ -133,19 +154,57 @@ def _six(angles: list[float]) -> "Vec6":
 
 
 def _radians(text: str) -> "Vec6":
-    return _six([math.radians(angle) for angle in parse_vector(text, JOINTS)])
+    angles_deg = parse_vector(text, JOINTS)
+    for name, angle_deg in zip(JOINTS.names, angles_deg, strict=True):
+        check_angle(angle_deg, name)
+    return _six([math.radians(angle) for angle in angles_deg])
 
 
 def _m_s(speed_mm_s: float | None) -> float | None:
     return None if speed_mm_s is None else speed_mm_s / 1e3
 
 
-def _move(request: "MoveRequest", no_wait: bool, cell: Path | None) -> None:
+def retract(
+    by: Annotated[
+        float, typer.Argument(metavar="BY", min=0.1, max=200.0, help="How far [mm].")
+    ] = 10.0,
+    *,
+    speed: Annotated[
+        float, typer.Option("--speed", min=0.001, max=50.0, help="Speed [mm/s].")
+    ] = 10.0,
+    cell: CellOption = None,
+) -> None:
+    """Leave a contact: end force feedback, and go straight back along the tool's axis."""
+    from common.messages import MAY_MOVE
+    from common.requests import MoveRequest
+
+    with cell_of(cell) as client:
+        if client.target.reading().fresh is not None and client.status().state in MAY_MOVE:
+            client.force.stop()
+        pose = client.move.jogged((0.0, 0.0, -by / 1e3), axes="tool")
+        request = MoveRequest(kind="pose", pose=pose, speed_m_s=speed / 1e3)
+        _follow(client, client.move.begin(request))
+        load_N = client.load_N()
+        typer.echo("the tool is free" if load_N is None else f"{load_N:.1f} N are left")
+
+
+def _ask_when_loaded(client: "Cell", *, yes: bool) -> None:
+    load_N = client.load_N()
+    if load_N is not None:
+        most_N = client.config.limits.move_rise_N
+        text = (
+            f"the tool is loaded with {load_N:.1f} N; a rise of {most_N:g} N stops the move. Move?"
+        )
+        confirmed(text, yes=yes)
+
+
+def _move(request: "MoveRequest", cell: Path | None, *, wait: bool, yes: bool) -> None:
     """Ask for a move and wait until it is done; Ctrl-C while waiting asks for a hold."""
     with cell_of(cell) as client:
+        _ask_when_loaded(client, yes=yes)
         going = client.move.begin(request)
         typer.echo(f"goal {going.id}")
-        if not no_wait:
+        if wait:
             _follow(client, going)
 
 

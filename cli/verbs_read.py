@@ -38,7 +38,7 @@ def status(
     """
     with one_line_errors():
         from cli.runfile import read_run
-        from cli.status import cell_status, is_well
+        from cli.status import cell_status, exit_code
         from common.topics import HELPERS, ROLES
 
         names = (*ROLES, *HELPERS)
@@ -54,7 +54,7 @@ def status(
         print(json.dumps(found))
     else:
         _print_status(found)
-    raise typer.Exit(OK if is_well(found) else NOT_WELL)
+    raise typer.Exit(exit_code(found))
 
 
 def topics(
@@ -90,7 +90,7 @@ def _print_status(found: "CellStatus") -> None:
     from rich.console import Console
     from rich.table import Table
 
-    from cli.status import in_words
+    from cli.status import died_text, in_words
 
     state = found["state"]
     console = Console(highlight=False, soft_wrap=True)
@@ -102,6 +102,7 @@ def _print_status(found: "CellStatus") -> None:
     for label, lines in (
         ("tripped", [str(trip["text"]) for trip in found["trips"]]),
         ("not ready", found["not_ready"]),
+        ("died", [died_text(each) for each in found["restarts"]]),
         ("next", [found["clears"]] if found["clears"] else []),
     ):
         for line in lines:

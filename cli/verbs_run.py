@@ -40,14 +40,22 @@ def up(
         ),
     ] = None,
     linger: Annotated[
-        float,
-        typer.Option(min=0.0, help="After a death, keep the others up so long [s]."),
-    ] = 5.0,
+        float | None,
+        typer.Option(
+            min=0.0,
+            help="When a process cannot be kept up, keep the others up so long [s]; without it "
+            "until Ctrl-C, or 5 s where the cell never was ready.",
+            show_default=False,
+        ),
+    ] = None,
     *,
     no_panel: NoPanel = False,
     no_recorder: NoRecorder = False,
 ) -> None:
-    """Start the processes of a cell, its panel and recorder; stop all on Ctrl-C, or on a death."""
+    """Start the processes of a cell, its panel and recorder; stop all on Ctrl-C.
+
+    A process that dies is started again, with the arm held; one that dies over and over is not.
+    """
     stop = threading.Event()
     with one_line_errors():
         from cli.processes import Supervisor
@@ -97,10 +105,12 @@ def _watch(
 
     started_s, said_slow, ready = time.monotonic(), False, False
     while not stop.wait(POLL_S) and not supervisor.died:
+        supervisor.tend()
         lines = supervisor.missing()
         elapsed_s = time.monotonic() - started_s
         if not ready and not lines:
             ready = True
+            supervisor.keep_up()
             when_ready()
             typer.echo(f"cell {cell.cell} ({path}) is up; Ctrl-C stops it", err=True)
         elif not ready and not said_slow and elapsed_s > SLOW_S:

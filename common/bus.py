@@ -8,7 +8,7 @@ slow reader can never hold a writer up.
 import json
 import threading
 import time
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -29,6 +29,7 @@ from common.cell import Cell
 from common.clock import NS_PER_S, Clock, MonotonicClock
 from common.endpoints import Bus
 from common.errors import BusError
+from common.tls import HUB, common_name
 from common.topics import CLIENT, Qos
 
 __all__ = [
@@ -56,13 +57,16 @@ def open_bus(
 
     Raises:
         BusError: The hub did not answer within `patience_s`; the way to it is open to strangers;
-            there is no certificate for the role; or the hub let it say what nobody may say.
+            there is no certificate for the role; what answers is not this cell's hub; or the hub
+            let it say what nobody may say.
     """
     endpoint = endpoint_of(cell)
     security = security_of(cell, role, endpoint)
     session = _connect(endpoint, role, patience_s, security)
     transport = ZenohTransport(session)
     try:
+        if security:
+            _refuse_a_false_hub(session, cell, endpoint)
         if security and role != CLIENT:
             with _connect(endpoint, role, patience_s, security) as other:
                 _refuse_an_open_hub(session, other, f"{cell.cell}/{SELF_TEST}", endpoint)
@@ -118,6 +122,20 @@ def _refuse_an_open_hub(ear: zenoh.Session, mouth: zenoh.Session, key: str, endp
             )
         time.sleep(0.01)
     heard.undeclare()
+
+
+def _refuse_a_false_hub(session: zenoh.Session, cell: Cell, endpoint: str) -> None:
+    """Refuse a hub that shows another name's certificate, though TLS would take it from a server.
+
+    Certificates of an older forcemesh, and the hub of another cell under the same authority.
+    """
+    wanted = common_name(HUB, cell.cell)
+    shown = {link.auth_identifier for link in session.info.links()} - {None}
+    if shown and wanted not in shown:
+        raise BusError(
+            f"refused: what answers at {endpoint} shows the certificate of "
+            f"{', '.join(sorted(map(str, shown)))}, and the hub of this cell shows {wanted}"
+        )
 
 
 def _connect(
@@ -240,6 +258,11 @@ class ZenohTransport:
             self._session.close()
         for source in self._sources:
             source.close()
+
+    def links_by_name(self) -> Counter[str]:
+        """Return how many links each certificate has open here, by its name."""
+        shown = (link.auth_identifier for link in self._session.info.links())
+        return Counter(name for name in shown if name)
 
     def longest_put_s(self, since_ns: int) -> float:
         """Return how long the longest put took that began after a monotonic time [s]."""

@@ -6,8 +6,9 @@ written by hand are never written over. SI units; payload in sensor axes, from t
 
 import hashlib
 from dataclasses import asdict
+from math import hypot
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import yaml
 from pydantic import AwareDatetime, Field, model_validator
@@ -15,12 +16,21 @@ from pydantic import AwareDatetime, Field, model_validator
 from common.cell_terms import AxisGain, FrameSection, NotNegative, Section
 from common.errors import DataError
 from common.messages import Vec3
+from common.plausible import mounting_objection
 
 if TYPE_CHECKING:
     from common.payload import Payload
 
 Gains = tuple[AxisGain, AxisGain, AxisGain]
 REVISION_CHARS = 8
+UNIT_TOLERANCE = 1e-3  # of a length that should be 1
+
+
+ComPart = Annotated[float, Field(ge=-1.0, le=1.0)]  # [m] from the sensor's origin
+ForcePart = Annotated[float, Field(ge=-1000.0, le=1000.0)]  # [N] of a bias
+TorquePart = Annotated[float, Field(ge=-100.0, le=100.0)]  # [N m] of a bias
+BiasForce = tuple[ForcePart, ForcePart, ForcePart]
+BiasTorque = tuple[TorquePart, TorquePart, TorquePart]
 
 
 class DriftSection(Section):
@@ -28,25 +38,38 @@ class DriftSection(Section):
 
     start_s: float
     end_s: float
-    force_N: Vec3
-    torque_Nm: Vec3
-    force_bend_N: Vec3 = (0.0, 0.0, 0.0)
-    torque_bend_Nm: Vec3 = (0.0, 0.0, 0.0)
+    force_N: BiasForce
+    torque_Nm: BiasTorque
+    force_bend_N: BiasForce = (0.0, 0.0, 0.0)
+    torque_bend_Nm: BiasTorque = (0.0, 0.0, 0.0)
 
 
 class PayloadSection(Section):
     """Weight below the sensor and the sensor's bias: what `forcemesh payload fit --out` writes."""
 
-    mass_kg: NotNegative
-    com_m: Vec3
-    bias_force_N: Vec3 = (0.0, 0.0, 0.0)
-    bias_torque_Nm: Vec3 = (0.0, 0.0, 0.0)
+    mass_kg: float = Field(ge=0.0, le=50.0)
+    com_m: tuple[ComPart, ComPart, ComPart]
+    bias_force_N: BiasForce = (0.0, 0.0, 0.0)
+    bias_torque_Nm: BiasTorque = (0.0, 0.0, 0.0)
     gravity_direction_in_base: Vec3 = (0.0, 0.0, -1.0)
     mounting_rotation_rad: Vec3 = (0.0, 0.0, 0.0)
     force_gain: Gains = (1.0, 1.0, 1.0)  # what each axis reads per unit of load
     torque_gain: Gains = (1.0, 1.0, 1.0)
     drift: DriftSection | None = None
     accept_uncalibrated: bool = False  # arm for force feedback although mass and centre are zero
+
+    @model_validator(mode="after")
+    def _gravity_is_a_direction(self) -> "PayloadSection":
+        length = hypot(*self.gravity_direction_in_base)
+        if abs(length - 1.0) > UNIT_TOLERANCE:
+            raise ValueError(f"gravity_direction_in_base must have length 1, it has {length:g}")
+        return self
+
+    @model_validator(mode="after")
+    def _rotation_is_a_correction(self) -> "PayloadSection":
+        if objection := mounting_objection(self.mounting_rotation_rad):
+            raise ValueError(objection)
+        return self
 
     @classmethod
     def of(cls, payload: "Payload") -> "PayloadSection":

@@ -5,9 +5,7 @@ from typing import Annotated
 from pydantic import Field
 
 from common.cell_terms import Section
-
-ENDPOINT = r"^[a-z-]+/.+$"
-CELL_NAME = r"^[a-z][a-z0-9_-]{0,30}$"
+from common.patterns import CELL_NAME, ENDPOINT
 
 
 class TlsSection(Section):

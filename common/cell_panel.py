@@ -3,6 +3,7 @@
 from pydantic import Field, field_validator, model_validator
 
 from common.cell_terms import Section
+from common.patterns import TOKEN
 
 SHORTEST_TOKEN = 16
 SAME_TOKEN = "token and view_token are the same: who looks could operate"  # noqa: S105 - a sentence
@@ -17,8 +18,8 @@ class PanelSection(Section):
     host: str = Field("127.0.0.1", min_length=1, max_length=200)
     port: int = Field(8080, ge=1024, le=65535)
     # Whoever has it may do what an operator may. FORCEMESH_PANEL_TOKEN goes before it.
-    token: str = Field("", pattern=r"^[A-Za-z0-9_-]*$", max_length=200)
-    view_token: str = Field("", pattern=r"^[A-Za-z0-9_-]*$", max_length=200)  # may look, no more
+    token: str = Field("", pattern=TOKEN, max_length=200)
+    view_token: str = Field("", pattern=TOKEN, max_length=200)  # may look, no more
 
     @field_validator("token", "view_token")
     @classmethod

@@ -5,13 +5,13 @@ from typing import TYPE_CHECKING, Annotated
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from common.messages import Vec3
-
 if TYPE_CHECKING:
     import pinocchio as pin
 
 Positive = Annotated[float, Field(gt=0.0)]
 NotNegative = Annotated[float, Field(ge=0.0)]
+Coordinate = Annotated[float, Field(ge=-2.0, le=2.0)]  # [m] of something on the flange
+Angle = Annotated[float, Field(ge=-720.0, le=720.0)]  # [degrees]
 AxisGain = Annotated[float, Field(ge=0.5, le=1.5)]
 Fraction = Annotated[float, Field(gt=0.0, le=1.0)]
 
@@ -25,8 +25,8 @@ class Section(BaseModel):
 class FrameSection(Section):
     """Pose of one frame in another, as on the pendant."""
 
-    position_m: Vec3
-    oat_deg: Vec3 = (0.0, 0.0, 0.0)
+    position_m: tuple[Coordinate, Coordinate, Coordinate]
+    oat_deg: tuple[Angle, Angle, Angle] = (0.0, 0.0, 0.0)
 
     @property
     def pose(self) -> "pin.SE3":

@@ -12,7 +12,8 @@ from pydantic import ValidationError
 from common.errors import MessageError, MisroutedError, first_mistake
 from common.messages import Message, Record
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2  # 2: an address names the cell too; 1: the key alone
+RECORDED_VERSIONS = (1, SCHEMA_VERSION)  # which recordings still open
 MAX_BYTES = 4096
 MAX_ITEMS = 64
 
@@ -21,14 +22,14 @@ M = TypeVar("M", bound=Message)
 
 
 class Version(Record):
-    """What stands before everything that is said.
+    """First fields of every message, request and reply: schema version and address.
 
-    It carries its own address: after a hub was cut off for seconds, Zenoh has been seen to hand a
-    message to the reader of another key, where most messages decode well and mean nothing.
+    After a hub was cut off for seconds, Zenoh has been seen to deliver a message to the reader of
+    another key. Most messages decode there as well, and one of another cell always does.
     """
 
     v: int = SCHEMA_VERSION
-    topic: str = ""  # key within the cell that it was written for
+    topic: str = ""  # address it was written for: <cell>/<key>
 
 
 class Header(Version):
@@ -51,34 +52,63 @@ def encode(header: Header, message: Message) -> bytes:
     return pack(header.model_dump() | message.model_dump())
 
 
-def decode(data: bytes, message_type: type[M], topic: str | None = None) -> tuple[Header, M]:
-    """Return header and message, of one topic where it is named.
+def decode(data: bytes, message_type: type[M], address: str | None = None) -> tuple[Header, M]:
+    """Return header and message, of one address `<cell>/<key>` where it is named.
 
-    Raise MisroutedError when the bytes do not say that they were written for that topic, and
+    Raise MisroutedError when the bytes do not say that they were written for that address, and
     MessageError when they are anything else but a header and such a message.
     """
     fields = unpack(data)
     header = _of_this_version(fields, Header)
-    if topic is not None:
-        _refuse_other(header, (topic,), topic)
+    if address is not None:
+        _refuse_other(header, (address,), address)
     return header, _validate(fields, message_type)
 
 
-def encode_record(record: Record, topic: str = "") -> bytes:
-    """Return the bytes of a request, with the key that it is for, or of a reply: no header."""
-    return pack(Version(topic=topic).model_dump() | record.model_dump())
+def decode_recorded(data: bytes, message_type: type[M], key: str) -> tuple[Header, M]:
+    """Return header and message of a recording, of this schema version or of an older one.
+
+    Raise MisroutedError when they were written for another key, of whichever cell, and
+    MessageError as `decode` does.
+    """
+    fields = unpack(data)
+    header = _of_this_version(fields, Header, RECORDED_VERSIONS)
+    written_for = header.topic if header.v == 1 else header.topic.partition("/")[2]
+    if written_for != key:
+        raise MisroutedError(f"written for {header.topic[:80]!r}, and recorded as {key}")
+    return header, _validate(fields, message_type)
 
 
-def decode_record(data: bytes, record_type: type[R], topic: str = "") -> R:
+def readdressed(data: bytes, address: str) -> bytes:
+    """Return a recorded message as it is published now under an address.
+
+    Other fields keep their values; bytes that need no change, or are no message, stay as they are.
+    """
+    try:
+        fields = unpack(data)
+    except MessageError:
+        return data
+    now = {"v": SCHEMA_VERSION, "topic": address}
+    if fields.get("v") not in RECORDED_VERSIONS or fields | now == fields:
+        return data
+    return pack(fields | now)
+
+
+def encode_record(record: Record, address: str = "") -> bytes:
+    """Return the bytes of a request, with the address that it is for, or of a reply: no header."""
+    return pack(Version(topic=address).model_dump() | record.model_dump())
+
+
+def decode_record(data: bytes, record_type: type[R], address: str = "") -> R:
     """Return a request or a reply.
 
-    Raise MisroutedError when the bytes say that they are for another key, MessageError when they
-    are anything else. A client of somebody's own need not say what its request is for.
+    Raise MisroutedError when the bytes say that they are for another address, MessageError when
+    they are anything else. A client of one's own may leave the address of a request out.
     """
     fields = unpack(data)
     version = _of_this_version(fields, Version)
-    if topic:
-        _refuse_other(version, ("", topic), topic)
+    if address:
+        _refuse_other(version, ("", address), address)
     return _validate(fields, record_type)
 
 
@@ -113,17 +143,19 @@ def unpack(data: bytes) -> dict[str, Any]:
     return fields
 
 
-def _of_this_version(fields: dict[str, object], head_type: type[V]) -> V:
-    """Return what stands before a body; another version is told first, its head may differ."""
+def _of_this_version(
+    fields: dict[str, object], head_type: type[V], versions: tuple[int, ...] = (SCHEMA_VERSION,)
+) -> V:
+    """Return what stands before a body; another version is reported first, its head may differ."""
     version = fields.get("v", SCHEMA_VERSION)
-    if type(version) is int and version != SCHEMA_VERSION:
+    if type(version) is int and version not in versions:
         raise MessageError(f"schema version {version}, this program speaks {SCHEMA_VERSION}")
     return _validate(fields, head_type)
 
 
 def _refuse_other(head: Version, allowed: tuple[str, ...], here: str) -> None:
     if head.topic not in allowed:
-        raise MisroutedError(f"written for {head.topic[:40]!r}, and came to {here}")
+        raise MisroutedError(f"written for {head.topic[:80]!r}, and came to {here}")
 
 
 def _validate(fields: dict[str, object], record_type: type[R]) -> R:

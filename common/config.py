@@ -11,6 +11,7 @@ from pydantic import BaseModel, ValidationError
 
 from common.cell import Cell
 from common.errors import ConfigError
+from common.mistakes import what_is_wrong
 
 TUNED = (  # what the file that a cell file names as `tuning` may say
     "robot.delay_s",
@@ -172,12 +173,8 @@ def _explain(item: Any) -> str:
         near = difflib.get_close_matches(str(item["loc"][-1]), names, n=1, cutoff=0.5)
         hint = f"did you mean {near[0]}?" if near else f"known here: {', '.join(sorted(names))}"
         return f"{path}: unknown name; {hint}"
-    if item["type"] == "missing":
-        return f"{path}: missing"
-    message = item["msg"].removeprefix("Value error, ")
-    if item["type"] == "value_error":
-        return f"{path}: {message}" if path else message
-    return f"{path}: {message[0].lower()}{message[1:]}, found {item['input']!r}"
+    what = what_is_wrong(item)
+    return f"{path}: {what}" if path else what
 
 
 def _names_at(location: tuple[int | str, ...]) -> list[str]:

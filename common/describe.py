@@ -20,8 +20,9 @@ Mode = Literal["serialization", "validation"]
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 NOTE = (
     "A payload is one flat MessagePack map. Keys are <cell>/<topic> to subscribe to and "
-    "<cell>/<request> to query with a payload; the answer is a `reply`. SI units, in the names. "
-    "Fields that are not listed are ignored."
+    "<cell>/<request> to query with a payload; the answer is a `reply`. The field `topic` holds "
+    "that whole address; a request may leave it out. SI units, in the names. Fields that are not "
+    "listed are ignored."
 )
 
 

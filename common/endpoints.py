@@ -83,10 +83,11 @@ class Publisher(Generic[M]):
     """The one writer of a topic: stamps and numbers what it sends."""
 
     def __init__(
-        self, topic: Topic[M], put: Callable[[bytes], None], clock: Clock, epoch: int
+        self, topic: Topic[M], put: Callable[[bytes], None], clock: Clock, epoch: int, *, cell: str
     ) -> None:
         """Wrap a transport's put."""
         self.topic = topic
+        self._address = f"{cell}/{topic.key}"
         self.seq = 0
         self._put = put
         self._clock = clock
@@ -100,7 +101,7 @@ class Publisher(Generic[M]):
             epoch=self._epoch,
             boot=self._clock.boot,
             stamp_ns=self._clock.now_ns(),
-            topic=self.topic.key,
+            topic=self._address,
             sensor_stamp_ns=None if origin is None else origin.stamp_ns,
             sensor_seq=None if origin is None else origin.seq,
         )
@@ -110,26 +111,34 @@ class Publisher(Generic[M]):
 
 @dataclass(frozen=True, slots=True)
 class Incoming(Generic[Q]):
-    """A request that decoded well, and the way to answer it."""
+    """A request to be served, and the way to answer it."""
 
     request: Q
     call: Call
+    complaint: str = ""  # why it could not be decoded, where it is served all the same
 
     def reply(self, reply: Reply) -> None:
-        """Answer."""
+        """Answer; a request that could not be decoded is told so after it was served."""
+        if self.complaint:
+            text = f"{reply.text}; the request itself cannot be decoded: {self.complaint}"
+            told = refusal("malformed", text)
+            reply = told.model_copy(update={"accepted": reply.accepted})
         self.call.answer(encode_record(reply))
 
 
 class Inbox(Generic[Q]):
     """The requests of one row of the table, for the service that serves it."""
 
-    def __init__(self, request: Request[Q], source: CallSource) -> None:
-        """Wrap a source."""
+    def __init__(self, request: Request[Q], source: CallSource, *, cell: str) -> None:
+        """Wrap the source of a request of a cell."""
         self._request = request
+        self._address = f"{cell}/{request.key}"
         self._source = source
 
     def take_all(self) -> Iterator[Incoming[Q]]:
         """Yield what has come in; a request that does not decode is refused on the spot.
+
+        A hold is not: it is served first, and complained of in its answer.
 
         At most so many at once: whoever asks without end must not keep a control loop from its
         work. The rest waits for the next step, and is dropped at the source when it is too much.
@@ -138,11 +147,12 @@ class Inbox(Generic[Q]):
             if (call := self._source.take()) is None:
                 return
             try:
-                yield Incoming(
-                    decode_record(call.data, self._request.message, self._request.key), call
-                )
+                yield Incoming(decode_record(call.data, self._request.message, self._address), call)
             except MessageError as error:
-                call.answer(encode_record(refusal("malformed", str(error))))
+                if self._request.unreadable is None:
+                    call.answer(encode_record(refusal("malformed", str(error))))
+                else:
+                    yield Incoming(self._request.unreadable, call, str(error))
 
 
 @dataclass(slots=True)
@@ -165,14 +175,15 @@ class Bus:
         if topic.writer != self.role:
             raise BusError(f"{self.role} may not write {topic.key}: {topic.writer} does")
         put = self.transport.publish(f"{self.cell}/{topic.key}", topic.qos)
-        return Publisher(topic, put, self.clock, self.epoch)
+        return Publisher(topic, put, self.clock, self.epoch, cell=self.cell)
 
     def reader(self, topic: Topic[M]) -> Reader[M]:
         """Return a reader of a topic. Raise BusError unless the table names this role."""
         if self.role not in topic.readers:
             raise BusError(f"{self.role} is not a reader of {topic.key}: {topic.readers} are")
         source = self.transport.subscribe(f"{self.cell}/{topic.key}")
-        return Reader(topic, source, self.clock, self.timing.stale_after_s(topic))
+        stale_after_s = self.timing.stale_after_s(topic)
+        return Reader(topic, source, self.clock, stale_after_s, cell=self.cell)
 
     def tap(self, topic: Topic[Any], room: int) -> Source:
         """Return every message of a topic as bytes, in order; `room` of them may wait.
@@ -187,14 +198,15 @@ class Bus:
         """Return the requests that this role serves."""
         if request.server != self.role:
             raise BusError(f"{self.role} does not serve {request.key}: {request.server} does")
-        return Inbox(request, self.transport.serve(f"{self.cell}/{request.key}"))
+        source = self.transport.serve(f"{self.cell}/{request.key}")
+        return Inbox(request, source, cell=self.cell)
 
     def ask(self, request: Request[Q], message: Q, timeout_s: float = 2.0) -> Reply:
         """Send a request and return the answer. Raise BusError when nobody answers."""
         if self.role != CLIENT:
             raise BusError(f"only clients send requests, {self.role} is none")
         key = f"{self.cell}/{request.key}"
-        data = self.transport.ask(key, encode_record(message, request.key), timeout_s)
+        data = self.transport.ask(key, encode_record(message, key), timeout_s)
         if data is None:
             raise BusError(f"{request.server} did not answer {key} within {timeout_s:g} s")
         return decode_record(data, Reply)

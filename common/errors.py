@@ -4,6 +4,7 @@ ForcemeshError
 ├── ConfigError            a cell file is wrong; lists every mistake at once
 ├── DataError              what was given is wrong: a file, with line and column, or a number
 ├── BusError               the hub cannot be reached, or a topic is used against the table
+│   ├── SetupError             it cannot be used as this PC is set up: a certificate, an address
 │   └── LostError              a service or the whole cell is not heard; says which
 ├── MessageError           bytes from the bus are not the message that the table promises
 │   └── MisroutedError         they were written for another topic or request
@@ -19,10 +20,28 @@ ForcemeshError
 In the control loop bad data is not an exception: it is a message with valid=False and a reason.
 """
 
+import re
+from math import pi
 from typing import TYPE_CHECKING, Any, NamedTuple
+
+from common.mistakes import what_is_wrong
 
 if TYPE_CHECKING:
     from pydantic import ValidationError
+
+
+# Units that sentences for people use; the numbers beside a sentence are in SI.
+PER_SI = {
+    "degrees/s": 180.0 / pi,
+    "degrees": 180.0 / pi,
+    "mm/s": 1e3,
+    "mm": 1e3,
+    "ms": 1e3,
+    "%": 1e2,
+}
+PER_SI |= dict.fromkeys(("m/s", "m", "s", "N m", "N", "kg", "Hz", "rad"), 1.0)
+IN_A_UNIT = re.compile(rf"(-?\d+(?:\.\d+)?) ({'|'.join(PER_SI)})(?![\w/])")
+SAME = 0.6  # a sentence rounds
 
 
 class ForcemeshError(Exception):
@@ -46,8 +65,11 @@ class ConfigError(ForcemeshError):
         """Name the file and list every mistake in it."""
         self.source = source
         self.mistakes = mistakes
+        if len(mistakes) == 1:
+            super().__init__(f"{source}: {mistakes[0]}")
+            return
         lines = "\n".join(f"  - {mistake}" for mistake in mistakes)
-        super().__init__(f"{source}: {len(mistakes)} mistake(s)\n{lines}")
+        super().__init__(f"{source}: {len(mistakes)} mistakes\n{lines}")
 
 
 class DataError(ForcemeshError):
@@ -56,6 +78,10 @@ class DataError(ForcemeshError):
 
 class BusError(ForcemeshError):
     """The bus cannot be used, or is used against the table of topics."""
+
+
+class SetupError(BusError):
+    """The bus cannot be used as this PC is set up: a certificate is missing, or all may listen."""
 
 
 class LostError(BusError):
@@ -88,6 +114,19 @@ def _with_remedy(text: str, remedy: str) -> str:
     return text if text.endswith(remedy) else f"{text} -> {remedy}"
 
 
+def _numbers(text: str, value: float | None, limit: float | None) -> str:
+    """Return the numbers that belong to a sentence, in the unit that the sentence itself uses."""
+    for said, unit in IN_A_UNIT.findall(text):
+        scale = PER_SI[unit]
+        if value is not None and abs(float(said) - scale * value) <= SAME * max(1.0, abs(value)):
+            shown = "" if limit is None else f"{scale * limit:.6g}"
+            is_said = not shown or re.search(rf"\b{re.escape(shown)}\b", text) is not None
+            return "" if is_said else f" [limit {shown} {unit}]"
+    rows = (("value", value), ("limit", limit))
+    numbers = [f"{name} {number:.6g}" for name, number in rows if number is not None]
+    return f" [{', '.join(numbers)}]" if numbers else ""
+
+
 class RefusedError(ForcemeshError):
     """A request was refused by the service that serves it."""
 
@@ -103,12 +142,7 @@ class RefusedError(ForcemeshError):
         """Keep the code for programs, text and remedy for people, the number that was too much."""
         self.code, self.text, self.remedy = code, text, remedy
         self.value, self.limit = value, limit
-        numbers = [
-            f"{name} {number:.6g}"
-            for name, number in (("value", value), ("limit", limit))
-            if number is not None
-        ]
-        found = f"{text} [{', '.join(numbers)}]" if numbers else text
+        found = f"{text}{_numbers(text, value, limit)}"
         super().__init__(_with_remedy(found, remedy))
 
 
@@ -154,18 +188,18 @@ class Mistake(NamedTuple):
     """One field of a model that is wrong."""
 
     where: str  # the field, dotted; "" for the whole
-    what: str
+    what: str  # and what was found
     kind: str  # pydantic's name for it
     found: object
 
     @property
     def text(self) -> str:
         """One clause for whoever gave it."""
-        return f"{self.where}: {self.what}, found {self.found!r}"
+        return f"{self.where}: {self.what}" if self.where else self.what
 
 
 def first_mistake(error: "ValidationError") -> Mistake:
     """Return the first mistake that pydantic found."""
     first = error.errors(include_url=False)[0]
     where = ".".join(str(part) for part in first["loc"])
-    return Mistake(where, first["msg"], first["type"], first["input"])
+    return Mistake(where, what_is_wrong(first), first["type"], first["input"])

@@ -12,6 +12,8 @@ from math import radians
 import numpy as np
 import pinocchio as pin
 
+from common import back_off
+from common.back_off import BackOff, Load
 from common.cell import Cell
 from common.convert import pose_of
 from common.faults import tripped
@@ -24,7 +26,7 @@ from common.limits import (
     check_workspace,
     check_wrench,
 )
-from common.messages import Feedback, Goal, Speed, Trip, Vec6, WrenchAtTcp
+from common.messages import Feedback, Goal, Purpose, Speed, Trip, Vec6, WrenchAtTcp
 from common.stream_budget import S_PER_NS, StreamBudget
 
 # What the arm may be beyond a limit that its commands keep: rounding of reports, settling.
@@ -34,6 +36,7 @@ JOINT_SPEED_MARGIN = 1.1
 JOINT_SPEED_OVER_S = 0.1
 LONGEST_LEVER_M = 0.3  # from the TCP to a point of contact: no tool is larger
 SAMPLES_OF_A_WAY = 25
+ROUNDING_M = 2e-4  # between two looks at an arm at rest
 
 FlangeAt = Callable[[Array], pin.SE3]
 
@@ -49,30 +52,47 @@ class Guard:
             flange_at: Pose of the flange at joint angles [rad], where the arm's geometry is known:
                 moves of joints are then judged by where the tool goes, too.
         """
-        self._limits = Limits.of(cell)
+        self._cell_limits = self._limits = Limits.of(cell)
         self._wide = _widened(self._limits)
+        self._back_off: BackOff | None = None  # under a lease for that
+        self._load: Load | None = None  # of the move under way
+        self._wrench: WrenchAtTcp | None = None
         self._T_flange_tcp: pin.SE3 = cell.tool.T_flange_tcp.pose
         self._setpoint_max_N = cell.force.setpoint_max_N
         self._joint_speed_max = np.radians(cell.robot.joint_speed_max_deg_s)
         self._flange_at = flange_at
-        self._armed_at_m: Array | None = None
+        self._T_armed: pin.SE3 | None = None
         self._budget = StreamBudget(cell.limits)
         self._joints: deque[tuple[int, Array]] = deque()
 
-    def start(self, T_base_flange: pin.SE3) -> None:
-        """Begin a lease: the tether is fastened where the arm is."""
-        self._armed_at_m = np.array(T_base_flange.translation)
+    def start(self, T_base_flange: pin.SE3, now_ns: int = 0, purpose: Purpose = "all") -> None:
+        """Begin a lease: the tether is fastened where the arm is.
+
+        One for `back_off` has limits of its own (common/back_off.py) until the next lease.
+        """
+        self._T_armed = T_base_flange.copy()
+        self._limits, self._back_off, self._load = self._cell_limits, None, None
+        if purpose == "back_off":
+            T_base_tcp = T_base_flange * self._T_flange_tcp
+            self._limits = back_off.freed(self._cell_limits, T_base_tcp, ROUNDING_M)
+            self._back_off = BackOff(self._T_armed, now_ns)
+        self._wide = _widened(self._limits)
 
     # --- commands ---------------------------------------------------------------------------------
 
     def seed(self, T_base_flange: pin.SE3, now_ns: int) -> Trip | None:
         """Begin a stream of set points at the measured pose."""
-        return self.place(T_base_flange) or self._budget.begin(T_base_flange, now_ns)
+        return (
+            self._only_backing_off()
+            or self.place(T_base_flange)
+            or self._budget.begin(T_base_flange, now_ns)
+        )
 
     def setpoint(self, T_wanted: pin.SE3, T_measured: pin.SE3, now_ns: int) -> Trip | None:
         """Judge a set point; one that is let through uses up its way."""
         return (
-            self.place(T_wanted)
+            self._only_backing_off()
+            or self.place(T_wanted)
             or check_step(self._limits, T_measured, T_wanted)
             or self._budget.spend(T_wanted, now_ns)
         )
@@ -88,6 +108,8 @@ class Guard:
             T_measured: Where the flange is.
             joint_rad: Where the joints are [rad].
         """
+        if self._back_off is not None:
+            return self._back_off_trip(goal, speed, T_measured)
         real_m_s = speed.mechanical_m_s * speed.modular_fraction
         if real_m_s > self._limits.speed_m_s:
             text = "mechanical times modular speed is above limits.speed_m_s"
@@ -106,6 +128,8 @@ class Guard:
 
     def feedback(self, feedback: Feedback) -> Trip | None:
         """Judge what force feedback in the controller is asked for; it keeps its own speeds."""
+        if (trip := self._only_backing_off()) is not None:
+            return trip
         setpoint_N = float(np.linalg.norm(feedback.setpoint_force_N))
         if setpoint_N > self._setpoint_max_N:
             text = f"a set point of {setpoint_N:.1f} N"
@@ -117,15 +141,24 @@ class Guard:
         self._budget.moved_otherwise()
         return None
 
-    def wrench(self, wrench: WrenchAtTcp | None) -> Trip | None:
-        """Judge the wrench, where one is known."""
+    def wrench(self, wrench: WrenchAtTcp | None, *, in_move: bool = False) -> Trip | None:
+        """Judge the wrench, where one is known; a move may not add much to the least load in it."""
+        self._wrench = wrench
+        if self._back_off is not None:
+            self._back_off, trip = self._back_off.felt(wrench)
+            return trip
+        if not in_move:
+            self._load = None
         if wrench is None:
             return None
-        return check_wrench(self._limits, np.array(wrench.force_N), np.array(wrench.torque_Nm))
+        trip = check_wrench(self._limits, np.array(wrench.force_N), np.array(wrench.torque_Nm))
+        if trip is None and in_move and wrench.calibrated:
+            self._load, trip = back_off.in_move(self._limits, self._load, wrench)
+        return trip
 
     def place(self, T_wanted: pin.SE3) -> Trip | None:
         """Judge where a flange pose lies: its tool in the workspace, itself on the tether."""
-        if self._armed_at_m is None:
+        if self._T_armed is None:
             return tripped("no_lease", "no lease has begun")
         trip = check_workspace(self._limits, T_wanted * self._T_flange_tcp)
         return trip or self._tether_trip(self._limits, T_wanted)
@@ -140,6 +173,7 @@ class Guard:
             or self._joint_speed_trip(q, now_ns)
             or check_workspace(self._wide, T_measured * self._T_flange_tcp)
             or self._tether_trip(self._wide, T_measured)
+            or (None if self._back_off is None else self._back_off.moved(T_measured, now_ns))
         )
 
     def _joint_speed_trip(self, q: Array, now_ns: int) -> Trip | None:
@@ -162,10 +196,25 @@ class Guard:
 
     # --- inside -----------------------------------------------------------------------------------
 
-    def _tether_trip(self, limits: Limits, T: pin.SE3) -> Trip | None:
-        if self._armed_at_m is None:
+    def _only_backing_off(self) -> Trip | None:
+        if self._back_off is None:
             return None
-        return check_tether(limits, self._armed_at_m, np.asarray(T.translation))
+        return tripped("state", "the arm was armed to back off: it takes that one goal alone")
+
+    def _back_off_trip(self, goal: Goal, speed: Speed, T_measured: pin.SE3) -> Trip | None:
+        """Compare a goal with the way out that this process computes itself."""
+        if goal.kind != "pose" or goal.pose is None:
+            return self._only_backing_off()
+        limits, wrench = self._cell_limits, self._wrench
+        own = back_off.plan(limits, T_measured, self._T_flange_tcp, wrench, confirmed=True)
+        T_goal = pose_of(goal.pose)
+        trip = back_off.goal_trip(own, T_measured, T_goal, speed) or self.place(T_goal)
+        if trip is None:
+            self._budget.moved_otherwise()
+        return trip
+
+    def _tether_trip(self, limits: Limits, T: pin.SE3) -> Trip | None:
+        return None if self._T_armed is None else check_tether(limits, self._T_armed, T)
 
     def _pose_trip(self, T_from: pin.SE3, T_to: pin.SE3) -> Trip | None:
         """Judge a straight move: its end first, then what the tool passes when it turns."""
@@ -173,7 +222,7 @@ class Guard:
         return trip or self._way_trip(_between(T_from, T_to))
 
     def _joint_trip(self, q_from: Array, q_to: Array) -> Trip | None:
-        if self._armed_at_m is None:
+        if self._T_armed is None:
             return tripped("no_lease", "no lease has begun")
         trip = check_joints(self._limits, q_to)
         if trip is not None or self._flange_at is None:
@@ -218,4 +267,5 @@ def _widened(limits: Limits) -> Limits:
         joint_min_rad=limits.joint_min_rad - MEASURED_SLACK_RAD,
         joint_max_rad=limits.joint_max_rad + MEASURED_SLACK_RAD,
         tether_m=limits.tether_m + MEASURED_SLACK_M,
+        tether_rad=limits.tether_rad + MEASURED_SLACK_RAD,
     )

@@ -39,8 +39,10 @@ class Limits:
     accel_m_s2: float
     accel_rad_s2: float
     tether_m: float
+    tether_rad: float
     force_N: float
     torque_Nm: float
+    move_rise_N: float
     planes: tuple[Plane, ...] = ()
 
     @classmethod
@@ -61,8 +63,10 @@ class Limits:
             accel_m_s2=limits.accel_m_s2,
             accel_rad_s2=radians(limits.accel_deg_s2),
             tether_m=limits.tether_m,
+            tether_rad=radians(limits.tether_deg),
             force_N=limits.force_N,
             torque_Nm=limits.torque_Nm,
+            move_rise_N=limits.move_rise_N,
             planes=tuple(_plane(plane) for plane in limits.planes),
         )
 
@@ -106,15 +110,22 @@ def check_step(limits: Limits, T_from: pin.SE3, T_to: pin.SE3) -> Trip | None:
     return None
 
 
-def check_tether(limits: Limits, p_start_m: Array, p_now_m: Array) -> Trip | None:
-    """Refuse to go further from where the arm was armed."""
-    if not (np.isfinite(p_start_m).all() and np.isfinite(p_now_m).all()):
-        return _not_finite("the position")
-    distance_m = _length(p_now_m - p_start_m)
-    if distance_m <= limits.tether_m:
-        return None
-    text = f"{distance_m * 1e3:.0f} mm away from where it was armed"
-    return tripped("tether", text, value=distance_m, limit=limits.tether_m)
+def check_tether(limits: Limits, T_start: pin.SE3, T_now: pin.SE3) -> Trip | None:
+    """Refuse to go or turn further from the flange pose at which the arm was armed."""
+    if not (is_finite_pose(T_start) and is_finite_pose(T_now)):
+        return _not_finite("the pose")
+    distance_m = _length(T_now.translation - T_start.translation)
+    if distance_m > limits.tether_m:
+        text = f"{distance_m * 1e3:.0f} mm away from where it was armed"
+        return tripped("tether", text, value=distance_m, limit=limits.tether_m)
+    angle_rad = _length(rotation_between(T_start.rotation, T_now.rotation))
+    if angle_rad > limits.tether_rad:
+        text = (
+            f"turned {degrees(angle_rad):.1f} degrees away from how it was armed, "
+            f"limits.tether_deg is {degrees(limits.tether_rad):g}"
+        )
+        return tripped("tether", text, value=angle_rad, limit=limits.tether_rad)
+    return None
 
 
 def check_joints(limits: Limits, joint_rad: Vec6 | Array) -> Trip | None:

@@ -25,7 +25,8 @@ StartLaw = Literal["plain", "adaptive", "guide"]  # guide: give way to a hand
 Preset = Literal["gentle", "normal", "stiff"]  # of gains
 Commander = Literal["none", "regulator", "program", "operator"]
 Asker = Literal["operator", "program"]  # who may ask for motion
-Purpose = Literal["all", "jog"]  # what the arm was armed for
+ArmPurpose = Literal["all", "jog"]  # what a person arms for
+Purpose = Literal["all", "jog", "back_off"]  # the same, and for the arbiter's own way out
 
 ZERO3: Vec3 = (0.0, 0.0, 0.0)
 ZERO6: Vec6 = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -110,6 +111,7 @@ class RobotState(Message):
     error_code: int = 0
     goal: GoalReport = GoalReport()
     accepted: Accepted | None = None
+    sent: PoseRecord | None = None  # last set point that left for the arm, flange in base
     hold_reason: Text = ""  # why the robot holds, empty while it may move
     hold_code: Text = ""  # the same as a code of common/faults.py
     link: LinkHealth = LinkHealth()
@@ -138,6 +140,7 @@ class WrenchAtTcp(Message):
     calibration: Text = ""  # which payload and bias are subtracted: a revision
     calibrated: bool = False  # whether force feedback may rely on it
     calibration_fault: Text = ""  # why not
+    axes_checked: bool = False  # `forcemesh check axes` has found axes and signs right with it
 
 
 class Gains(Record):
@@ -166,6 +169,8 @@ class RegulatorTarget(Message):
 
     mode: Mode | None = None
     host: Host = "pc"
+    law: StartLaw | None = None
+    setpoint_N: float | None = None  # asked for, along the tool's z axis; it is ramped to
     pose: PoseRecord | None = None  # flange in base
     feedback: Feedback | None = None
     contact: Literal["free", "approach", "contact"] = "free"
@@ -202,6 +207,7 @@ class Permission(Record):
     lease: int  # a new one each time that a person arms
     deadline_s: float
     turn: int = 0  # a new one each time that somebody's command ends; at most one owner each
+    purpose: Purpose = "all"  # of the lease; back_off: other limits hold (common/back_off.py)
 
 
 class RobotCommand(Message):

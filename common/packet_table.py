@@ -8,7 +8,8 @@ from enum import IntEnum, IntFlag
 
 from common.errors import LocalProtocolError, RemoteProtocolError
 
-PROTOCOL_VERSION = 1
+PROTOCOL_VERSION = 2
+ARMS = 1000  # numbers of an arm: Param of hello is version * 1000 + number
 
 # An ID is at least ID_FIRST and every other number of a packet is less: `common.packet` says why.
 ID_FIRST = 500_000
@@ -27,7 +28,7 @@ GAIN_I = 5_000  # per mm/(N s) and per deg/(N m s)
 
 
 class Com(IntEnum):
-    """Number of a command (PC to controller, 1 to 12) or of a report (back, 101 to 103)."""
+    """Number of a command (PC to controller, 1 to 14) or of a report (back, 101 to 103)."""
 
     MOVE_POSE = 1
     MOVE_JOINTS = 2
@@ -41,6 +42,8 @@ class Com(IntEnum):
     LIMITS = 10
     TCP = 11
     HEARTBEAT = 12
+    SET_POINT = 13
+    FORCE_SET_POINT = 14
     POSE = 101
     JOINTS = 102
     HEALTH = 103
@@ -51,6 +54,22 @@ class GainKind(IntEnum):
 
     PROPORTIONAL = 0
     INTEGRAL = 1
+
+
+class Bank(IntEnum):
+    """Param of command 10."""
+
+    FEEDBACK = 0
+    MOTION = 1
+    LOWER_CORNER = 2
+    UPPER_CORNER = 3
+
+
+class Point(IntEnum):
+    """Param of command 11: the TCP; and the point alone that force feedback turns about."""
+
+    TCP = 0
+    CENTRE = 1
 
 
 class FeedbackSwitch(IntEnum):
@@ -80,14 +99,18 @@ class Status(IntFlag):
 FEEDBACK_BITS = Status.POSITION_FEEDBACK | Status.ORIENTATION_FEEDBACK
 
 
+Names = tuple[str, str, str, str, str, str]
+
+
 @dataclass(frozen=True, slots=True)
 class Row:
     """One command: what its Param may be and what its vector holds, with the scale."""
 
     com: Com
     params: range
-    vec: tuple[str, str, str, str, str, str]
+    vec: Names
     meaning: str
+    banks: tuple[Names, ...] = ()  # of the other Params, where each has a vector of its own
 
 
 _NONE = ("0",) * 6
@@ -98,8 +121,14 @@ _SPEEDS = ("accel percent", "decel percent", "modular percent", "mechanical spee
 _GAINS = ("x gain", "y gain", "z gain", "mx gain", "my gain", "mz gain")
 _SCALES = ("position", "angle", "joint", "force", "torque", "speed")
 _LIMITS = ("step position", "step angle", "speed", "travel position", "force", "watchdog ms")
+_MOTION = (
+    "turn angle", "torque", "set-point step position", "set-point step angle", "highest speed", "0",
+)  # fmt: skip
+_LOWER = ("lower X position", "lower Y position", "lower Z position", "0", "0", "0")
+_UPPER = ("upper X position", "upper Y position", "upper Z position", "0", "0", "0")
 _HEALTH = (
-    "loops", "wrench age ms", "queue length", "monitor speed percent", "held ID - 500000", "0",
+    "loops", "wrench age ms", "queue length", "monitor speed percent", "held ID - 500000",
+    "any peer",
 )  # fmt: skip
 _COUNT = range(ID_FIRST)
 _CODE = range(-99_999, ID_FIRST)  # AS error codes are negative
@@ -109,15 +138,18 @@ TABLE = {row.com: row for row in (
     Row(Com.MOVE_POSE,      range(1), _POSE,   "a) move to a pose"),
     Row(Com.MOVE_JOINTS,    range(1), _JOINTS, "b) move to joint angles"),
     Row(Com.MOVE_BY_JOINTS, range(1), _JOINTS, "c) move by joint angles"),
-    Row(Com.WRENCH,         range(1), _WRENCH, "d) wrench minus set point, base axes, at TCP"),
+    Row(Com.WRENCH,         range(1), _WRENCH, "d) wrench as it is read, base axes, at TCP"),
     Row(Com.SPEEDS,         range(1), _SPEEDS, "e) speeds and accelerations"),
     Row(Com.GAINS,          range(2), _GAINS,  "f) gains: 0 proportional, 1 integral"),
     Row(Com.FEEDBACK,       range(3), _NONE,   "g) feedback: 0 position, 1 orientation, 2 stop"),
     Row(Com.HOLD,           range(1), _NONE,   "hold now"),
-    Row(Com.HELLO,          _COUNT,   _SCALES, "first packet, both ways; Param = version"),
-    Row(Com.LIMITS,         range(1), _LIMITS, "limits that the controller keeps by itself"),
-    Row(Com.TCP,            range(1), _POSE,   "point that feedback turns about, flange frame"),
+    Row(Com.HELLO,          _COUNT,   _SCALES, "first packet, both ways; version * 1000 + arm"),
+    Row(Com.LIMITS,         range(4), _LIMITS, "limits that the controller keeps by itself",
+        (_MOTION, _LOWER, _UPPER)),
+    Row(Com.TCP,            range(2), _POSE,   "flange frame: 0 TCP, 1 point to turn about"),
     Row(Com.HEARTBEAT,      range(1), _NONE,   "nothing else to say"),
+    Row(Com.SET_POINT,      range(1), _POSE,   "one pose of a stream"),
+    Row(Com.FORCE_SET_POINT, range(1), _WRENCH, "set point of the wrench, base axes"),
     Row(Com.POSE,           _COUNT,   _POSE,   "flange pose; ID = last command taken"),
     Row(Com.JOINTS,         _COUNT,   _JOINTS, "joint angles; ID = last command framed"),
     Row(Com.HEALTH,         _CODE,    _HEALTH, "health; Param = error code"),
@@ -134,16 +166,8 @@ def next_id(id_: int) -> int:
 
 
 def ids_since(earlier: int, later: int) -> int:
-    """Return how many IDs were given out after `earlier`, up to and with `later`."""
+    """Return how many IDs lie after `earlier`, up to and with `later`, round the ring."""
     return (later - earlier) % ID_COUNT
-
-
-def id_reached(reached: int, wanted: int) -> bool:
-    """Tell whether a stream of IDs that stands at `reached` has come to `wanted`, or past it.
-
-    IDs go round, so "past" means less than half a turn ahead. NO_ID has reached nothing.
-    """
-    return reached != NO_ID and ids_since(wanted, reached) < ID_COUNT // 2
 
 
 def pack_status(counter: int, status: Status) -> int:
@@ -168,6 +192,16 @@ def unpack_status(param: int) -> tuple[int, Status]:
         )
     counter, bits = divmod(param, STATUS_SPAN)
     return counter, Status(bits)
+
+
+def greeting(arm: int) -> int:
+    """Return Param of hello: our version and the number of an arm."""
+    return PROTOCOL_VERSION * ARMS + arm
+
+
+def greeted(param: int) -> tuple[int, int]:
+    """Return (version, number of the arm) of a hello; before version 2 arms had no numbers."""
+    return (param, 0) if param < ARMS else divmod(param, ARMS)
 
 
 def known(com: int, param: int) -> Com:

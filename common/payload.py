@@ -11,12 +11,24 @@ import yaml
 
 from common.errors import DataError
 from common.frames import GRAVITY_M_S2, Array, rotation_from_vector
+from common.plausible import beyond, mounting_objection
 
 Vector = tuple[float, float, float]
 
 DOWN: Vector = (0.0, 0.0, -1.0)
 UNIT_TOLERANCE = 1e-3
 GAIN_LEAST, GAIN_MOST = 0.5, 1.5  # beyond it a sensor is broken, or its unit is another
+# Beyond these a file is in another unit; the same numbers as in common/calibration.py.
+MOST = {
+    "mass_kg": 50.0,
+    "com_m": 1.0,
+    "bias_force_N": 1000.0,
+    "bias_torque_Nm": 100.0,
+    "force_N": 1000.0,
+    "torque_Nm": 100.0,
+    "force_bend_N": 1000.0,
+    "torque_bend_Nm": 100.0,
+}
 REACH = 1.0  # so many of its lengths beyond a recording its clock, and its drift, are believed
 
 
@@ -221,7 +233,23 @@ def _values(path: Path, data: dict[Any, Any], kind: type, where: str) -> dict[st
             values[key] = read(path, where + key, data[key])
         elif key not in data and field.default is MISSING:
             raise DataError(f"{path}: key {where}{key} is missing")
+    for key, value in values.items():
+        _refuse_implausible(f"{path}: key {where}{key}", key, value)
     return values
+
+
+def _refuse_implausible(where: str, key: str, value: float | Vector) -> None:
+    """Refuse what can only be in another unit, and ask for it."""
+    if key == "mounting_rotation_rad" and isinstance(value, tuple):
+        if objection := mounting_objection(value):
+            raise DataError(f"{where}: {objection}")
+        return
+    limit = MOST.get(key)
+    for number in value if isinstance(value, tuple) else (value,):
+        if limit is not None and abs(number) > limit:
+            kind = "less_than_equal" if number > 0.0 else "greater_than_equal"
+            text = beyond(kind, key, number, limit if number > 0.0 else -limit)
+            raise DataError(f"{where} {text}")
 
 
 def _mapping(path: Path) -> dict[Any, Any]:

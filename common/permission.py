@@ -27,6 +27,7 @@ class Verdict:
     is_new: bool = False  # the command was not seen before
 
 
+MOST_DEAD = 64  # leases that are remembered: the reader of the bus bounds former writers alike
 NO_COMMAND_YET = Verdict(None, "no command yet", "no_lease", None)
 
 
@@ -37,9 +38,8 @@ class CommandGate:
         """Start without permission."""
         self._accepted: Accepted | None = None
         self._live_lease: tuple[int, int] | None = None  # arbiter's epoch, lease
-        self._dead_lease: tuple[int, int] | None = None
+        self._dead: dict[tuple[int, int], tuple[str, str]] = {}  # lease: why it ended, as a code
         self._newest = (0, 0, 0)  # arbiter's epoch, lease, turn
-        self._dead_reason, self._dead_code = "", ""
 
     def judge(self, reading: Reading[RobotCommand], now_ns: int) -> Verdict:
         """Return what the robot may do at this time."""
@@ -59,8 +59,9 @@ class CommandGate:
             reason = f"lease {newest[1]} turn {newest[2]} is over"
             return self._refuse(reason, "no_lease")
         lease = (header.epoch, command.permission.lease)
-        if lease == self._dead_lease:
-            return self._hold(f"lease {lease[1]} ended: {self._dead_reason}", self._dead_code)
+        if lease in self._dead:
+            why, code = self._dead[lease]
+            return self._refuse(f"lease {lease[1]} ended: {why}", code)
         self._live_lease, self._newest = lease, newest
         previous = self._accepted
         is_new = previous is None or (previous.epoch, previous.seq) != (header.epoch, header.seq)
@@ -82,8 +83,10 @@ class CommandGate:
     def _refuse(self, reason: str, code: str) -> Verdict:
         """Hold, and let nothing come back under the lease that was live."""
         if self._live_lease is not None:
-            self._dead_lease, self._live_lease = self._live_lease, None
-            self._dead_reason, self._dead_code = reason, code
+            self._dead[self._live_lease] = (reason, code)
+            self._live_lease = None
+            if len(self._dead) > MOST_DEAD:
+                del self._dead[next(iter(self._dead))]
         return self._hold(reason, code)
 
     def _hold(self, reason: str, code: str) -> Verdict:

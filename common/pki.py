@@ -1,5 +1,7 @@
 """Certificates of a cell's bus: an authority, one certificate for each role and person.
 
+Only the hub's can be shown by a server: TLS turns a hub away that shows any other one.
+
 The authority's own key stays in the folder where it was made: whoever has it can be anybody. Files
 can be read by their owner and by nobody else, and are never written over unless that is asked for.
 """
@@ -17,7 +19,7 @@ from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 from common.errors import DataError
-from common.tls import AUTHORITY, common_name
+from common.tls import AUTHORITY, HUB, common_name
 
 AUTHORITY_DAYS = 3650
 CLOCK_SKEW = dt.timedelta(hours=1)  # between this machine and the others
@@ -34,8 +36,12 @@ class Pair:
 
 def make_authority(cell: str, now: dt.datetime) -> Pair:
     """Return a new authority, which signs certificates and nothing else signs."""
+    return _authority(f"forcemesh authority of {cell}", now)
+
+
+def _authority(common: str, now: dt.datetime) -> Pair:
     key = ec.generate_private_key(ec.SECP256R1())
-    name = _name(f"forcemesh authority of {cell}")
+    name = _name(common)
     builder = _builder(name, name, key, now, days=AUTHORITY_DAYS)
     builder = builder.add_extension(x509.BasicConstraints(ca=True, path_length=0), critical=True)
     builder = builder.add_extension(_usage(signs=True), critical=True)
@@ -45,15 +51,52 @@ def make_authority(cell: str, now: dt.datetime) -> Pair:
 def make_certificate(
     authority: Pair, name: str, cell: str, *, hosts: Sequence[str], days: int, now: dt.datetime
 ) -> Pair:
-    """Return a certificate that a name of a cell shows, at the hosts under which it is reached."""
+    """Return a certificate that a name of a cell shows.
+
+    Args:
+        authority: Signs it.
+        name: A name of common/tls.py. The hub's certificate is good for both ends of a link, for it
+            may hang on another hub; all others are good for a client's end alone.
+        cell: Of which the name is.
+        hosts: Under which the hub is reached; no other name is reached by anyone.
+        days: How long it is good for.
+        now: The time.
+    """
     key = ec.generate_private_key(ec.SECP256R1())
     subject = _name(common_name(name, cell))
     builder = _builder(subject, authority.certificate.subject, key, now, days=days)
-    both = [ExtendedKeyUsageOID.SERVER_AUTH, ExtendedKeyUsageOID.CLIENT_AUTH]
+    ends = [ExtendedKeyUsageOID.CLIENT_AUTH]
+    if name == HUB:
+        ends.append(ExtendedKeyUsageOID.SERVER_AUTH)
+        names = x509.SubjectAlternativeName([_host(host) for host in hosts])
+        builder = builder.add_extension(names, critical=False)
+    basic = x509.BasicConstraints(ca=False, path_length=None)
+    builder = builder.add_extension(basic, critical=True)
+    builder = builder.add_extension(_usage(signs=False), critical=True)
+    builder = builder.add_extension(x509.ExtendedKeyUsage(ends), critical=False)
+    return Pair(builder.sign(authority.key, hashes.SHA256()), key)
+
+
+def make_page_authority(cell: str, now: dt.datetime) -> Pair:
+    """Return the authority that browsers trust for the panel's page, and nobody on the bus.
+
+    Browsers keep their authorities for long and in many places; were it the bus's, a certificate
+    that it signs could be the hub.
+    """
+    return _authority(f"forcemesh panel authority of {cell}", now)
+
+
+def make_page_certificate(
+    authority: Pair, cell: str, *, hosts: Sequence[str], days: int, now: dt.datetime
+) -> Pair:
+    """Return the certificate of the panel's page, at the hosts under which it is opened."""
+    key = ec.generate_private_key(ec.SECP256R1())
+    subject = _name(f"forcemesh panel page of {cell}")
+    builder = _builder(subject, authority.certificate.subject, key, now, days=days)
     for extension, critical in (
         (x509.BasicConstraints(ca=False, path_length=None), True),
         (_usage(signs=False), True),
-        (x509.ExtendedKeyUsage(both), False),
+        (x509.ExtendedKeyUsage([ExtendedKeyUsageOID.SERVER_AUTH]), False),
         (x509.SubjectAlternativeName([_host(host) for host in hosts]), False),
     ):
         builder = builder.add_extension(extension, critical=critical)
@@ -98,14 +141,14 @@ def copy_certificate(
         raise DataError(f"{target}: cannot write {name}.pem: {error.strerror}") from error
 
 
-def read_authority(folder: Path) -> Pair:
+def read_authority(folder: Path, name: str = AUTHORITY) -> Pair:
     """Return the authority of a folder.
 
     Raises:
         DataError: It is not there or not readable; says what to do.
     """
-    certificate = read_certificate(folder / f"{AUTHORITY}.pem")
-    path = folder / f"{AUTHORITY}.key"
+    certificate = read_certificate(folder / f"{name}.pem")
+    path = folder / f"{name}.key"
     try:
         key = serialization.load_pem_private_key(path.read_bytes(), password=None)
     except (OSError, ValueError) as error:
@@ -116,6 +159,16 @@ def read_authority(folder: Path) -> Pair:
     if not isinstance(key, ec.EllipticCurvePrivateKey):
         raise DataError(f"{path}: not a key that `forcemesh pki init` has made")
     return Pair(certificate, key)
+
+
+def can_be_the_hub(certificate: x509.Certificate) -> bool:
+    """Tell whether TLS takes a certificate from a server: one that does not say for what, too."""
+    try:
+        usage = certificate.extensions.get_extension_for_class(x509.ExtendedKeyUsage).value
+    except x509.ExtensionNotFound:
+        return True
+    anything = ExtendedKeyUsageOID.ANY_EXTENDED_KEY_USAGE
+    return ExtendedKeyUsageOID.SERVER_AUTH in usage or anything in usage
 
 
 def read_certificate(path: Path) -> x509.Certificate:

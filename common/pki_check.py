@@ -13,8 +13,8 @@ from cryptography.hazmat.primitives import serialization
 from cryptography.x509.oid import NameOID
 
 from common.errors import DataError
-from common.pki import read_certificate
-from common.tls import AUTHORITY, NAMES, common_name
+from common.pki import can_be_the_hub, read_certificate
+from common.tls import AUTHORITY, HUB, NAMES, PAGE, PAGE_AUTHORITY, common_name
 
 SOON = dt.timedelta(days=14)
 OTHERS = stat.S_IRWXG | stat.S_IRWXO
@@ -47,6 +47,7 @@ def check_folder(folder: Path, cell: str, now: dt.datetime) -> list[Finding]:
         found += [Finding("wrong", name, "missing", REMEDY.format(name=name)) for name in missing]
     if not there:
         found.append(Finding("wrong", "all", "no certificate of any name", "forcemesh pki init"))
+    found += _of_page(folder, now)
     wrong = {finding.name for finding in found if finding.verdict == "wrong"}
     return [each for each in found if each.verdict != "good" or each.name not in wrong]
 
@@ -69,7 +70,37 @@ def _of_name(
         certificate.verify_directly_issued_by(authority)
     except (InvalidSignature, ValueError, TypeError):
         yield Finding("wrong", name, f"{AUTHORITY}.pem here has not signed it", remedy)
+    if can_be_the_hub(certificate) != (name == HUB):
+        yield Finding("wrong", name, _wrong_end(name, certificate), remedy)
     yield from _of_file(folder, name, certificate, now, must_have_key=True)
+
+
+def _wrong_end(name: str, certificate: x509.Certificate) -> str:
+    if name == HUB:
+        return "it is good for clients alone: every client turns a hub away that shows it"
+    ends = certificate.not_valid_after_utc
+    return (
+        f"it is of an older forcemesh and can stand in for the hub until {ends:%Y-%m-%d}; a new "
+        "one cannot, and if others may have this one, `forcemesh pki init --again` ends it"
+    )
+
+
+def _of_page(folder: Path, now: dt.datetime) -> Iterator[Finding]:
+    """Judge the certificate of the panel's page where there is one: only browsers are shown it."""
+    if not (folder / f"{PAGE}.pem").exists():
+        return
+    try:
+        certificate = read_certificate(folder / f"{PAGE}.pem")
+        authority = read_certificate(folder / f"{PAGE_AUTHORITY}.pem")
+    except DataError as error:
+        yield Finding("wrong", PAGE, str(error), REMEDY.format(name=PAGE))
+        return
+    try:
+        certificate.verify_directly_issued_by(authority)
+    except (InvalidSignature, ValueError, TypeError):
+        text = f"{PAGE_AUTHORITY}.pem here has not signed it"
+        yield Finding("wrong", PAGE, text, REMEDY.format(name=PAGE))
+    yield from _of_file(folder, PAGE, certificate, now, must_have_key=True)
 
 
 def _of_file(

@@ -1,5 +1,6 @@
 """Reads one topic: what comes in is checked, counted, and judged at every look."""
 
+from collections import deque
 from dataclasses import dataclass
 from typing import Generic, NamedTuple, Protocol, TypeVar
 
@@ -14,6 +15,7 @@ M = TypeVar("M", bound=Message)
 LONGEST_FAULT = 400  # leaves room for what the next service says before it
 CONFLICT_S = 1.0  # so long it is remembered that a topic had two writers at once
 RESTART_S = 0.1  # no process dies and speaks again within this
+MOST_RETIRED = 64  # former writers that are remembered; the oldest one is forgotten
 BAD_MESSAGES = 5  # more of them than good ones: something repeats, shuffles or spoils a topic
 
 
@@ -66,7 +68,7 @@ class ReadCounters:
     received: int = 0
     superseded: int = 0
     undecodable: int = 0
-    misrouted: int = 0  # written for another topic
+    misrouted: int = 0  # written for another topic, or for another cell
     repeated: int = 0  # duplicate or reordered within one epoch
     retired: int = 0  # from a writer that another one has followed: two writers
     overlaps: int = 0  # changes of writer too quick for a restart: two writers
@@ -76,9 +78,12 @@ class ReadCounters:
 class Reader(Generic[M]):
     """Newest message of one topic, judged on every read: missing, invalid, stale or good."""
 
-    def __init__(self, topic: Topic[M], source: Source, clock: Clock, stale_after_s: float) -> None:
-        """Wrap a source."""
+    def __init__(
+        self, topic: Topic[M], source: Source, clock: Clock, stale_after_s: float, *, cell: str
+    ) -> None:
+        """Wrap the source of a topic of a cell."""
         self.topic = topic
+        self._address = f"{cell}/{topic.key}"
         self.stale_after_s = stale_after_s
         self.counters = ReadCounters()
         self._source = source
@@ -86,7 +91,7 @@ class Reader(Generic[M]):
         self._last: tuple[Header, M] | None = None
         self._broken: MessageError | None = None  # what came last could not be read
         self._received_ns = 0
-        self._retired_epochs: set[int] = set()
+        self._retired_epochs: deque[int] = deque(maxlen=MOST_RETIRED)
         self._conflict_ns: int | None = None
         self._suspicion = 0  # one up with each bad message, one down with each good one
 
@@ -96,8 +101,8 @@ class Reader(Generic[M]):
         if data is None:
             return False
         try:
-            header, message = decode(data, self.topic.message, self.topic.key)
-        except MisroutedError as error:  # says nothing of this topic, whatever it decodes into
+            header, message = decode(data, self.topic.message, self._address)
+        except MisroutedError as error:  # says nothing of this topic of this cell
             self.counters.misrouted += 1
             self.counters.last_error = str(error)
             self._suspect()
@@ -173,7 +178,7 @@ class Reader(Generic[M]):
 
     def _retire(self, epoch: int, now_ns: int) -> None:
         """Never hear a writer again that another one follows; it may still be alive."""
-        self._retired_epochs.add(epoch)
+        self._retired_epochs.append(epoch)
         if now_ns - self._received_ns < RESTART_S * NS_PER_S:
             self.counters.overlaps += 1
             self._conflict_ns = now_ns

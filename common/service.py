@@ -10,9 +10,11 @@ import os
 import signal
 import sys
 import threading
+import traceback
 from collections import deque
 from collections.abc import Callable
 from contextlib import AbstractContextManager, ExitStack
+from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
 from common.bus import open_bus
@@ -21,7 +23,10 @@ from common.clock import NS_PER_S, Clock
 from common.config import cell_hash, load_cell
 from common.endpoints import Bus, Publisher, Reader
 from common.errors import ConfigError, ForcemeshError
-from common.messages import Health
+from common.faults import clipped, tripped
+from common.heartbeat import heartbeat_of_this_process
+from common.memory_lock import is_memory_locked, lock_memory
+from common.messages import Health, Trip
 from common.overruns import Overruns, allowed_gap_s
 from common.priority import (
     give_up_realtime_priority,
@@ -34,6 +39,7 @@ from common.version import forcemesh_version
 LONGEST_PAUSE_S = 0.05  # a process that waits longer would be slow to stop
 PATIENCE_PERIODS = 1.5  # a triggered service that hears nothing steps after this many periods
 LATENESS_WINDOW = 512
+BREAKDOWN_SHOWN_NS = 2 * NS_PER_S  # after the last error: longer than health takes to be seen
 
 
 class Service(Protocol):
@@ -85,6 +91,14 @@ class Metered(Protocol):
 Connect = Callable[[Cell, str], AbstractContextManager[Bus]]
 
 
+@runtime_checkable
+class Stoppable(Protocol):
+    """A service that must stop the arm by itself when its own step breaks off."""
+
+    def broke_off(self, trip: Trip) -> None:
+        """Latch."""
+
+
 class HealthReporter:
     """Publishes a role's health from the loop that does its work."""
 
@@ -100,9 +114,22 @@ class HealthReporter:
         self._lateness_s: deque[float] = deque(maxlen=LATENESS_WINDOW)
         self._overruns = Overruns(allowed_gap_s(cell, bus.role))
         self._version, self._config_hash = forcemesh_version(), cell_hash(cell)
+        self._breakdown = ""
 
-    def stepped(self, now_ns: int, lateness_s: float, service: Service) -> None:
-        """Count a step, and report when it is time."""
+    def stepped(
+        self, now_ns: int, lateness_s: float, service: Service, breakdown: str = ""
+    ) -> None:
+        """Count a step, and report when it is time, or at once what has just broken off.
+
+        Args:
+            now_ns: The time.
+            lateness_s: How late the step was [s].
+            service: What was stepped.
+            breakdown: What it broke off with within the last second, empty when it did not.
+        """
+        if breakdown and not self._breakdown:
+            self._next_ns = now_ns
+        self._breakdown = breakdown
         self._steps += 1
         self._lateness_s.append(lateness_s)
         self._overruns.stepped(now_ns)
@@ -113,14 +140,17 @@ class HealthReporter:
         late = sorted(self._lateness_s)
         self._publisher.put(
             Health(
+                valid=not breakdown,
+                reason=breakdown,
+                code="internal" if breakdown else "",
                 pid=os.getpid(),
                 rate_hz=self._steps / elapsed_s,
                 lateness_p99_s=late[int(0.99 * (len(late) - 1))],
                 overruns=self._overruns.count,
                 longest_gap_s=self._overruns.longest_s,
-                counters={"realtime": int(has_realtime_priority()), **service.counters()},
+                counters={**_granted(), **service.counters()},
                 numbers=self._numbers(now_ns, service),
-                fault=service.fault,
+                fault=breakdown or service.fault,
                 version=self._version,
                 config_hash=self._config_hash,
             )
@@ -135,14 +165,59 @@ class HealthReporter:
         return numbers
 
 
+class Containment:
+    """Turns what a step raises into a named fault: the process lives on, the arm stops.
+
+    The step that broke off publishes nothing more, so that its readers miss it; its health says
+    `internal` at once and for as long as a person needs to see it. Later steps are tried: an error
+    that comes again keeps the fault, and one that does not lets a person clear it.
+    """
+
+    def __init__(self, role: str, say: Callable[[str], object] = sys.stderr.write) -> None:
+        """Watch over a role; `say` writes to its log."""
+        self.breakdowns = 0
+        self._role, self._say = role, say
+        self._text, self._until_ns, self._say_ns = "", 0, 0
+
+    def step(self, service: Service, now_ns: int) -> str:
+        """Step a service; return what it broke off with within the last second, if it did."""
+        try:
+            service.step(now_ns)
+        except Exception as error:  # noqa: BLE001 - whatever it is, a silent end is worse
+            self._broke_off(service, error, now_ns)
+        return self._text if now_ns < self._until_ns else ""
+
+    def _broke_off(self, service: Service, error: Exception, now_ns: int) -> None:
+        self.breakdowns += 1
+        place = traceback.extract_tb(error.__traceback__)[-1]
+        where = f"{Path(place.filename).name}:{place.lineno}"
+        self._text = clipped(f"{self._role}: {type(error).__name__} at {where}: {error}")
+        self._until_ns = now_ns + BREAKDOWN_SHOWN_NS
+        if now_ns >= self._say_ns:  # at most once a second, however often it comes
+            self._say_ns = now_ns + NS_PER_S
+            trace = "".join(traceback.format_exception(error))
+            self._say(f"{self._role}: unforeseen error ({self.breakdowns} so far)\n{trace}")
+        if isinstance(service, Stoppable):
+            service.broke_off(tripped("internal", self._text))
+
+
 class Runner:
     """Decides when a service is due and steps it."""
 
-    def __init__(self, service: Service, reporters: list[HealthReporter], clock: Clock) -> None:
-        """Make the service due at once."""
+    def __init__(
+        self,
+        service: Service,
+        reporters: list[HealthReporter],
+        clock: Clock,
+        *,
+        contain: Containment | None = None,
+    ) -> None:
+        """Make the service due at once; without a containment what it raises is raised."""
         self.service = service
         self._reporters = reporters
         self._clock = clock
+        self._contain = contain
+        self._fault = ""
         self._period_ns = round(service.period_s * NS_PER_S)
         self._due_ns = clock.now_ns()
 
@@ -154,20 +229,27 @@ class Runner:
     def step(self, now_ns: int) -> None:
         """Step once; a late step is not made up for."""
         lateness_s = max(0, now_ns - self._due_ns) / NS_PER_S
-        self.service.step(now_ns)
+        if self._contain is None:
+            self.service.step(now_ns)
+            breakdown = ""
+        else:
+            breakdown = self._contain.step(self.service, now_ns)
+        self._fault = breakdown or self.service.fault
         if self.service.trigger is not None:
             self._due_ns = now_ns + round(PATIENCE_PERIODS * self._period_ns)
         else:
             self._due_ns = max(self._due_ns + self._period_ns, now_ns - self._period_ns)
         for reporter in self._reporters:
-            reporter.stepped(now_ns, lateness_s, self.service)
+            reporter.stepped(now_ns, lateness_s, self.service, breakdown)
 
     def run(self, stop: threading.Event) -> None:
-        """Step whenever due until told to stop."""
+        """Step whenever due until told to stop; a container's health check hears of each second."""
+        heartbeat = heartbeat_of_this_process()
         while not stop.is_set():
             now_ns = self._clock.now_ns()
             if self.due(now_ns):
                 self.step(now_ns)
+                heartbeat.beat(now_ns, self._fault)
             else:
                 self._pause(min((self._due_ns - now_ns) / NS_PER_S, LONGEST_PAUSE_S))
 
@@ -215,20 +297,27 @@ def main(
         if isinstance(service, Closable):
             exits.callback(service.close)
         buses = [bus, *(bus.playing(role) for role in roles[1:])]
-        runner = Runner(service, [reporter_of(each, cell) for each in buses], bus.clock)
+        reporters = [reporter_of(each, cell) for each in buses]
+        runner = Runner(service, reporters, bus.clock, contain=Containment(roles[0]))
         if realtime:
             spare_the_loop()
         runner.run(stop)
 
 
+def _granted() -> dict[str, int]:
+    """Return what the machine grants a control loop."""
+    return {"realtime": int(has_realtime_priority()), "memory_locked": int(is_memory_locked())}
+
+
 def spare_the_loop() -> None:
-    """Make ready for work in real time, after the start: no long garbage collection, go first.
+    """Make ready for work in real time, after the start: stay in memory, no long collection, first.
 
     What start-up has left in memory stays; to walk through all of it takes tens of milliseconds,
     and the collector would do so now and then.
     """
     gc.collect()
     gc.freeze()
+    lock_memory()
     take_realtime_priority()
 
 

@@ -6,19 +6,22 @@ Names are the roles and helpers of common/topics.py, the people `operator` and `
 belongs to one cell opens nothing in another.
 """
 
-import ipaddress
 import os
 from dataclasses import dataclass
 from pathlib import Path
 
 from common.cell import Cell
-from common.errors import BusError
+from common.errors import SetupError
+from common.published import hub_stays_here, is_loopback
 from common.topics import CLIENT, HELPERS, ROLES
 
 FOLDER_VARIABLE = "FORCEMESH_PKI"
 NAME_VARIABLE = "FORCEMESH_NAME"
 DEFAULT_FOLDER = "~/.config/forcemesh/pki"
 AUTHORITY = "ca"
+HUB = "hub"
+# Of the panel's page, for browsers: an authority that nobody on the bus trusts.
+PAGE_AUTHORITY, PAGE = "panel-ca", "panel-page"
 OPERATOR, MONITOR = "operator", "monitor"
 PANEL = "panel"
 PEOPLE = (OPERATOR, MONITOR, PANEL)
@@ -42,24 +45,21 @@ def stays_here(endpoint: str) -> bool:
     scheme, _, where = endpoint.partition("/")
     if scheme in IN_THE_KERNEL:
         return True
-    host = where.partition("?")[0].partition("#")[0].rpartition(":")[0].strip("[]")
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return host == "localhost"
+    host = where.partition("?")[0].partition("#")[0].rpartition(":")[0]
+    return is_loopback(host) or hub_stays_here(host)
 
 
 def refuse_in_the_clear(cell: Cell, endpoint: str) -> None:
     """Keep a bus that others can reach from being used without certificates.
 
     Raises:
-        BusError: The endpoint leaves this machine, is not encrypted, and the cell file does not
+        SetupError: The endpoint leaves this machine, is not encrypted, and the cell file does not
             say in so many words that this is wanted.
     """
     if is_encrypted(endpoint) or stays_here(endpoint) or cell.bus.insecure:
         return
     secure = f"tls/{endpoint.partition('/')[2]}"
-    raise BusError(
+    raise SetupError(
         f"refused: {endpoint} is reached from outside this machine and asks nobody who he is; "
         f"use {secure} with `forcemesh pki init`, or write `insecure: true` in the section `bus` "
         "of the cell file, then anybody in reach may move the arm"
@@ -113,7 +113,7 @@ def identity_of(cell: Cell, role: str) -> Identity:
     """Return who a role is. A client is who the environment says, else the first one it can be.
 
     Raises:
-        BusError: A file is missing or cannot be read; the remedy is named.
+        SetupError: A file is missing or cannot be read; the remedy is named.
     """
     folder = folder_of(cell)
     name = _client_name(folder) if role == CLIENT else role
@@ -122,13 +122,13 @@ def identity_of(cell: Cell, role: str) -> Identity:
         try:
             path.read_bytes()
         except FileNotFoundError:
-            raise BusError(
+            raise SetupError(
                 f"no certificate for {name}: {path} is missing; `forcemesh pki init --cell FILE` "
                 f"makes all of a cell, `forcemesh pki issue {name} --cell FILE` one, "
                 f"{FOLDER_VARIABLE} says where they are"
             ) from None
         except OSError as error:
-            raise BusError(
+            raise SetupError(
                 f"no certificate for {name}: {path} cannot be read ({error.strerror}); give it to "
                 "the user that runs this process"
             ) from None

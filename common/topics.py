@@ -47,7 +47,12 @@ class Request(Generic[Q]):
     message: type[Q]
     server: str
     summary: str
+    unreadable: Q | None = (
+        None  # taken in place of one that cannot be decoded; else that is refused
+    )
 
+
+UNREADABLE_HOLD = q.HoldRequest(reason="asked to hold, by a request that cannot be decoded")
 
 # fmt: off
 ROBOT_STATE      = Topic("robot/state",      m.RobotState,      "robot",   "command", "robot",     ("wrench", "regulator", "arbiter", CLIENT),         "stream", "flange pose in base, joints, status bits, last accepted command, link health")
@@ -68,7 +73,8 @@ RECORDER_STATUS  = Topic("recorder/status",  m.RecorderStatus,  "health",  "heal
 RECORDER_HEALTH  = Topic("recorder/health",  m.Health,          "health",  "health",  "recorder",  (CLIENT,),                                          "report", "the same as of the others of the recorder")
 
 ARM         = Request("request/arm",         q.ArmRequest,         "arbiter",   "let motion begin, after the preflight")
-HOLD        = Request("request/hold",        q.HoldRequest,        "arbiter",   "stop motion and hold; taken from anybody, always")
+HOLD        = Request("request/hold",        q.HoldRequest,        "arbiter",   "stop motion and hold; taken from anybody, always, even when it cannot be decoded", UNREADABLE_HOLD)
+BACK_OFF    = Request("request/back_off",    q.BackOffRequest,     "arbiter",   "free an arm above a ceiling or outside the workspace, by a way that the arbiter computes")
 CLEAR       = Request("request/clear",       q.Empty,              "arbiter",   "acknowledge a hold or a fault, back to IDLE")
 MOVE        = Request("request/move",        q.MoveRequest,        "arbiter",   "move to a pose, to joint angles, or by joint angles")
 SPEED       = Request("request/speed",       m.Speed,              "arbiter",   "speeds and accelerations of the moves to come")
@@ -77,6 +83,7 @@ FORCE_STOP  = Request("request/force/stop",  q.Empty,              "regulator", 
 GAINS       = Request("request/force/gains", q.GainsRequest,       "regulator", "set the regulator's gains")
 FORCE_PATH  = Request("request/force/path",  q.PathRequest,        "regulator", "go along points across the tool's axis while force feedback works along it")
 TARE        = Request("request/tare",        q.Empty,              "wrench",    "take the present reading as zero; refused in motion or contact")
+AXES        = Request("request/axes",        q.AxesRequest,        "wrench",    "take note that `forcemesh check axes` found axes and signs right with the calibration in use")
 CALIBRATE   = Request("request/calibration", q.CalibrationRequest, "wrench",    "use the calibration that `forcemesh calibrate` has found; refused in motion or contact")
 # fmt: on
 RECORD_START = Request(

@@ -1,9 +1,9 @@
 .PROGRAM fm.main() ;robot program: EXECUTE fm.main. Command processor, see README.md
-  ; forcemesh, the program inside the controller. Protocol 1.
+  ; forcemesh, the program inside the controller. Protocol 2.
   ; This is not a safety function. Load, start and stop: README.md beside this file.
-  ; fm.main  robot program: takes commands 1-3, 5, 6, 7 (start), 10, 11 from the ring; moves
+  ; fm.main  robot program: takes 1-3, 5, 6, 7 (start), 10, 11, 13 from the ring; moves
   ; fm.send  PC program 1: sends 101, 102, 103 without end
-  ; fm.recv  PC program 2: the socket; checks every packet; does 4, 8, 9, 12, 7 (stop) at once
+  ; fm.recv  PC program 2: the socket; checks every packet; does 4, 8, 9, 12, 14, 7 (stop) at once
   ; fm.watch PC program 3: watchdog; brakes, latches, watches the pendant and the other tasks
   ; No subroutine is called by two of them. Every variable has one task that writes it, named
   ; in fm.init; the exceptions are named there too. Loops carry their comments at line ends and
@@ -48,6 +48,11 @@ turn:
   fm.twatch=0.03 ;pause of the watchdog between two looks [s]
   fm.still=0.03 ;all joints together turn slower than this at rest [deg/s]
   fm.lever=1.75 ;one degree of a turn counts as this many mm of way (100 mm/rad)
+  fm.num=1 ;number of this arm, 0 to 999, as gateway.arm in the cell file
+  fm.peer[1]=0 ;address of the PC, four numbers: no other one may connect
+  fm.peer[2]=0 ;all four 0: any may
+  fm.peer[3]=0
+  fm.peer[4]=0
 .END
 .PROGRAM fm.begin() ;stop what an earlier run left; keep TOOL, BASE and CP for fm.leave
   IF TASK(1001)<>0 THEN
@@ -89,6 +94,8 @@ turn:
   fm.rh=0 ;ring: next free slot
   fm.wn=0 ;wrenches received, modulo 1000000
   fm.wb=0 ;bank of the newest one
+  fm.zn=0 ;set points of force received, modulo 1000000
+  fm.zb=4 ;bank of the newest one; 4: none came, it is zero
   $fm.next="" ;ID and space of the packet that comes next; empty: hello does
   fm.sp=50 ;scales, set by hello: packet units per mm,
   fm.so=500 ;degree of O, A, T,
@@ -112,7 +119,10 @@ turn:
   fm.rt=0 ;ring: next slot to read
   fm.ack=-1 ;the fm.hseq+fm.wseq that was obeyed
   fm.rel=-1 ;the fm.hseq+fm.wseq after which something was let move: HELD ends
-  fm.refd=0 ;1: the last target was refused
+  fm.refd=0 ;not 0: the last target was refused; above 1: the fault that says why
+  fm.set=0 ;banks of command 10 that came: 1, 2, 4, 8; 16: command 11
+  fm.setc=-1 ;fm.conn of the connection on which they came
+  fm.stream=-1 ;the fm.hseq+fm.wseq under which fm.p0 was the last motion
   fm.mode=0 ;force feedback: 1 position + 2 orientation
   fm.ffe=-1 ;the fm.hseq+fm.wseq+fm.stopn under which it started
   fm.ask=0 ;times that fm.main asked the watchdog to hold
@@ -122,8 +132,8 @@ turn:
   fm.loops=0 ;turns of the loop of fm.main
   fm.null=1 ;1: TOOL and BASE are null
   fm.t0=0 ;TIMER(10) at the last iteration
-  fm.v=50 ;program speed of commands 1 to 3 [mm/s]
-  $fm.oat="" ;O, A, T of the last command 1
+  fm.v=50 ;program speed of commands 1 to 3 and 13 [mm/s]
+  $fm.oat="" ;O, A, T of the last command 1 or 13
   ; written by fm.recv at a hello and by fm.take: ID of the last command taken
   fm.taken=0
   ; written by whoever finds a fault, cleared by fm.take: see README.md
@@ -135,7 +145,17 @@ turn:
   fm.ltravel=20 ;[mm]
   fm.lforce=50 ;[N]
   fm.wd=0.25 ;watchdog [s]
-  POINT fm.tcp=NULL ;command 11: the point to turn about, in the flange frame
+  fm.lcos=1 ;cosine of half the turn since the first motion after a hold
+  fm.ltorque=1 ;[N m]
+  fm.lset=0 ;from one set point to the next [mm]
+  fm.scos=1 ;the same, cosine of half the turn
+  fm.lfast=50 ;highest program speed [mm/s]
+  fm.any=ABS(fm.peer[1]+fm.peer[2]+fm.peer[3]+fm.peer[4]==0) ;1: any address may connect
+  POINT fm.tcp=NULL ;command 11: the tool centre point, in the flange frame
+  POINT fm.ctr=NULL ;command 11: the point to turn about, in the flange frame
+  POINT fm.in=NULL ;the robot base, seen from the middle of the box
+  POINT fm.a0=NULL ;where the flange was at the first motion after a hold
+  POINT fm.p0=NULL ;the last set point that was let move
   POINT fm.r0=NULL ;orientation at the start
   POINT fm.q0=NULL ;from the point to the flange, with that orientation
   POINT fm.rot=NULL ;rotation since the start, base axes
@@ -147,8 +167,16 @@ turn:
     fm.f[.i]=0 ;wrench of the iteration before
     fm.w[0,.i]=0 ;two banks for command 4, in packet units
     fm.w[1,.i]=0
+    fm.w[2,.i]=0 ;two for command 14
+    fm.w[3,.i]=0
+    fm.w[4,.i]=0 ;stays zero
+    fm.b[.i]=0 ;box of the TCP: lower corner, upper corner [mm]
+    fm.h[.i]=0 ;1-3: half of its size
     fm.d[.i]=0 ;1-3: displacement since the start [mm]
     fm.c[.i]=0 ;1-3: the point to turn about at the start [mm]
+  END
+  FOR .i=1 TO 4
+    fm.ip[.i]=0 ;address of the peer
   END
   FOR .i=0 TO 63
     $fm.ring[.i]="" ;packets
@@ -162,10 +190,10 @@ turn:
     $fm.rx[.i]="" ;what TCP_RECV brought
   END
   $fm.hi[1]="" ;our hello
-  ; Com and Param of every command but hello, 14 characters each: fm.recv finds them by place
-  $fm.keys="000004 000000 000001 000000 000002 000000 000003 000000 000005 000000 "
-  $fm.keys=$fm.keys+"000006 000000 000006 000001 000010 000000 000011 000000 "
-  $fm.keys=$fm.keys+"000012 000000 000008 000000 000007 000000 000007 000001 000007 000002 "
+  ; every Com but hello, every Param: fm.recv finds them by place
+  $fm.coms="000004 000013 000001 000002 000003 000005 000006 "
+  $fm.coms=$fm.coms+"000010 000011 000012 000008 000007 000014 "
+  $fm.pars="000000 000001 000002 000003 "
 .END
 .PROGRAM fm.halt() ;a hold came: forget what was under way; old ring entries show by their tag
   fm.ack=fm.hseq+fm.wseq
@@ -257,20 +285,31 @@ fresh:
   .v[5]=VAL($MID(.$q,50,6))
   .v[6]=VAL($MID(.$q,57,6))
   fm.mode=fm.mode*ABS(fm.hseq+fm.wseq+fm.stopn==fm.ffe) ;stopped meanwhile
-  IF (fm.mode<>0) AND (.cmd<5) GOTO refuse
+  IF (.cmd>3) AND (.cmd<>13) GOTO obey
+  IF fm.mode<>0 GOTO refuse
+  IF (fm.set<>31) OR (fm.setc<>fm.conn) GOTO not.set
+obey:
   CASE .cmd OF
-  VALUE 1: ;move to a pose, straight
+  VALUE 1,13: ;move to a pose, straight; 13: one of a stream
     POINT fm.p=TRANS(.v[1]/fm.sp,.v[2]/fm.sp,.v[3]/fm.sp,.v[4]/fm.so,.v[5]/fm.so,.v[6]/fm.so)
-    .bad=INRANGE(fm.p)
+    .bad=ABS(INRANGE(fm.p)<>0)
     IF fm.rel<>.e THEN ;the first motion after a hold
       CALL fm.release(.e,.bad)
     END
-    fm.refd=ABS(.bad<>0)
+    IF (.cmd==13) AND (fm.stream<>.e) THEN ;a stream begins where the arm is
+      HERE fm.p0
+      $fm.oat=""
+    END
+    .turns=ABS($MID(.$q,43,20)<>$fm.oat)
+    CALL fm.judge(.cmd,.turns,.bad)
+    fm.refd=.bad
     fm.taken=.id
     IF .bad<>0 GOTO done
+    POINT fm.p0=fm.p
+    fm.stream=.e-(.e+1)*ABS(.cmd==1)
     WAIT (fm.bdone==.e) OR (fm.hseq+fm.wseq<>.e)
     SPEED fm.v MM/S
-    IF $MID(.$q,43,20)<>$fm.oat THEN ;it turns
+    IF .turns<>0 THEN
       $fm.oat=$MID(.$q,43,20)
       CALL fm.turn
     END
@@ -291,23 +330,29 @@ fresh:
       .x[.i]=.x[.i]+.v[.i]/fm.sj
     END
     POINT #fm.j=#PPOINT(.x[1],.x[2],.x[3],.x[4],.x[5],.x[6])
-    .bad=INRANGE(#fm.j)
+    POINT fm.p=#fm.j
+    .bad=ABS(INRANGE(#fm.j)<>0)
     IF fm.rel<>.e THEN
       CALL fm.release(.e,.bad)
     END
-    fm.refd=ABS(.bad<>0)
+    CALL fm.judge(.cmd,1,.bad)
+    fm.refd=.bad
     fm.taken=.id
     IF .bad<>0 GOTO done
     WAIT (fm.bdone==.e) OR (fm.hseq+fm.wseq<>.e)
     $fm.oat=""
+    fm.stream=-1
     BREAK ;the way counts from where the arm is
-    CALL fm.pace
+    CALL fm.pace(.bad)
+    fm.refd=.bad
+    IF .bad<>0 GOTO done
     IF fm.hseq+fm.wseq<>.e GOTO done
     JMOVE #fm.j
   VALUE 5: ;speeds
     IF (MINVAL(.v[1],.v[2],.v[3])<1) OR (MAXVAL(.v[1],.v[2],.v[3])>10000) GOTO refuse
     .s=.v[4]/fm.sv*.v[3]/10000 ;mechanical times modular; the monitor speed comes on top
     IF (.s<0.1) OR (.s>5000) GOTO refuse
+    IF .s>fm.lfast GOTO too.fast
     ACCEL .v[1]/100 ALWAYS
     DECEL .v[2]/100 ALWAYS
     fm.v=.s
@@ -331,34 +376,77 @@ integral:
     fm.ki[5]=.v[5]/5000
     fm.ki[6]=.v[6]/5000
     fm.taken=.id
-  VALUE 10: ;limits of force feedback, and the watchdog's
-    IF MINVAL(.v[1],.v[2],.v[3],.v[4],.v[5])<1 GOTO refuse
-    IF (.v[6]<100) OR (.v[6]>2000) GOTO refuse
-    IF (.v[3]/fm.sv<0.1) OR (.v[3]/fm.sv>5000) GOTO refuse
-    fm.lstep=.v[1]/fm.sp
-    fm.lturn=.v[2]/fm.so
-    fm.lspeed=.v[3]/fm.sv
-    fm.ltravel=.v[4]/fm.sp
-    fm.lforce=.v[5]/fm.sf
-    fm.wd=.v[6]/1000
-    SPEED fm.lspeed MM/S ALWAYS ;commands 1 to 3 bring their own
-    fm.taken=.id
-  VALUE 11: ;the point that force feedback turns about, in the flange frame
+  VALUE 10: ;limits, a bank for each Param; before all of them came nothing moves
+    IF (fm.set==31) AND (fm.setc==fm.conn) GOTO refuse ;told once: no packet changes them
+    .b=VAL($MID(.$q,20,1))
+    CASE .b OF
+    VALUE 0: ;of force feedback, and the watchdog's
+      IF MINVAL(.v[1],.v[2],.v[3],.v[4],.v[5])<1 GOTO refuse
+      IF (.v[6]<100) OR (.v[6]>2000) GOTO refuse
+      IF (.v[3]/fm.sv<0.1) OR (.v[3]/fm.sv>5000) GOTO refuse
+      fm.lstep=.v[1]/fm.sp
+      fm.lturn=.v[2]/fm.so
+      fm.lspeed=.v[3]/fm.sv
+      fm.ltravel=.v[4]/fm.sp
+      fm.lforce=.v[5]/fm.sf
+      fm.wd=.v[6]/1000
+      SPEED fm.lspeed MM/S ALWAYS ;commands 1 to 3 and 13 bring their own
+    VALUE 1: ;of every motion
+      IF MINVAL(.v[1],.v[2],.v[3],.v[4],.v[5])<1 GOTO refuse
+      IF (.v[1]/fm.so>=180) OR (.v[4]/fm.so>=180) GOTO refuse
+      IF (.v[5]/fm.sv<0.1) OR (.v[5]/fm.sv>5000) GOTO refuse
+      fm.lcos=COS(.v[1]/fm.so/2)
+      fm.ltorque=.v[2]/fm.sm
+      fm.lset=.v[3]/fm.sp
+      fm.scos=COS(.v[4]/fm.so/2)
+      fm.lfast=.v[5]/fm.sv
+      fm.v=MINVAL(fm.v,fm.lfast)
+    VALUE 2: ;lower corner of the box of the TCP
+      fm.b[1]=.v[1]/fm.sp
+      fm.b[2]=.v[2]/fm.sp
+      fm.b[3]=.v[3]/fm.sp
+    VALUE 3: ;upper corner
+      fm.b[4]=.v[1]/fm.sp
+      fm.b[5]=.v[2]/fm.sp
+      fm.b[6]=.v[3]/fm.sp
+    END
+    .b=2^.b
+    GOTO came
+  VALUE 11: ;Param 0: the TCP. Both: the point that force feedback turns about
+    IF $MID(.$q,20,1)=="1" GOTO centre
+    IF (fm.set==31) AND (fm.setc==fm.conn) GOTO refuse
     POINT fm.tcp=TRANS(.v[1]/fm.sp,.v[2]/fm.sp,.v[3]/fm.sp)
-    POINT fm.q0=fm.r0-fm.tcp
+    .b=16
+centre:
+    POINT fm.ctr=TRANS(.v[1]/fm.sp,.v[2]/fm.sp,.v[3]/fm.sp)
+    POINT fm.q0=fm.r0-fm.ctr
     IF fm.mode<>0 THEN ;the arm stays: the same pose, told by where this point is
-      POINT .c=fm.p+fm.tcp
+      POINT .c=fm.p+fm.ctr
       DECOMPOSE .x[1]=.c
       fm.c[1]=.x[1]-fm.d[1]
       fm.c[2]=.x[2]-fm.d[2]
       fm.c[3]=.x[3]-fm.d[3]
     END
+    IF $MID(.$q,20,1)=="0" GOTO came
     fm.taken=.id
   END
 done:
   RETURN
+came: ;a part of what has to come before anything moves
+  IF fm.setc<>fm.conn THEN
+    fm.set=0
+    fm.setc=fm.conn
+  END
+  fm.set=fm.set BOR .b
+  fm.h[1]=(fm.b[4]-fm.b[1])/2
+  fm.h[2]=(fm.b[5]-fm.b[2])/2
+  fm.h[3]=(fm.b[6]-fm.b[3])/2
+  POINT fm.in=TRANS(-fm.b[1]-fm.h[1],-fm.b[2]-fm.h[2],-fm.b[3]-fm.h[3])
+  fm.taken=.id
+  RETURN
 begin7: ;command 7, Param 0 or 1; one that came before a stop is void
   IF .n<>fm.stopn GOTO done
+  IF (fm.set<>31) OR (fm.setc<>fm.conn) GOTO not.set
   WAIT (fm.bdone==.e) OR (fm.hseq+fm.wseq<>.e)
   IF fm.hseq+fm.wseq<>.e GOTO done
   IF fm.rel<>.e THEN
@@ -368,6 +456,8 @@ begin7: ;command 7, Param 0 or 1; one that came before a stop is void
   END
   IF (fm.mode==0) OR (.e+.n<>fm.ffe) THEN ;not both: the first of them
     BREAK
+    fm.stream=-1
+    $fm.oat=""
     CALL fm.seed
     fm.mode=0
     fm.ffe=.e+.n
@@ -375,6 +465,14 @@ begin7: ;command 7, Param 0 or 1; one that came before a stop is void
   fm.first=1
   fm.mode=fm.mode BOR (1+VAL($MID(.$q,20,1)))
   fm.refd=0
+  fm.taken=.id
+  RETURN
+not.set:
+  fm.refd=13
+  fm.taken=.id
+  RETURN
+too.fast:
+  fm.refd=17
   fm.taken=.id
   RETURN
 refuse:
@@ -396,9 +494,48 @@ odd: ;older than a hold, or the hold before it is not obeyed yet
   CALL fm.frames
   IF fm.null==0 THEN
     fm.fault=8
-    .bad=-1
+    .bad=1
   END
+  HERE fm.a0 ;turns count from here
   fm.rel=.e
+.END
+.PROGRAM fm.judge(.com,.turns,.bad) ;whether fm.p keeps command 10; .bad: the fault, or 0
+  IF .bad<>0 GOTO done
+  POINT .c=fm.in+fm.p+fm.tcp
+  DECOMPOSE .x[1]=.c
+  IF MAXVAL(ABS(.x[1])-fm.h[1],ABS(.x[2])-fm.h[2],ABS(.x[3])-fm.h[3])>0 GOTO outside
+inside:
+  IF .com<>13 GOTO turn
+  IF DISTANCE(fm.p0,fm.p)>fm.lset GOTO too.far
+turn:
+  IF .turns==0 GOTO done
+  POINT .d=-fm.a0+fm.p
+  DECOMPOSE .x[1]=.d
+  IF ABS(COS(.x[5]/2)*COS((.x[4]+.x[6])/2))<fm.lcos GOTO turned
+  IF .com<>13 GOTO done
+  POINT .d=-fm.p0+fm.p
+  DECOMPOSE .x[1]=.d
+  IF ABS(COS(.x[5]/2)*COS((.x[4]+.x[6])/2))<fm.scos GOTO too.far
+done:
+  RETURN
+outside: ;only back in: on no axis farther out than the TCP is now
+  HERE .h
+  POINT .c=fm.in+.h+fm.tcp
+  DECOMPOSE .y[1]=.c
+  .o=0
+  FOR .i=1 TO 3
+    .o=MAXVAL(.o,MINVAL(-fm.h[.i],.y[.i])-.x[.i],.x[.i]-MAXVAL(fm.h[.i],.y[.i]))
+  END
+  IF .o<0.05 GOTO inside ;what rounding makes of a pose [mm]
+  .bad=14
+  RETURN
+turned:
+  .bad=15
+  RETURN
+too.far:
+  .bad=16
+  RETURN
+  ; The cosine of half the angle of a rotation O, A, T is cos(A/2) cos((O+T)/2).
 .END
 .PROGRAM fm.turn() ;where a turn takes longer than the way, MM/S alone would not limit it
   HERE .h
@@ -411,8 +548,12 @@ odd: ;older than a hold, or the hold before it is not obeyed yet
     SPEED .a*fm.lever/fm.v S
   END
 .END
-.PROGRAM fm.pace() ;JMOVE takes MM/S for a share of the joints' full speed: give it the time
+.PROGRAM fm.pace(.bad) ;JMOVE takes MM/S for a share of the joints' full speed: give it the time
   HERE .p
+  POINT .w=fm.in+.p+fm.tcp
+  DECOMPOSE .y[1]=.w
+  .o=MAXVAL(0,ABS(.y[1])-fm.h[1],ABS(.y[2])-fm.h[2],ABS(.y[3])-fm.h[3])
+  .out=.o ;0 inside the box, else how far the TCP is outside
   HERE .#a
   DECOMPOSE .a[1]=.#a
   DECOMPOSE .b[1]=#fm.j
@@ -430,15 +571,22 @@ odd: ;older than a hold, or the hold before it is not obeyed yet
     POINT .c=.#q
     .s=MAXVAL(.s,8*DISTANCE(.p,.c))
     POINT .p=.c
+    POINT .w=fm.in+.c+fm.tcp
+    DECOMPOSE .y[1]=.w
+    .o=MAXVAL(.o,ABS(.y[1])-fm.h[1],ABS(.y[2])-fm.h[2],ABS(.y[3])-fm.h[3])
   END
+  .bad=14*ABS(.o>.out+0.05) ;on its way it would leave the box, or leave it farther
+  IF .bad<>0 GOTO done
   SPEED MINVAL(3600,MAXVAL(0.1,.s/fm.v,.t/fm.v)) S ;what SPEED takes
+done:
+  RETURN
 .END
 .PROGRAM fm.seed() ;force feedback starts from where the arm is
   HERE fm.p
   DECOMPOSE .x[1]=fm.p
   POINT fm.r0=TRANS(0,0,0,.x[4],.x[5],.x[6])
-  POINT fm.q0=fm.r0-fm.tcp
-  POINT .c=fm.p+fm.tcp
+  POINT fm.q0=fm.r0-fm.ctr
+  POINT .c=fm.p+fm.ctr
   DECOMPOSE .x[1]=.c
   FOR .i=1 TO 3
     fm.c[.i]=.x[.i]
@@ -451,26 +599,29 @@ odd: ;older than a hold, or the hold before it is not obeyed yet
   SPEED fm.lspeed MM/S ALWAYS
 .END
 .PROGRAM fm.step() ;force feedback: a new wrench, a new target, again and again
-again: ;copy one whole bank
+again: ;one whole bank: the reading, and what it is above the set point
   .n=fm.wn
   .b=fm.wb
-  .f[1]=fm.w[.b,1]/fm.sf
-  .f[2]=fm.w[.b,2]/fm.sf
-  .f[3]=fm.w[.b,3]/fm.sf
+  .zb=fm.zb
+  .fn=SQRT(fm.w[.b,1]*fm.w[.b,1]+fm.w[.b,2]*fm.w[.b,2]+fm.w[.b,3]*fm.w[.b,3])
+  .tn=SQRT(fm.w[.b,4]*fm.w[.b,4]+fm.w[.b,5]*fm.w[.b,5]+fm.w[.b,6]*fm.w[.b,6])
+  .f[1]=(fm.w[.b,1]-fm.w[.zb,1])/fm.sf
+  .f[2]=(fm.w[.b,2]-fm.w[.zb,2])/fm.sf
+  .f[3]=(fm.w[.b,3]-fm.w[.zb,3])/fm.sf
   IF fm.mode<2 GOTO copied
-  .f[4]=fm.w[.b,4]/fm.sm
-  .f[5]=fm.w[.b,5]/fm.sm
-  .f[6]=fm.w[.b,6]/fm.sm
+  .f[4]=(fm.w[.b,4]-fm.w[.zb,4])/fm.sm
+  .f[5]=(fm.w[.b,5]-fm.w[.zb,5])/fm.sm
+  .f[6]=(fm.w[.b,6]-fm.w[.zb,6])/fm.sm
 copied:
-  IF fm.wn<>.n GOTO again
+  IF (fm.wn<>.n) OR (fm.zb<>.zb) GOTO again
   fm.wu=.n
   IF (fm.mode==0) OR (fm.hseq+fm.wseq+fm.stopn<>fm.ffe) GOTO over
+  IF (.fn>fm.lforce*fm.sf) OR (.tn>fm.ltorque*fm.sm) GOTO pushed
   IF (fm.first<>0) OR (fm.gap<>fm.gapu) OR (fm.t0>300) GOTO anew
   .t=TIMER(10)
   .dt=MINVAL(.t-fm.t0,fm.wd)
   IF .dt<=0 GOTO done ;a coarse TIMER: wait for the next wrench
   fm.t0=.t
-  IF SQRT(.f[1]*.f[1]+.f[2]*.f[2]+.f[3]*.f[3])>fm.lforce GOTO pushed
   IF fm.mode==2 GOTO rotate
   .x=fm.kp[1]*(.f[1]-fm.f[1])+fm.ki[1]*.f[1]*.dt
   .y=fm.kp[2]*(.f[2]-fm.f[2])+fm.ki[2]*.f[2]*.dt
@@ -503,6 +654,14 @@ rotate:
 aim:
   POINT fm.p=TRANS(fm.c[1]+fm.d[1],fm.c[2]+fm.d[2],fm.c[3]+fm.d[3])+fm.rot+fm.q0
   IF INRANGE(fm.p)<>0 GOTO no.reach
+  POINT .c=fm.in+fm.p+fm.tcp
+  DECOMPOSE .e[1]=.c
+  IF MAXVAL(ABS(.e[1])-fm.h[1],ABS(.e[2])-fm.h[2],ABS(.e[3])-fm.h[3])>0 GOTO outside
+  IF fm.mode==1 GOTO go
+  POINT .d=-fm.a0+fm.p
+  DECOMPOSE .e[1]=.d
+  IF ABS(COS(.e[5]/2)*COS((.e[4]+.e[6])/2))<fm.lcos GOTO turned
+go:
   IF fm.hseq+fm.wseq+fm.stopn<>fm.ffe GOTO over
   LMOVE fm.p
 done:
@@ -516,9 +675,9 @@ anew: ;nothing to compare with: no proportional kick, no time to integrate over
   fm.gapu=fm.gap
   fm.first=0
   FOR .i=1 TO 6
-    fm.f[.i]=fm.w[.b,.i]/fm.sf
+    fm.f[.i]=(fm.w[.b,.i]-fm.w[.zb,.i])/fm.sf
     IF .i>3 THEN
-      fm.f[.i]=fm.w[.b,.i]/fm.sm
+      fm.f[.i]=(fm.w[.b,.i]-fm.w[.zb,.i])/fm.sm
     END
   END
   TIMER 10=0
@@ -536,13 +695,20 @@ pushed:
   GOTO give.up
 no.reach:
   fm.fault=9
+  GOTO give.up
+outside:
+  fm.fault=14
+  GOTO give.up
+turned:
+  fm.fault=15
 give.up: ;hold by ourselves; the watchdog brakes on until the arm is still
   BRAKE
   fm.mode=0
   fm.ask=fm.ask+1
   fm.wu=fm.wn
   RETURN
-  ; The law of the specification: displacement = displacement + P (f - f before) + I f dt. The
+  ; The law of the specification, f = reading - set point: displacement = displacement +
+  ; P (f - f before) + I f dt. The ceilings are for the reading itself. The
   ; rotation likewise, as a turn about one axis through the TCP, composed and never added.
 .END
 .PROGRAM fm.send() ;PC program 1, the sender
@@ -561,7 +727,7 @@ again:
   IF MINVAL(.j[1],.j[2],.j[3],.j[4],.j[5],.j[6])*.i<-99999 GOTO misfit
   $fm.t[1]=$RIGHT($ENCODE(/I7,1E6+fm.taken),6)+" 000101 "
   $fm.t[9]=$RIGHT($ENCODE(/I7,1E6+fm.framed),6)+" 000102 "
-  .s=fm.hw+256*ABS(fm.lat<>fm.lack)+512*fm.refd+128*ABS(fm.hseq+fm.wseq<>fm.rel)
+  .s=fm.hw+256*ABS(fm.lat<>fm.lack)+512*ABS(fm.refd<>0)+128*ABS(fm.hseq+fm.wseq<>fm.rel)
   .s=.s+32*fm.mode*ABS(fm.hseq+fm.wseq+fm.stopn==fm.ffe)+2048*fm.sbeat
   $fm.t[2]=$RIGHT($ENCODE(/I7,1E6+.s),6)+" "
   $fm.t[10]=$fm.t[2]
@@ -589,13 +755,16 @@ health: ;now and then
   IF .e==0 THEN
     .e=fm.fault
   END
+  IF (.e==0) AND (fm.refd>1) THEN
+    .e=fm.refd
+  END
   $fm.t[18]=$LEFT("-",ABS(.e<0))+$RIGHT($ENCODE(/I7,1E6+ABS(.e)),6-ABS(.e<0))+" "
   .w=MINVAL(499999,ROUND(1000*TIMER(8)))
   $fm.t[19]=$RIGHT($ENCODE(/I7,1E6+fm.loops),6)+" "+$RIGHT($ENCODE(/I7,1E6+.w),6)+" "
   .w=(fm.rh-fm.rt+64) MOD 64
   .m=ROUND(100*MSPEED)
   $fm.t[20]=$RIGHT($ENCODE(/I7,1E6+.w),6)+" "+$RIGHT($ENCODE(/I7,1E6+.m),6)+" "
-  $fm.t[21]=$RIGHT($ENCODE(/I7,1E6+fm.hid),6)+" 000000 "
+  $fm.t[21]=$RIGHT($ENCODE(/I7,1E6+fm.hid),6)+" "+$RIGHT($ENCODE(/I7,1E6+fm.any),6)+" "
   fm.busy=1
   IF fm.link==0 GOTO idle
   TCP_SEND .r,fm.sock,$fm.t[17],5,1
@@ -643,7 +812,7 @@ listen:
     GOTO listen
   END
 accept:
-  TCP_ACCEPT .s,fm.port,1
+  TCP_ACCEPT .s,fm.port,1,fm.ip[1]
   IF .s==-34024 GOTO accept ;nobody came
   IF .s<=0 THEN
     TCP_END_LISTEN .r,fm.port
@@ -651,6 +820,9 @@ accept:
     GOTO listen
   END
   fm.sock=.s
+  .a=ABS(fm.ip[1]-fm.peer[1])+ABS(fm.ip[2]-fm.peer[2])
+  .a=.a+ABS(fm.ip[3]-fm.peer[3])+ABS(fm.ip[4]-fm.peer[4])
+  IF (fm.any==0) AND (.a<>0) GOTO stranger
   fm.conn=(fm.conn+1) MOD 1000000
   $fm.next=""
   .idle=0
@@ -667,32 +839,40 @@ cut:
   .$q=$LEFT(.$b,63)
   .$b=$MID(.$b,64)
   IF $LEFT(.$q,7)<>$fm.next GOTO hello ;IDs are consecutive
-  CASE INSTR($fm.keys,$MID(.$q,8,14)) OF ;Com and Param as a whole
-  VALUE 1: ;4, the wrench
+  CASE INSTR($fm.coms,$MID(.$q,8,7))+100*INSTR($fm.pars,$MID(.$q,15,7)) OF
+  VALUE 101: ;4, the wrench
     .k=1
+    .b=1-fm.wb ;the bank that nobody reads
     GOTO vector
-  VALUE 127: ;12, nothing to say
+  VALUE 164: ;12, nothing to say
     IF $MID(.$q,22)<>.$z GOTO wrong
     GOTO arm
-  VALUE 15,29,43: ;1, 2, 3
+  VALUE 108,115,122,129: ;13, 1, 2, 3
     .k=2
     GOTO vector
-  VALUE 57,71,85,99,113: ;5, 6, 10, 11: settings arm nothing
+  VALUE 136,143,843,150,850,1550,2250,157,857: ;5, 6, 10, 11: they arm nothing
     .k=3
     GOTO vector
-  VALUE 155,169: ;7, start
+  VALUE 178,878: ;7, start
     IF $MID(.$q,22)<>.$z GOTO wrong
     .k=2
     GOTO queue
-  VALUE 183: ;7, stop; the arm stays
+  VALUE 1578: ;7, stop; the arm stays
     IF $MID(.$q,22)<>.$z GOTO wrong
     fm.stopn=fm.stopn+1
+    fm.zb=4
     GOTO arm
-  VALUE 141: ;8, hold
+  VALUE 185: ;14, the set point of force
+    .k=1
+    .b=2+ABS(fm.zb==2) ;the bank that nobody reads
+    GOTO vector
+  VALUE 171: ;8, hold
     IF $MID(.$q,22)<>.$z GOTO wrong
+stop:
     fm.hseq=fm.hseq+1 ;voids the ring, force feedback, and the motion in hand
     fm.arm=0
     BRAKE
+    fm.zb=4
     fm.hid=(fm.framed+1) MOD 500000
     GOTO framed
   END
@@ -706,13 +886,13 @@ vector: ;six numbers: the spaces and no power of ten, the first characters, the 
   .f=MINVAL(VAL("1"+$MID(.$q,44,5)),VAL("1"+$MID(.$q,51,5)),VAL("1"+$MID(.$q,58,5)))
   IF (.a*.c<1) OR (MINVAL(.e,.f)<100000) GOTO wrong
   IF .k>1 GOTO queue
-  .b=1-fm.wb ;the bank that nobody reads
   fm.w[.b,1]=VAL($MID(.$q,22,6))
   fm.w[.b,2]=VAL($MID(.$q,29,6))
   fm.w[.b,3]=VAL($MID(.$q,36,6))
   fm.w[.b,4]=VAL($MID(.$q,43,6))
   fm.w[.b,5]=VAL($MID(.$q,50,6))
   fm.w[.b,6]=VAL($MID(.$q,57,6))
+  IF .b>1 GOTO aimed
   fm.wb=.b
   fm.wn=(fm.wn+1) MOD 1000000
 arm:
@@ -721,6 +901,16 @@ framed:
   fm.framed=500000+(fm.framed+1) MOD 500000
   $fm.next=$RIGHT($ENCODE(/I7,1500000+(fm.framed+1) MOD 500000),6)+" "
   GOTO cut
+aimed: ;a set point above the ceiling is a hold
+  .a=SQRT(fm.w[.b,1]*fm.w[.b,1]+fm.w[.b,2]*fm.w[.b,2]+fm.w[.b,3]*fm.w[.b,3])
+  IF .a>fm.lforce*fm.sf THEN
+    fm.hseq=fm.hseq+1 ;before the fault, see fm.release
+    fm.fault=7
+    GOTO stop
+  END
+  fm.zb=.b
+  fm.zn=(fm.zn+1) MOD 1000000
+  GOTO arm
 queue: ;for fm.main
   .h=(fm.rh+1) MOD 64
   IF .h==fm.rt GOTO full
@@ -745,6 +935,14 @@ hello:
   CALL fm.hello(.$q)
   IF $fm.next<>"" GOTO cut
   GOTO lost
+stranger: ;from another address than the PC's
+  fm.fault=18
+  TCP_CLOSE .r,fm.sock
+  IF .r<0 THEN
+    TCP_CLOSE .r,fm.sock
+  END
+  fm.sock=0
+  GOTO accept
 full: ;nobody takes anything any more
   fm.hseq=fm.hseq+1 ;before the fault, see fm.release
   fm.fault=5
@@ -765,8 +963,9 @@ lost: ;hold, close, and listen for the next
   WAIT (fm.busy==0) OR (TIMER(4)>3) ;the next socket may get the same number
   fm.sock=0
   GOTO accept
-  ; $fm.keys: 4, 1, 2, 3, 5, 6/0, 6/1, 10, 11, 12, 8, 7/0, 7/1, 7/2 stand at 1, 15 and so on; a
-  ; match in between is no VALUE. A number is right when it ends where its space belongs (the
+  ; The key of a packet: 1, 8, 15 and so on for 4, 13, 1, 2, 3, 5, 6, 10, 11, 12, 8, 7, 14, and
+  ; 100, 800, 1500, 2200 for Param 0 to 3; a match in between is no VALUE.
+  ; A number is right when it ends where its space belongs (the
   ; places add up to 273), when a sign or a digit below 5 leads, and when "1" with the other five
   ; is 100000 or more: anything but digits would end the number for VAL before. 5 to 9 begin an
   ; ID and nothing else: a packet that is shifted or cut by whole frames is none, see README.md.
@@ -781,6 +980,7 @@ lost: ;hold, close, and listen for the next
   IF (.v[0]<500000) OR (.v[1]<>9) GOTO strange
   IF MAXVAL(.v[2],.v[3],.v[4],.v[5],.v[6],.v[7],.v[8])>499999 GOTO strange
   fm.hseq=fm.hseq+1 ;whatever was under way is over
+  fm.zb=4
   fm.arm=0
   BRAKE
   .a=(.v[3]>9) AND (.v[3]<100) AND (.v[4]>99) AND (.v[4]<556) AND (.v[5]>49) AND (.v[5]<278)
@@ -796,14 +996,15 @@ lost: ;hold, close, and listen for the next
   fm.taken=.v[0]
   fm.framed=.v[0]
   fm.hid=.v[0]-500000
-  $fm.hi[1]=$LEFT(.$q,7)+"000009 000001 "+$RIGHT($ENCODE(/I7,1000000+fm.sp),6)+" "
+  $fm.hi[1]=$LEFT(.$q,7)+"000009 "+$RIGHT($ENCODE(/I7,1002000+fm.num),6)+" "
+  $fm.hi[1]=$fm.hi[1]+$RIGHT($ENCODE(/I7,1000000+fm.sp),6)+" "
   $fm.hi[1]=$fm.hi[1]+$RIGHT($ENCODE(/I7,1000000+fm.so),6)+" "
   $fm.hi[1]=$fm.hi[1]+$RIGHT($ENCODE(/I7,1000000+fm.sj),6)+" "
   $fm.hi[1]=$fm.hi[1]+$RIGHT($ENCODE(/I7,1000000+fm.sf),6)+" "
   $fm.hi[1]=$fm.hi[1]+$RIGHT($ENCODE(/I7,1000000+fm.sm),6)+" "
   $fm.hi[1]=$fm.hi[1]+$RIGHT($ENCODE(/I7,1000000+fm.sv),6)+" "
   TCP_SEND .r,fm.sock,$fm.hi[1],1,1
-  IF (.r<0) OR (.v[2]<>1) GOTO done ;another version has been told ours
+  IF (.r<0) OR (.v[2]<>2000+fm.num) GOTO done ;another version, another arm: told ours
   $fm.next=$RIGHT($ENCODE(/I7,1500000+(fm.framed+1) MOD 500000),6)+" "
   fm.lack=fm.lat
   fm.link=1

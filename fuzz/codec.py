@@ -17,7 +17,15 @@ from dataclasses import dataclass, field
 
 from common.errors import RemoteProtocolError
 from common.packet import PACKET_CHARS, VALUE_MAX, VALUE_MIN, Packet, PacketReader, encode
-from common.packet_table import COUNTER_SPAN, ID_FIRST, ID_LAST, STATUS_SPAN, Com, next_id
+from common.packet_table import (
+    COUNTER_SPAN,
+    ID_FIRST,
+    ID_LAST,
+    STATUS_SPAN,
+    Com,
+    greeting,
+    next_id,
+)
 from fuzz.framer import frame, numbers
 from services.gateway.reports import parse_report
 from services.gateway.scales import Scales
@@ -65,7 +73,7 @@ def trios(rng: random.Random) -> list[Trio]:
             found.append(Trio((chars[0], chars[1], chars[2]), to_gateway=True))
             continue
         id_ = _id(rng)
-        hello = encode(Packet(id_, Com.HELLO, 1, (50, 500, 250, 100, 1000, 10)))
+        hello = encode(Packet(id_, Com.HELLO, greeting(1), (50, 500, 250, 100, 1000, 10)))
         commands = []
         for k in range(3):
             id_ = next_id(id_)

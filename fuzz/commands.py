@@ -37,12 +37,13 @@ CELLS = File(__file__).resolve().parents[1] / "cells"
 BLOCK = 5000  # messages to one robot; the next one gets a fresh one and the next seed
 TICK_NS = 1_000_000
 WRENCH_MS = 4
-MOVING = {b"000001", b"000002", b"000003", b"000004"}
+MOVING = {b"000001", b"000002", b"000003", b"000004", b"000013"}
 # Small, so that all of them are met often.
 LIMITS = {
     "limits.workspace_min_m": [-0.12, 0.36, 0.10],
     "limits.workspace_max_m": [0.12, 0.59, 0.34],
     "limits.tether_m": 0.15,
+    "limits.tether_deg": 60,
     "sim.gap_m": 0.1,
 }
 
@@ -85,6 +86,7 @@ class World:
         limits = self.cell.limits
         self._evil = Evil(
             seed,
+            self.cell.cell,
             self.clock.boot,
             speed_m_s=limits.speed_m_s,
             speed_rad_s=radians(limits.speed_deg_s),
@@ -191,7 +193,8 @@ class World:
         R = twin.site("tcp").xmat.reshape(3, 3)
         T_flange_tcp = self.cell.tool.T_flange_tcp.pose
         flange = pin.SE3(np.array(R), tool_m) * T_flange_tcp.inverse()
-        judge.look(at_s, q, flange, tool_m, lease=lease_of(robot.verdict))
+        lease, backs_off = lease_of(robot.verdict), is_backing_off(robot.verdict)
+        judge.look(at_s, q, flange, tool_m, lease=lease, backs_off=backs_off)
         self.table.moved_ms += not np.array_equal(q, before)
 
     def _live_gateway(self, now_ns: int) -> None:
@@ -202,9 +205,11 @@ class World:
         measured = gateway.measured
         T = controller.T if measured is None else measured.T_base_flange
         if lease_of(gateway.verdict) not in {None, lease}:
-            judge.start_m = np.array(T.translation)
+            judge.start = T.copy()
         deadline_ns = self.cell.stale_after_s(topics.ROBOT_COMMAND) * NS_PER_S
-        may_move = now_ns - self._permitted_ns <= deadline_ns and not above
+        may_move = now_ns - self._permitted_ns <= deadline_ns and (
+            not above or is_backing_off(gateway.verdict)
+        )
         command = gateway.verdict.command
         kind = "" if command is None else command.kind
         for chars in controller.sent:
@@ -219,6 +224,12 @@ def lease_of(verdict: Verdict) -> tuple[int, int] | None:
     if command is None or command.permission is None or accepted is None:
         return None
     return accepted.epoch, command.permission.lease
+
+
+def is_backing_off(verdict: Verdict) -> bool:
+    """Tell whether what is obeyed is a lease that frees the arm: above the ceiling it may move."""
+    permission = None if verdict.command is None else verdict.command.permission
+    return permission is not None and permission.purpose == "back_off"
 
 
 def fuzz(robot: str, messages: int, seed: int, *, say: bool = False) -> Table:

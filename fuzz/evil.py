@@ -18,6 +18,7 @@ from common.messages import RobotState
 from common.topics import ROBOT_COMMAND
 
 MOMENTS_MS = (0, 0, 0, 1, 1, 2, 4, 4, 4, 4, 8)
+PURPOSES = ("all", "all", "all", "jog", "back_off")
 PLANS = ("run", "spin", "jump", "shake", "edge", "anew", "goals", "feedback", "noise")
 ODD = (float("nan"), float("inf"), -1e308, 1e308, 1e9, -5.0, 0.0, 5.0)
 PATIENCE = 60
@@ -37,8 +38,11 @@ class Saying:
 class Evil:
     """Makes up one message after another."""
 
-    def __init__(self, seed: int, boot: str, *, speed_m_s: float, speed_rad_s: float) -> None:
-        """Be ready; the speeds are the limits that it wants to exceed."""
+    def __init__(
+        self, seed: int, cell: str, boot: str, *, speed_m_s: float, speed_rad_s: float
+    ) -> None:
+        """Be ready for a cell; the speeds are the limits that it wants to exceed."""
+        self._address = f"{cell}/{ROBOT_COMMAND.key}"
         self._rng = random.Random(seed)
         self._boot, self._speed_m_s, self._speed_rad_s = boot, speed_m_s, speed_rad_s
         self._seq, self._epoch, self._lease, self._goal = 0, seed * 1000 + 1, 1, 0
@@ -102,7 +106,7 @@ class Evil:
             stamp_ns = now_ns + rng.choice((-(10**9), -50_000_000, 10**9, 10**18))
         return {
             "v": SCHEMA_VERSION,
-            "topic": ROBOT_COMMAND.key,
+            "topic": self._address,
             "seq": seq,
             "epoch": self._epoch,
             "boot": self._boot,
@@ -122,6 +126,8 @@ class Evil:
             "lease": self._lease + (rng.randrange(-5, 9) if self._seldom(0.004) else 0),
             "deadline_s": rng.choice((0.1, 0.1, 3600.0, 1e9, 1e300)),
             "turn": rng.choice((1, -1, 2**31)) if self._seldom(0.01) else 0,
+            # Of a whole lease: other limits hold for one that backs off.
+            "purpose": random.Random(self._lease).choice(PURPOSES),
         }
         if self._seldom(0.005):
             permission["deadline_s"] = rng.choice((1e-3, -1.0, 0.0))

@@ -6,13 +6,19 @@ gateway's reader: the fuzzer compares three opinions.
 
 from dataclasses import dataclass, field
 
-from common.packet_table import NO_ID, PROTOCOL_VERSION, TABLE, Com, next_id
+from common.packet_table import NO_ID, TABLE, Com, greeting, next_id
 
 FRAMES, CHARS = 9, 63
+ARM = 1  # fm.num as it ships
 DIGITS = frozenset(b"0123456789")
 ZERO_VEC = b"000000 " * 6
-AT_ONCE = {Com.WRENCH, Com.HOLD, Com.HEARTBEAT}  # beside 7 with Param 2; all else is queued
-MOTIONS = {Com.MOVE_POSE, Com.MOVE_JOINTS, Com.MOVE_BY_JOINTS, Com.FEEDBACK}
+AT_ONCE = {
+    Com.WRENCH,
+    Com.FORCE_SET_POINT,
+    Com.HOLD,
+    Com.HEARTBEAT,
+}  # beside 7 with Param 2; all else is queued
+MOTIONS = {Com.MOVE_POSE, Com.MOVE_JOINTS, Com.MOVE_BY_JOINTS, Com.SET_POINT, Com.FEEDBACK}
 
 
 @dataclass(slots=True)
@@ -74,7 +80,7 @@ def _greet(chars: bytes, framed: Framed) -> None:
         return
     framed.last_id, framed.answered = found[0], True
     framed.greeted_id = found[0]
-    framed.closed = found[2] != PROTOCOL_VERSION
+    framed.closed = found[2] != greeting(ARM)
 
 
 def _take(chars: bytes, framed: Framed) -> None:

@@ -13,16 +13,30 @@ import pinocchio as pin
 from common.cell import Cell
 from common.packet_table import Com, FeedbackSwitch
 from fuzz.framer import numbers
-from fuzz.yes_man import pose_of_vec
+from fuzz.yes_man import MOTIONS, pose_of_vec
 
 Array = np.ndarray
 MARGIN = 1.25  # of speed: set points may come a little early
 BURST_S = 0.05  # by so much later than it was let through a set point may leave
 ROUNDING_M = 1e-4
+ROUNDING_RAD = 1e-3
 SLACK_M = 3e-3  # of a commanded arm beyond the workspace on the way of a move
+SLACK_RAD = radians(1.0)  # the same of its turn
+STILL_RAD = 1e-9  # in a millisecond: rounding where it comes to rest
 HALF_S = 0.06
+BACK_OFF_M, BACK_OFF_M_S = 0.020, 0.005  # of a lease that backs off: from where it began
+BRAKED_M = 0.010  # of what was under way when such a lease began
 RELEASED_S = 0.25  # after a force above the ceiling nothing moves any more
-WATCHED_MOTIONS = {Com.MOVE_POSE, Com.MOVE_JOINTS, Com.MOVE_BY_JOINTS, Com.WRENCH}
+WATCHED_MOTIONS = {*MOTIONS, Com.WRENCH}
+
+
+def _angle(trace: float) -> float:
+    return acos(min(1.0, max(-1.0, 0.5 * (trace - 1.0))))
+
+
+def turned(T_from: pin.SE3, T_to: pin.SE3) -> float:
+    """Return by how much one pose is turned from another [rad]."""
+    return _angle(float(np.sum(T_from.rotation * T_to.rotation)))
 
 
 class Path:
@@ -48,7 +62,7 @@ class Path:
         if self._last is not None:
             way_m = float(np.linalg.norm(p_m - self._last[0]))
             trace = float(np.sum(self._last[1] * R))
-            turn_rad = acos(min(1.0, max(-1.0, 0.5 * (trace - 1.0))))
+            turn_rad = _angle(trace)
         self._last = (p_m, R)
         points.append((at_s, p_m, way_m, turn_rad))
         while at_s - points[0][0] > 0.25:
@@ -86,14 +100,25 @@ class ArmJudge:
         self._low = np.array(limits.workspace_min_m) - SLACK_M
         self._high = np.array(limits.workspace_max_m) + SLACK_M
         self._tether_m = limits.tether_m + SLACK_M
+        self._tether_rad = radians(limits.tether_deg) + SLACK_RAD
         self._joints = (np.radians(cell.robot.joint_min_deg), np.radians(cell.robot.joint_max_deg))
         self._fastest = np.radians(cell.robot.joint_speed_max_deg_s) * 1e-3
         self._q: Array | None = None
-        self._start: Array | None = None
+        self._start: pin.SE3 | None = None
         self._lease: object = None
         self._above_s: float | None = None
+        self._since_s, self._backs_off = 0.0, False
 
-    def look(self, at_s: float, q: Array, flange: pin.SE3, tcp_m: Array, *, lease: object) -> None:
+    def look(
+        self,
+        at_s: float,
+        q: Array,
+        flange: pin.SE3,
+        tcp_m: Array,
+        *,
+        lease: object,
+        backs_off: bool,
+    ) -> None:
         """Judge one millisecond; `lease` is the one that the robot says it obeys, or None."""
         note = self.broken.update
         if ((q < self._joints[0] - 1e-9) | (q > self._joints[1] + 1e-9)).any():
@@ -103,13 +128,19 @@ class ArmJudge:
         if ((tcp_m < self._low) | (tcp_m > self._high)).any():
             note(["workspace"])
         if lease is not None and lease != self._lease:
-            self._lease, self._start = lease, flange.translation.copy()
+            self._lease, self._start, self._since_s = lease, flange.copy(), at_s
+            self._backs_off = backs_off
         if self._start is not None:
-            away_m = float(np.linalg.norm(flange.translation - self._start))
-            if lease is not None and away_m > self._tether_m:
+            away_m = float(np.linalg.norm(flange.translation - self._start.translation))
+            away_rad = turned(self._start, flange)
+            if lease is not None and (away_m > self._tether_m or away_rad > self._tether_rad):
                 note(["tether"])
-        moved = self._q is None or not np.array_equal(q, self._q)
-        if self._above_s is not None and moved and at_s - self._above_s > RELEASED_S:
+            most_m = BRAKED_M + min(MARGIN * BACK_OFF_M_S * (at_s - self._since_s), BACK_OFF_M)
+            if self._backs_off and away_m > most_m:
+                note(["back off"])
+        moved = self._q is None or bool((np.abs(q - self._q) > STILL_RAD).any())
+        released = self._above_s is not None and at_s - self._above_s > RELEASED_S
+        if released and moved and not self._backs_off:
             note(["force"])
         note(self.path.add(at_s, flange.translation.copy(), flange.rotation.copy()))
         self._q = q
@@ -137,7 +168,7 @@ class PacketJudge:
         )  # fmt: skip
         self._low, self._high = np.array(limits.workspace_min_m), np.array(limits.workspace_max_m)
         self._kept: tuple[int, ...] | None = None
-        self.start_m: Array | None = None  # where the arm was when the lease began
+        self.start: pin.SE3 | None = None  # where the arm was when the lease began
 
     def packet(
         self, at_s: float, chars: bytes, *, kind: str, may_move: bool, T: pin.SE3, q: Array
@@ -161,7 +192,7 @@ class PacketJudge:
         starts = com == Com.FEEDBACK and param != FeedbackSwitch.STOP
         if (com in WATCHED_MOTIONS or starts) and not may_move:
             self.broken.update(["moved without leave"])
-        if com == Com.MOVE_POSE:
+        if com in {Com.MOVE_POSE, Com.SET_POINT}:
             self._pose(at_s, vec, T, is_stream=kind == "setpoint")
         elif com in {Com.MOVE_JOINTS, Com.MOVE_BY_JOINTS}:
             self.path.jump()
@@ -175,22 +206,29 @@ class PacketJudge:
         elif com == Com.TCP:
             lever = np.array(vec[:3]) / self._scales[0] * 1e-3 - self._T_flange_tcp.translation
             self._note("lever", bool(np.linalg.norm(lever) > 0.301))
-        elif com == Com.WRENCH:
-            most_N = self._limits.force_N + self._cell.force.setpoint_max_N
-            force_N = float(np.linalg.norm(vec[:3])) / self._scales[3]
-            self._note("force", force_N > most_N + 0.1)
+        elif com in {Com.WRENCH, Com.FORCE_SET_POINT}:
+            self._force(com, vec)
         elif starts:
             self.path.jump()
             self._note("feedback without limits", self._kept is None)
+
+    def _force(self, com: Com, vec: tuple[int, ...]) -> None:
+        """Judge a reading, or the set point of force feedback."""
+        force_N = float(np.linalg.norm(vec[:3])) / self._scales[3]
+        is_reading = com == Com.WRENCH
+        most_N = self._limits.force_N if is_reading else self._cell.force.setpoint_max_N
+        self._note("force" if is_reading else "set point", force_N > most_N + 0.1)
 
     def _pose(self, at_s: float, vec: tuple[int, ...], T_now: pin.SE3, *, is_stream: bool) -> None:
         T = pose_of_vec(vec, self._scales)
         tcp_m = (T * self._T_flange_tcp).translation
         outside = (tcp_m < self._low - ROUNDING_M) | (tcp_m > self._high + ROUNDING_M)
         self._note("workspace", bool(outside.any()))
-        if self.start_m is not None:
-            away_m = float(np.linalg.norm(T.translation - self.start_m))
+        if self.start is not None:
+            away_m = float(np.linalg.norm(T.translation - self.start.translation))
             self._note("tether", away_m > self._limits.tether_m + ROUNDING_M)
+            most_rad = radians(self._limits.tether_deg) + ROUNDING_RAD
+            self._note("tether", turned(self.start, T) > most_rad)
         if not is_stream:
             self.path.jump()
             return

@@ -114,7 +114,9 @@ def check(data: bytes) -> None:
 
 
 def _converse(device: Controller, data: bytes, expected: Framed) -> None:
-    before = {name: device.real(f"fm.{name}") for name in ("rh", "wn", "stopn", "conn", "lat")}
+    before = {
+        name: device.real(f"fm.{name}") for name in ("rh", "wn", "zn", "stopn", "conn", "lat")
+    }
     q = device.machine.robot.queue.q_command.copy()
     stream = device.dial()
     device.pass_ms()
@@ -167,6 +169,8 @@ def _compare(device: Controller, expected: Framed, before: dict[str, float]) -> 
         assert device.real("fm.framed") == expected.last_id
     assert (device.real("fm.sock") == 0) == expected.closed
     assert (device.real("fm.wn") - before["wn"]) % 1_000_000 == expected.count(Com.WRENCH)
+    aimed = expected.count(Com.FORCE_SET_POINT)
+    assert (device.real("fm.zn") - before["zn"]) % 1_000_000 == aimed
     assert device.real("fm.stopn") - before["stopn"] == expected.count(Com.FEEDBACK, 2)
     slots = int(device.real("fm.rh") - before["rh"]) % 64
     ring = [device.element("$fm.ring", int(before["rh"] + k) % 64) for k in range(slots)]

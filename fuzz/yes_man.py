@@ -16,7 +16,7 @@ from services.gateway.link import News
 
 REPORT_MS = 16
 READY = Status.MOTOR_POWER | Status.REPEAT_MODE | Status.TEACH_LOCK_OFF | Status.PROGRAM_RUNNING
-MOTIONS = (Com.MOVE_POSE, Com.MOVE_JOINTS, Com.MOVE_BY_JOINTS)
+MOTIONS = (Com.MOVE_POSE, Com.MOVE_JOINTS, Com.MOVE_BY_JOINTS, Com.SET_POINT)
 
 
 class YesMan:
@@ -77,7 +77,7 @@ class YesMan:
         elif com in MOTIONS:
             self._status &= ~Status.HELD
             joints = np.radians(np.array(vec) / self._scales[2])
-            if com == Com.MOVE_POSE:
+            if com in {Com.MOVE_POSE, Com.SET_POINT}:
                 self._target = pose_of_vec(vec, self._scales)
             elif com == Com.MOVE_JOINTS:
                 self.joint_rad = joints

@@ -2,6 +2,15 @@
 
 from pathlib import Path
 
+from common.back_off import (
+    BLIND_M,
+    FARTHEST_M,
+    LEAST_FORCE_N,
+    MUST_FALL_N,
+    RISE_N,
+    SPEED_M_S,
+    RISE_Nm,
+)
 from common.faults import FAULTS
 from common.messages import MAY_MOVE
 from services.arbiter.ranks import RANKS
@@ -67,8 +76,20 @@ REACTIONS_TEXT = f"""| every other one | | hold |
 - A code of kind FAULT is a hold at once, latched until its cause is mended.
 
 An arm that holds above the ceiling of force or torque, or outside the workspace, is not armed, for jog
-neither: the teach pendant drives it away. A way out under jog was tried and taken back, for it has to
-judge turns, torque, a lost bias and moves that begin late as well.
+neither. A person frees it with `forcemesh back-off` (`request/back_off`, common/back_off.py): the arbiter
+arms it for one goal of its own, and the robot's process takes no other than the one that it computes
+itself, from its own readings.
+
+- Along the measured force, or straight back into the workspace; at most {FARTHEST_M * 1e3:g} mm at
+  {SPEED_M_S * 1e3:g} mm/s, no turn, nowhere more outside than it is.
+- The ceilings are a ratchet: force and torque may rise {RISE_N:g} N and {RISE_Nm:g} N m above their least so
+  far. A force that does not fall by {MUST_FALL_N:g} N over half the way is no contact: it ends.
+- It ends below half of the ceilings, or inside the workspace, and holds.
+- Where no force can be followed (no valid wrench, no calibration, less than {LEAST_FORCE_N:g} N, or one that
+  pulls the tool forward) it asks a second time, and goes {BLIND_M * 1e3:g} mm back along the tool's axis;
+  that is possible without a sensor, and out of FAULT, too.
+
+A move may add `limits.move_rise_N` to the least force since it began, where the calibration holds.
 
 ## Limits
 
@@ -85,8 +106,9 @@ robot's own process keeps them again (`common/guard.py`).
 | `speed_m_s`, `speed_deg_s` | set points; of moves the speed that is asked for | limited; refused |
 | `accel_m_s2`, `accel_deg_s2` | set points | limited: the set points catch up |
 | the same speed over any 250 ms, with a margin of a quarter | set points: a flood of commands gains nothing | hold (`rate`) |
-| `tether_m` | the flange, from where it was armed | hold or fade; refused |
+| `tether_m`, `tether_deg` | the flange, from where it was armed | hold or fade; refused |
 | `force_N`, `torque_Nm` | the wrench at the TCP, length of the vector | hold, or retreat |
+| `move_rise_N` | the force in a move, above its least since the move began | hold |
 """
 
 

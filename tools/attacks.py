@@ -90,7 +90,7 @@ class Scene:
             permission=Permission(host="pc", lease=STOLEN_LEASE, deadline_s=0.1, turn=1),
             goal=Goal(id=STOLEN_LEASE, kind="by", joint_rad=(0.1, 0.0, 0.0, 0.0, 0.0, 0.0)),
         )
-        clock, topic = MonotonicClock(), topics.ROBOT_COMMAND.key
+        clock, topic = MonotonicClock(), self.key
         stamp_ns = clock.now_ns()
         header = Header(
             seq=number, epoch=self.epoch, boot=clock.boot, stamp_ns=stamp_ns, topic=topic
@@ -101,11 +101,11 @@ class Scene:
         data = sample.payload.to_bytes()
         self.commands.append(data)
         with suppress(Exception):
-            header, _ = decode(data, RobotCommand, topics.ROBOT_COMMAND.key)
+            header, _ = decode(data, RobotCommand, self.key)
             self.forged += header.epoch == self.epoch
 
     def _see(self, sample: zenoh.Sample) -> None:
-        _, state = decode(sample.payload.to_bytes(), RobotState, topics.ROBOT_STATE.key)
+        _, state = decode(sample.payload.to_bytes(), RobotState)
         self.joints.append(state.joint_rad)
 
 
@@ -241,7 +241,7 @@ def _move_a_little(bus: Bus, scene: Scene) -> None:
 
 
 def _permits(data: bytes) -> bool:
-    return decode(data, RobotCommand, topics.ROBOT_COMMAND.key)[1].permission is not None
+    return decode(data, RobotCommand)[1].permission is not None
 
 
 def _again(say: Callable[[int], object]) -> None:

@@ -1,30 +1,40 @@
-"""What is checked of the word that swaps the robot: what it changes, and when it is refused."""
+"""What is checked of the word that swaps the robot: what it changes, replaces and needs.
+
+Also what `docker compose up` brings up with no word and no setting at all.
+"""
 
 import os
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import partial
 
 from common.cell import Cell
-from tools.compose_rig import Compose, Operator, PromiseError, told
+from tools.compose_rig import Compose, Operator, PromiseError, in_namespace, run, told
 
-OTHER = {"sim": "emulated", "emulated": "sim"}
 HEALTHY_S = 60.0
+DEFAULT_HEALTHY_S = 30.0
 WAITS_S = 30.0  # they say it after 8 s, on a machine that is busy
+SETTINGS = "FORCEMESH_"
+OPENS = "import urllib.request as u; print(u.urlopen('http://127.0.0.1:8080/', timeout=5).status)"
 
 
 def another_profile(compose: Compose, _cell: Cell, operator: Operator) -> str:
-    """Another profile on top makes no container anew; it says why it does not come, and waits."""
-    other = Compose(OTHER[compose.profile], compose.command)
-    more = sorted(set(other.names()) - set(compose.names()))
+    """What is typed on top of a running profile makes no container of it anew."""
     before = lives(compose)
-    try:
-        other("up", "-d", "--no-build")
-        _is_refused(other, compose, more)
+    sim = Compose("sim", compose.command)
+    sim("up", "-d", "--no-build")
+    if compose.profile == "sim":
         if lives(compose) != before:
-            raise PromiseError(f"another profile has changed {before} to {lives(compose)}")
-        operator.until(operator.all_well, 30.0, "all well beside a refused profile")
-    finally:
-        other("rm", "-s", "-f", *more)
-    return f"{other.profile}: refused with one sentence, {len(before)} containers as before"
+            raise PromiseError("a second `docker compose up` has made containers anew")
+        return f"{len(before)} containers as before"
+    sim.says("sim-cell", f"stands back: the profile {compose.profile} replaces the simulation")
+    if lives(compose) != before:
+        raise PromiseError(f"`docker compose up` has changed {before} to {lives(compose)}")
+    _is_still("robot-sim", compose)
+    operator.until(operator.all_well, 30.0, "all well beside a simulation that stands back")
+    return f"the simulation stands back, {len(before)} containers as before"
 
 
 def lives(compose: Compose) -> dict[str, tuple[str, ...]]:
@@ -33,29 +43,92 @@ def lives(compose: Compose) -> dict[str, tuple[str, ...]]:
     return {name: (each["Id"], each["State"]["StartedAt"]) for name, each in facts.items()}
 
 
-def _is_refused(other: Compose, compose: Compose, more: list[str]) -> None:
-    other.says(f"{other.profile}-cell", f"first `docker compose --profile {compose.profile} down`")
-    for name in set(more) - {f"{other.profile}-cell"}:
-        other.says(name, f"waits: the profile {compose.profile} is in use", WAITS_S)
+def runs(name: str, compose: Compose) -> bool:
+    """Tell whether a container's own process runs, not only what waits to start it."""
+    said = run("docker", "top", compose.id(name))
+    module = {"robot-sim": "sim.robot"}.get(name, f"services.{name}")
+    return any(f"python -m {module}" in line and " run " not in line for line in said.splitlines())
 
 
-def both_at_once(command: tuple[str, ...]) -> str:
-    """Two profiles at once are one whole cell and one refusal, never a mixture."""
-    sim, emulated = (Compose(name, command) for name in OTHER)
+def _is_still(name: str, compose: Compose) -> None:
+    if runs(name, compose):
+        raise PromiseError(f"{name} runs beside the profile {compose.profile}")
+
+
+@contextmanager
+def without_settings() -> Iterator[None]:
+    """Let compose be as on a fresh checkout: nothing in the environment."""
+    kept = {name: value for name, value in os.environ.items() if name.startswith(SETTINGS)}
+    for name in kept:
+        del os.environ[name]
     try:
-        sim("--profile", "emulated", "up", "-d", "--no-build")
-        first, second = (sim, emulated) if _came(sim) else (emulated, sim)
-        first.wait_healthy(HEALTHY_S)
-        _is_refused(second, first, sorted(set(second.names()) - set(first.names())))
+        yield
     finally:
-        sim("--profile", "emulated", "down", "-v", "-t", "2")
-    return f"{first.profile} is whole, {second.profile} is refused"
+        os.environ.update(kept)
 
 
-def _came(compose: Compose) -> bool:
-    name = f"{compose.profile}-cell"
-    compose.says(name, "in use with /cells/")  # its own file, or why not
-    return "first `docker" not in compose("logs", "--no-color", name)
+def no_word_at_all(compose: Compose, namespace: str) -> str:
+    """`docker compose up` and nothing else: well in time, the panel opens, status from outside."""
+    began_s = time.monotonic()
+    compose("up", "-d", "--no-build")
+    compose.wait_healthy(DEFAULT_HEALTHY_S)
+    took_s = time.monotonic() - began_s
+    status = _outside(namespace, "-m", "cli", "status")
+    page = _outside(namespace, "-c", OPENS)
+    return f"well after {took_s:.0f} s; panel {page}; {status.splitlines()[0]}"
+
+
+def _outside(namespace: str, *words: str) -> str:
+    return run(*in_namespace(namespace, sys.executable, *words))
+
+
+def open_to_others(compose: Compose) -> str:
+    """Published wider without certificates or token, nothing of it starts, with one sentence."""
+    said = []
+    for port in ("HUB", "PANEL"):
+        name = f"FORCEMESH_PUBLISH_{port}"
+        os.environ[name] = "0.0.0.0"  # noqa: S104 - it must be refused
+        try:
+            compose("up", "-d", "--no-build")
+            compose.says("sim-cell", f"{name}=0.0.0.0 is reached from outside")
+            if any(runs(each, compose) for each in ("hub", "panel", "robot-sim")):
+                raise PromiseError(f"something runs with {name}=0.0.0.0")
+            said.append(name)
+        finally:
+            del os.environ[name]
+            compose("down", "-v", "-t", "2")
+    return f"refused: {', '.join(said)}"
+
+
+def real_replaces_the_simulation(compose: Compose, settings: dict[str, str]) -> str:
+    """On top of a running simulation, and with the simulation on top of it: never both."""
+    real = Compose("real", compose.command)
+    with without_settings():
+        compose("up", "-d", "--no-build")
+        compose.wait_healthy(HEALTHY_S)
+    os.environ.update(settings)
+    try:
+        real("up", "-d", "--no-build")
+        real.says("real-cell", "real-cell: in use with /cells/emulated.yaml", WAITS_S)
+        _comes("gateway", real)
+        _is_still("robot-sim", real)
+        gateway = real.facts("gateway")["State"]["StartedAt"]
+        compose("up", "-d", "--no-build")
+        _comes("hub", real)
+        _is_still("robot-sim", real)
+        if real.facts("gateway")["State"]["StartedAt"] != gateway:
+            raise PromiseError("`docker compose up` has started the gateway anew")
+    finally:
+        real("down", "-v", "-t", "2")
+    return "in both orders the gateway runs and the simulation does not"
+
+
+def _comes(name: str, compose: Compose) -> None:
+    give_up_s = time.monotonic() + WAITS_S
+    while not runs(name, compose):
+        if time.monotonic() > give_up_s:
+            raise PromiseError(f"{name} does not run: {compose('logs', '--no-color', name)}")
+        time.sleep(0.5)
 
 
 def no_cell_file(command: tuple[str, ...]) -> str:
@@ -64,7 +137,7 @@ def no_cell_file(command: tuple[str, ...]) -> str:
     try:
         real("up", "-d", "--no-build")
         real.says("real-cell", "CELL=my-cell.yaml docker compose --profile real up")
-        if real("exec", "-T", "hub", "ls", "/in-use").split() != ["profile"]:
+        if "cell.yaml" in real("exec", "-T", "hub", "ls", "/in-use").split():
             raise PromiseError("there is a cell file in use without CELL")
         os.environ["CELL"] = "emulated.yaml"
         real("up", "-d", "--no-build")
@@ -75,7 +148,19 @@ def no_cell_file(command: tuple[str, ...]) -> str:
     return "says what it needs, and comes with it"
 
 
-def check_profiles(command: tuple[str, ...]) -> int:
+def check_profiles(command: tuple[str, ...], namespace: str) -> int:
     """Check what is not about one profile alone; return 1 when a promise was not kept, else 0."""
-    wrong = told("profiles", "both at once", partial(both_at_once, command))
-    return max(wrong, told("profiles", "no cell file", partial(no_cell_file, command)))
+    sim = Compose("sim", command)
+    secure = {name: value for name, value in os.environ.items() if name.startswith(SETTINGS)}
+    with without_settings():
+        try:
+            wrong = told("default", "docker compose up", partial(no_word_at_all, sim, namespace))
+        finally:
+            sim("down", "-v", "-t", "2")
+        wrong += told("default", "open to others", partial(open_to_others, sim))
+    secure["CELL"] = "emulated.yaml"
+    replaces = partial(real_replaces_the_simulation, sim, secure)
+    wrong += told("profiles", "real and simulation", replaces)
+    os.environ.pop("CELL", None)
+    wrong += told("profiles", "no cell file", partial(no_cell_file, command))
+    return min(wrong, 1)

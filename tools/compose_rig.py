@@ -67,10 +67,11 @@ class Compose:
 
     def __call__(self, *words: str) -> str:
         """Run compose on the project."""
-        return run(*self.command, "-p", PROJECT, "--profile", self.profile, *words)
+        word = [] if self.profile == "sim" else ["--profile", self.profile]
+        return run(*self.command, "-p", PROJECT, *word, *words)
 
     def names(self) -> list[str]:
-        """Return the services of the profile."""
+        """Return the services that the profile starts, also those that then stand back."""
         services = yaml.safe_load((ROOT / "docker-compose.yml").read_text("utf-8"))["services"]
         return sorted(
             name

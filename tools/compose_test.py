@@ -19,6 +19,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from cli.pki import WRITTEN
 from tools.compose_profiles import check_profiles
 from tools.compose_rig import (
     PROJECT,
@@ -63,7 +64,7 @@ def main() -> int:
                 build()
                 make_certificates(Path(scratch))
                 codes = [check(profile, namespace) for profile in given.profile or PROFILES]
-                return max(*codes, check_profiles(compose_command()))
+                return max(*codes, check_profiles(compose_command(), namespace))
         except NoEngineError as error:
             return not_tested(str(error), optional=given.optional)
 
@@ -158,7 +159,8 @@ def make_certificates(scratch: Path) -> None:
     where = ["--folder", str(scratch / "pki"), "--env", str(scratch / "env")]
     subprocess.run([*command, *where], cwd=ROOT, check=True, stdout=subprocess.DEVNULL)
     os.environ.update(environment_of(scratch / "env"))
-    os.environ["FORCEMESH_FILES"] = str(scratch)  # a person's own recordings stay as they are
+    for name in WRITTEN:  # a person's own recordings stay as they are
+        os.environ[f"FORCEMESH_{name.upper()}"] = str(scratch / name)
 
 
 def check(profile: str, namespace: str) -> int:

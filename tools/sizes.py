@@ -1,6 +1,7 @@
 """Print the five largest Python files and functions, and fail above the limits of the house style.
 
-Files: 300 lines, files of tests 400. Functions: 60 lines from `def` to the last one.
+Files: 450 lines (a file is one subject, never split for a number). Functions: 60 lines from
+`def` to the last one.
 """
 
 import ast
@@ -11,8 +12,8 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 FOLDERS = ("common", "services", "sim", "cli", "bench", "chaos", "fuzz", "tests", "tools")
-FILE_LIMIT = 300
-TEST_FILE_LIMIT = 400  # a file of tests is read case by case
+FILE_LIMIT = 450
+TEST_FILE_LIMIT = 450
 FUNCTION_LIMIT = 60
 SHOWN = 5
 

@@ -1,7 +1,7 @@
 """What a trace of force is measured by. Pure.
 
-A light plate loses contact for single milliseconds: averages over 8 ms, and not the first 15 ms,
-in which the tool's own inertia shows up as force.
+Averages over 8 ms, for the sensor's noise, and not the first 15 ms, in which the tool's own inertia
+shows up as force.
 """
 
 import numpy as np

@@ -54,13 +54,12 @@ def touch(world: World, make: Make) -> Measures:
 def followed(world: World, make: Make, kind: str) -> Trace:
     """Return a trace on a surface that moves as a slope or waves do under a sliding tool."""
     rig, pilot, _ = holding(world, make)
-    plate = rig.arm.model.body("plate").id
-    rest, start = rig.arm.model.body_pos[plate].copy(), rig.arm.ticks
+    rest_m, start = rig.arm.plate.point_m.copy(), rig.arm.ticks
 
     def move(rig: Rig) -> None:
         t = (rig.arm.ticks - start) * 1e-3
         up = SLOPE_M_S * t if kind == "slope" else SINE_M * np.sin(2 * np.pi * SINE_HZ * t)
-        rig.arm.model.body_pos[plate] = rest + np.array([0.0, 0.0, up])
+        rig.arm.plate.point_m = rest_m + np.array([0.0, 0.0, up])
 
     rig.every_tick = move
     return rig.run(pilot, 6.0)
@@ -136,8 +135,7 @@ def spikes(world: World, make: Make) -> Measures:
 def vanish(world: World, make: Make) -> Measures:
     """The wall is gone: how far the tool goes until the search is as slow as an approach."""
     rig, pilot, _ = holding(world, make)
-    plate = rig.arm.model.body("plate").id
-    rig.arm.model.body_pos[plate][2] -= 0.1
+    rig.arm.plate.point_m[2] -= 0.1
     z = float(rig.arm.T_base_tcp.translation[2])
     trace = rig.run(pilot, 0.3)
     lowest = min(float(T.translation[2]) for T in trace.T_base_tcp)
@@ -147,12 +145,12 @@ def vanish(world: World, make: Make) -> Measures:
 def stiffer(world: World, make: Make) -> Measures:
     """What was met is suddenly ten times stiffer while the set point goes from 10 to 20 N."""
     rig, pilot, _ = holding(replace(world, stiffness_N_m=world.stiffness_N_m / 10.0), make)
-    model, data = rig.arm.model, rig.arm.data
-    joint = model.joint("plate_slide").id
-    at = model.jnt_qposadr[joint]
-    model.jnt_stiffness[joint] *= 10.0
-    model.dof_damping[model.jnt_dofadr[joint]] *= 10.0**0.5
-    model.qpos_spring[at] = 0.9 * data.qpos[at]  # so that the force is the same at first
+    plate, springs = rig.arm.plate, rig.arm.plate.springs
+    springs.stiffness_N_m *= 10.0
+    springs.relaxation_s /= 10.0**0.5
+    springs.travel_m /= 10.0  # so that the force is the same at first, at the same height
+    springs.shear_m = (springs.shear_m[0] / 10.0, springs.shear_m[1] / 10.0)
+    plate.point_m += 9.0 * springs.travel_m * plate.normal
     pilot.setpoint_N = HOLD_N + STEP_N
     trace = rig.run(pilot, 2.0 if make is not plain else 6.0)
     settled = settling_s(np.array(trace.t_s), np.array(trace.push_N) - pilot.setpoint_N, 1.0)

@@ -1,17 +1,18 @@
 """Calibration by the arm itself: check the model, plan, ask, drive; and verification alone."""
 
 import signal
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from types import FrameType
 
 import numpy as np
 import typer
 
+from cli.calibration.contact import refuse_loaded_tool
 from cli.calibration.drive import Drive
-from cli.calibration.errors import CalibrationError, StoppedError
-from cli.calibration.evidence import evidence_of
+from cli.calibration.errors import CalibrationError, InContactError, NotBegunError, StoppedError
+from cli.calibration.evidence import Evidence, evidence_of
 from cli.calibration.finish import Job, conclude, keep_readings
 from cli.calibration.installed import refuse_wrong_axes
 from cli.calibration.plan import Options, Plan, make_plan, spread_deg
@@ -19,7 +20,7 @@ from cli.calibration.screen import screen
 from cli.calibration.tell import Teller
 from cli.calibration.verdict import judge, left_in_use
 from cli.calibration.wizard import BOTH, Pace, Wizard, expected_s
-from cli.context import INTERRUPTED, NOT_WELL, OK
+from cli.context import INTERRUPTED, NOT_WELL, OK, answers_yes, exit_code_of
 from cli.doctor_pose import Frames, check_pose, model_of
 from common.cell import Cell
 from common.convert import pose_of
@@ -40,32 +41,74 @@ class Wish:
     options: Options
     pace: Pace
     yes: bool = False
+    free: bool = False  # the tool hangs free, whatever force is shown
 
 
 def calibrate(job: Job, wish: Wish, bus: Bus) -> int:
-    """Plan, ask, drive, fit, verify, write, send. Returns the exit code."""
+    """Plan, ask, drive, fit, verify, write, put into use, come back. Returns the exit code."""
+    if not wish.free:
+        refuse_loaded_tool(bus, job.cell)
     plan = planned(job.cell, bus, wish)
-    wizard, ended = _driven(job, wish, bus, plan)
-    keep_readings(job, wizard.dwells)
-    if ended is not None:
-        return ended
+    ask_person(explained(job.cell, plan, wish.pace), yes=wish.yes)
+    with screen() as teller:
+        wizard, ended = measure(job.cell, bus, plan, wish.pace, teller=teller)
+    return finish(job, wizard, ended, lambda: conclude(job, evidence(job, wizard), bus))
+
+
+def evidence(job: Job, wizard: Wizard) -> Evidence:
+    """Return what the wizard has recorded, and its fit. Raises ForcemeshError when it is bad."""
     refuse_wrong_axes(job, wizard.dwells)
     count = len(wizard.plan.refused)
     skipped = (f"{count} poses were refused by the arm and others taken",) if count else ()
-    evidence = evidence_of(
+    return evidence_of(
         "arm",
         wizard.dwells,
         source=job.places.readings,
         serial=wizard.serial,
-        notes=(*plan.warnings, *skipped),
+        notes=(*wizard.plan.warnings, *skipped),
     )
-    return conclude(job, evidence, bus)
+
+
+def finish(
+    job: Job,
+    wizard: Wizard,
+    ended: int | None,
+    conclusion: Callable[[], int],
+    *,
+    tellers: Callable[[], AbstractContextManager[Teller]] = screen,
+) -> int:
+    """Keep the readings, conclude while the tool is free, then come back. Returns the exit code.
+
+    The cell judges a calibration by the force that it sees: at the last pose nothing is touched,
+    whatever is where the arm began. However the conclusion ends, the arm comes back.
+    """
+    keep_readings(job, wizard.dwells)
+    if ended is not None:
+        return ended
+    failure: ForcemeshError | None = None
+    code = NOT_WELL
+    try:
+        with _ended_like_ctrl_c():
+            code = conclusion()
+    except KeyboardInterrupt:
+        with tellers() as teller:
+            return _interrupted(wizard, teller)
+    except ForcemeshError as error:
+        failure = error
+    with tellers() as teller:
+        wizard.teller = teller
+        ended = _guarded(wizard, wizard.come_back)
+    if failure is not None:
+        raise failure
+    return code if ended is None else ended
 
 
 def verify(job: Job, wish: Wish, bus: Bus) -> int:
     """Drive to fresh poses and judge what the running cell leaves there. Returns the exit code."""
     plan = planned(job.cell, bus, wish)
-    wizard, ended = _driven(job, wish, bus, plan, fitting=False)
+    ask_person(explained(job.cell, plan, wish.pace, fitting=False), yes=wish.yes)
+    with screen() as teller:
+        wizard, ended = drive(job.cell, bus, plan, wish.pace, teller=teller, fitting=False)
     if ended is not None:
         return ended
     verdict = judge(left_in_use(wizard.dwells), job.bounds)
@@ -135,36 +178,49 @@ def explained(cell: Cell, plan: Plan, pace: Pace, *, fitting: bool = True) -> st
     return "\n".join(lines)
 
 
-def _driven(
-    job: Job, wish: Wish, bus: Bus, plan: Plan, *, fitting: bool = True
-) -> tuple[Wizard, int | None]:
-    """Ask the person, then drive; the exit code comes with it when it ended early."""
-    typer.echo(explained(job.cell, plan, wish.pace, fitting=fitting), err=True)
-    if not wish.yes and not typer.confirm("is the box free, and may the arm move?", err=True):
+def ask_person(explanation: str, *, yes: bool) -> None:
+    """Say what is going to move, and ask. Raises CalibrationError without a yes."""
+    typer.echo(explanation, err=True)
+    if not yes and not answers_yes("is the box free, and may the arm move?"):
         raise CalibrationError("nothing was moved")
-    with screen() as teller:
-        return drive(job.cell, bus, plan, wish.pace, teller=teller, fitting=fitting)
+
+
+def measure(
+    cell: Cell, bus: Bus, plan: Plan, pace: Pace, *, teller: Teller
+) -> tuple[Wizard, int | None]:
+    """Visit every pose and stay at the last; the exit code comes with it when it ended early."""
+    wizard = Wizard(bus, cell, plan, pace=pace, teller=teller)
+    return wizard, _guarded(wizard, wizard.measure)
 
 
 def drive(
     cell: Cell, bus: Bus, plan: Plan, pace: Pace, *, teller: Teller, fitting: bool = True
 ) -> tuple[Wizard, int | None]:
-    """Run the wizard; Ctrl-C and every error end in a hold, and what was recorded is kept."""
+    """Visit every pose and come back; the exit code comes with it when it ended early."""
     wizard = Wizard(bus, cell, plan, pace=pace, teller=teller)
+    return wizard, _guarded(wizard, lambda: wizard.run(BOTH if fitting else ("verify",)))
+
+
+def _guarded(wizard: Wizard, action: Callable[[], None]) -> int | None:
+    """Do it; Ctrl-C and every error end in a hold, and what was recorded is kept."""
     try:
         with _ended_like_ctrl_c():
-            wizard.run(BOTH if fitting else ("verify",))
+            action()
     except KeyboardInterrupt:
-        with _deaf():
-            teller.note(f"interrupted: {wizard.abandon('the calibration was interrupted')}")
-        return wizard, INTERRUPTED
-    except StoppedError as error:
-        teller.note(str(error))
-        return wizard, NOT_WELL
+        return _interrupted(wizard, wizard.teller)
+    except (StoppedError, InContactError, NotBegunError) as error:
+        wizard.teller.note(str(error))
+        return exit_code_of(error)
     except ForcemeshError as error:
-        teller.note(f"{error}; {wizard.abandon('the calibration failed')}")
-        return wizard, NOT_WELL
-    return wizard, None
+        wizard.teller.note(f"{error}; {wizard.abandon('the calibration failed')}")
+        return exit_code_of(error)
+    return None
+
+
+def _interrupted(wizard: Wizard, teller: Teller) -> int:
+    with _deaf():
+        teller.note(f"interrupted: {wizard.abandon('the calibration was interrupted')}")
+    return INTERRUPTED
 
 
 @contextmanager

@@ -4,7 +4,12 @@ from collections.abc import Callable
 
 import numpy as np
 
-from cli.calibration.errors import CalibrationError, PoseRefusedError, StoppedError
+from cli.calibration.errors import (
+    CalibrationError,
+    NotBegunError,
+    PoseRefusedError,
+    StoppedError,
+)
 from common import topics
 from common.clock import NS_PER_S
 from common.convert import vec6
@@ -64,7 +69,7 @@ class Drive:
         return np.array(self.state().joint_rad)
 
     def refuse_unless_free(self) -> None:
-        """Raise StoppedError when somebody else has the arm, or has stopped it: they know why."""
+        """Raise NotBegunError when somebody else has the arm, or has stopped it: they know why."""
         give_up_ns = self._clock.now_ns() + round(HEARD_WITHIN_S * NS_PER_S)
         while (reading := self._arbiter.read(self._clock.now_ns())).fresh is None:
             if self._clock.now_ns() > give_up_ns:
@@ -72,14 +77,15 @@ class Drive:
             self._clock.sleep_s(POLL_S)
         if reading.fresh.state in {"ACTIVE", "SETTLING"}:
             text = f"the {reading.fresh.commander} commands the arm: stop that first"
-            raise StoppedError(text)
+            raise NotBegunError("busy", text)
         if reading.fresh.state not in {"IDLE", "ARMED"}:
-            raise StoppedError(f"{_why(reading.fresh)}; the wizard begins from IDLE or ARMED")
+            text = f"{_why(reading.fresh)}; the wizard begins from IDLE or ARMED"
+            raise NotBegunError("held", text)
 
     def arm(self) -> str:
         """Arm for moves alone, and say how that was answered.
 
-        Raises RefusedError when it was refused, StoppedError when the arm is not free.
+        Raises RefusedError when it was refused, NotBegunError when the arm is not free.
         """
         self.refuse_unless_free()
         reply = self._ask_until(lambda: self._bus.ask(topics.ARM, ArmRequest(purpose="jog")))

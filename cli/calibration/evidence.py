@@ -7,11 +7,15 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+from pydantic import ValidationError
 
+from cli.calibration.errors import CalibrationError
 from cli.calibration.rows import Dwell, means_of, of_purpose, recording_of
 from cli.calibration.verdict import Bounds, Left, Verdict, judge, left_of
 from common.calibration import CalibrationSection, PayloadSection
 from common.cell import Cell
+from common.errors import first_mistake
+from common.payload import Payload
 from services.wrench.identification import Identification, identify
 from services.wrench.recording import Recording, Samples, WrenchAxes
 from services.wrench.report import fit_report
@@ -62,7 +66,10 @@ def evidence_of(
 
 
 def findings_of(cell: Cell, evidence: Evidence, bounds: Bounds) -> Findings:
-    """Judge a fit by its fresh poses and put the calibration of a cell together."""
+    """Judge a fit by its fresh poses and put the calibration of a cell together.
+
+    Raises CalibrationError when it found what no cell may use.
+    """
     fit, verify = evidence.fit, evidence.verify
     fit_left = Left(
         np.linalg.norm(fit.residual_force_N, axis=1), np.linalg.norm(fit.residual_torque_Nm, axis=1)
@@ -78,7 +85,7 @@ def findings_of(cell: Cell, evidence: Evidence, bounds: Bounds) -> Findings:
         sensor=evidence.serial,
         fit=fit_left.summary,
         verified=None if verify_left is None else verify_left.summary,
-        payload=PayloadSection.of(fit.payload),
+        payload=_usable(fit.payload),
     )
     return Findings(
         section=section,
@@ -89,3 +96,13 @@ def findings_of(cell: Cell, evidence: Evidence, bounds: Bounds) -> Findings:
         bounds=bounds,
         verdict=judge(verify_left, bounds),
     )
+
+
+def _usable(payload: Payload) -> PayloadSection:
+    """Return a fitted payload for a file. Raises CalibrationError when no cell may use it."""
+    try:
+        return PayloadSection.of(payload)
+    except ValidationError as error:
+        raise CalibrationError(
+            f"no calibration is made of that: {first_mistake(error).text}"
+        ) from None

@@ -7,15 +7,17 @@ from dataclasses import dataclass, replace
 from math import degrees
 
 import numpy as np
+import pinocchio as pin
 
 from common.cell import Cell
-from common.frames import Array
+from common.frames import Array, rotation_between
 from common.limits import Limits
 from sim.robot.kinematics import ArmKinematics
 
 STEP_M = 0.02  # between two samples of a way no point moves farther
 MARGIN_M = 0.012  # so what lies between two samples is inside as well
 JOINT_MARGIN_RAD = np.radians(3.0)
+TURN_MARGIN_RAD = np.radians(2.0)
 POINTS = ("flange", "sensor", "TCP")
 
 
@@ -30,7 +32,7 @@ class Fence:
     arm: ArmKinematics
     limits: Limits
     points_in_flange_m: Array
-    start_m: Array  # flange where the arm was armed
+    T_start: pin.SE3  # flange in base where the arm was armed
     floor_m: float
 
     @classmethod
@@ -41,8 +43,8 @@ class Fence:
             cell.tool.T_flange_tcp.pose,
         )
         points = np.array([np.zeros(3), T_flange_sensor.translation, T_flange_tcp.translation])
-        start = np.array(arm.flange_pose(q_start).translation)
-        fence = cls(arm, Limits.of(cell), points, start, floor_m=-np.inf)
+        T_start = arm.flange_pose(q_start)
+        fence = cls(arm, Limits.of(cell), points, T_start, floor_m=-np.inf)
         return fence.with_floor(float(fence.points(q_start)[:, 2].min()))
 
     def with_floor(self, floor_m: float) -> "Fence":
@@ -61,7 +63,7 @@ class Fence:
         for joint, angle in enumerate(q):
             if not low[joint] <= angle <= high[joint]:
                 return f"joint {joint + 1} would be at {degrees(angle):.0f} degrees, near its limit"
-        return self._complaint_of(self.points(q), margin_m)
+        return self._complaint_of(self.points(q), margin_m) or self._tether_complaint(q, margin_m)
 
     def way_complaint(self, q_from: Array, q_to: Array, margin_m: float = MARGIN_M) -> str:
         """Say why the joints must not go evenly from one to the other; empty when they may."""
@@ -100,6 +102,13 @@ class Fence:
         lowest = int(points[:, 2].argmin())
         if points[lowest, 2] < self.floor_m:
             return f"the {POINTS[lowest]} would go lower than the tool is now"
-        if np.linalg.norm(points[0] - self.start_m) > limits.tether_m - margin_m:
+        return ""
+
+    def _tether_complaint(self, q: Array, margin_m: float) -> str:
+        limits, T = self.limits, self.arm.flange_pose(q)
+        if np.linalg.norm(T.translation - self.T_start.translation) > limits.tether_m - margin_m:
             return "the flange would go farther than limits.tether_m from here"
+        turn_rad = np.linalg.norm(rotation_between(self.T_start.rotation, T.rotation))
+        if turn_rad > limits.tether_rad - TURN_MARGIN_RAD:
+            return "the flange would turn farther than limits.tether_deg from here"
         return ""

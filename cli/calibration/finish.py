@@ -1,4 +1,4 @@
-"""The end of every calibration: print, judge, write, send, report. Returns the exit code."""
+"""The end of every calibration: print, judge, write, put into use, report; the exit code."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,10 +12,11 @@ from cli.calibration.page import save_page
 from cli.calibration.places import Places, keep_before
 from cli.calibration.rows import Dwell, save
 from cli.calibration.verdict import Bounds
-from cli.context import NOT_WELL, OK
+from cli.context import NO_ANSWER, NOT_WELL, OK, REFUSED
 from cli.payload_tables import print_fit
 from common.cell import Cell
 from common.errors import BusError
+from services.wrench.calibrated import of_calibration
 
 if TYPE_CHECKING:
     from common.endpoints import Bus
@@ -28,11 +29,12 @@ class Job:
     cell: Cell
     places: Places
     bounds: Bounds
-    force: bool = False  # write and send it although it failed
+    force: bool = False  # write it although it failed; never use it
+    use: bool = False  # put it into use when it has passed
 
 
 def conclude(job: Job, evidence: Evidence, bus: "Bus | None") -> int:
-    """Print what was found, judge it; write it, and give it to the running cell, unless it failed.
+    """Print what was found, judge it, write it, put it into use when that is wanted and it passed.
 
     Args:
         job: What is calibrated.
@@ -48,49 +50,83 @@ def conclude(job: Job, evidence: Evidence, bus: "Bus | None") -> int:
 
 
 def settle(job: Job, found: Findings, bus: "Bus | None") -> int:
-    """Write what was found, and give it to the running cell, unless it failed."""
-    failed = found.verdict.passed is False
-    page = job.places.report(failed=failed)
-    if failed and not job.force:
-        save_page(found, page)
-        typer.echo(f"nothing was written or sent; the report is {page}")
-        typer.echo(
-            "look for contact, a loose tool or cable, a wrong T_flange_sensor; --force uses it"
-        )
+    """Write what was found; put it into use when wanted and passed. Return the exit code.
+
+    The last sentence says whether the cell uses it; wanted and not used is never exit code 0.
+    """
+    if found.verdict.passed is False:
+        return _settle_failed(job, found)
+    if not job.use:
+        _write(job.places.unused, found)
+        typer.echo(_not_used(job.places, "only --use puts it into use"))
+        return OK
+    objection = of_calibration(found.section, job.cell).objection
+    if found.verdict.passed is None:
+        objection = "no fresh pose has verified it (--verify-with, or --verify-poses above 0)"
+    if objection:
+        _write(job.places.unused, found)
+        typer.echo(_not_used(job.places, objection))
         return NOT_WELL
-    _write(job, found, page)
-    _hand_over(found, bus)
-    return NOT_WELL if failed else OK
+    return _put_into_use(job, found, bus)
 
 
-def _write(job: Job, found: Findings, page: Path) -> None:
-    places = job.places
-    keep_before(places.calibration)
-    found.section.save(places.calibration)
-    typer.echo(f"calibration {found.section.revision} written to {places.calibration}")
-    if places.advice:
-        typer.echo(places.advice)
-    keep_before(page)
+def _settle_failed(job: Job, found: Findings) -> int:
+    if job.force:
+        _write(job.places.unused, found)
+        typer.echo(_not_used(job.places, "it failed"))
+        return NOT_WELL
+    page = job.places.failed_page
     save_page(found, page)
-    typer.echo(f"report: {page}")
+    typer.echo(
+        "look for contact, a loose tool or cable, a wrong T_flange_sensor; --force writes it"
+    )
+    typer.echo(f"nothing was written or put into use; the report is {page}")
+    return NOT_WELL
 
 
-def _hand_over(found: Findings, bus: "Bus | None") -> None:
+def _put_into_use(job: Job, found: Findings, bus: "Bus | None") -> int:
+    """Give it to the running cell, and to its next start when it was taken."""
     from cli.calibration.send import send
 
+    places, revision = job.places, found.section.revision
     if bus is None:
-        typer.echo("the cell is not up: it takes the file when it is started")
-        return
+        _write(places.calibration, found)
+        typer.echo(places.advice or "the cell is not up: it takes the file when it is started")
+        return OK
     try:
         reply = send(bus, found.section)
     except BusError as error:
-        typer.echo(f"{error}; the file stays, the cell takes it when it is started", err=True)
-        return
-    if reply.accepted:
-        typer.echo(reply.text)
-    else:
-        text = f"the running cell refused it ({reply.code}): {reply.text}"
-        typer.echo(f"{text}; the file stays, the cell takes it when it is started", err=True)
+        _write(places.unused, found)
+        typer.echo(
+            f"{error}; whether the cell uses calibration {revision} is not known: `forcemesh "
+            f"status` says how it is, and the file is {places.unused}"
+        )
+        return NO_ANSWER
+    if not reply.accepted:
+        _write(places.unused, found)
+        why = f"the running cell refused it ({reply.code}): {reply.text}"
+        typer.echo(_not_used(places, f"{why}; it goes on with the one that it had"))
+        return REFUSED
+    _write(places.calibration, found)
+    if places.advice:
+        typer.echo(f"{places.advice}, also after its next start")
+    typer.echo(reply.text)
+    return OK
+
+
+def _not_used(places: Places, why: str) -> str:
+    return f"the cell does not use it: {why}; {places.advice or f'the file is {places.unused}'}"
+
+
+def _write(path: Path, found: Findings) -> None:
+    """Write calibration and page; what was there before is kept beside them."""
+    keep_before(path)
+    found.section.save(path)
+    typer.echo(f"calibration {found.section.revision} written to {path}")
+    page = path.with_suffix(".html")
+    keep_before(page)
+    save_page(found, page)
+    typer.echo(f"report: {page}")
 
 
 def keep_readings(job: Job, dwells: Sequence[Dwell]) -> None:

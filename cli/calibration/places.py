@@ -18,13 +18,21 @@ class Places:
     advice: str = ""  # what to do so that the cell uses it, empty when it does by itself
 
     @property
+    def unused(self) -> Path:
+        """Where a calibration goes that is not put into use: never where the cell would take it."""
+        if self.advice:
+            return self.calibration
+        return self.calibration.with_suffix(f".unused{self.calibration.suffix}")
+
+    @property
     def readings(self) -> Path:
         """Where the single readings go."""
         return self.calibration.with_suffix(".csv")
 
-    def report(self, *, failed: bool) -> Path:
-        """Where the page goes; that of a failed run does not take the place of a good one."""
-        return self.calibration.with_suffix(".failed.html" if failed else ".html")
+    @property
+    def failed_page(self) -> Path:
+        """Where the page of a failed run goes: it does not take the place of a good one."""
+        return self.calibration.with_suffix(".failed.html")
 
 
 def places_of(cell: Cell, cell_file: Path, out: Path | None) -> Places:

@@ -25,6 +25,13 @@ class Route:
     q_start: Array
     hub: Array
 
+    @property
+    def lift_m(self) -> float:
+        """Height of the hub above the start [m]; between them the tool does not turn."""
+        arm = self.fence.arm
+        hub, start = arm.flange_pose(self.hub), arm.flange_pose(self.q_start)
+        return float(hub.translation[2] - start.translation[2])
+
     def way(self, q_from: Array, q_to: Array) -> list[Array]:
         """Return the joint goals [rad] that lead to a pose, the last one the pose itself."""
         if not self.fence.way_complaint(q_from, q_to):

@@ -9,8 +9,9 @@ from itertools import pairwise
 
 import numpy as np
 
+from cli.calibration.contact import refuse_relieved
 from cli.calibration.drive import Drive
-from cli.calibration.errors import PoseRefusedError, StoppedError
+from cli.calibration.errors import InContactError, PoseRefusedError, StoppedError
 from cli.calibration.gather import Gatherer
 from cli.calibration.plan import Plan
 from cli.calibration.rows import Dwell, Purpose
@@ -23,6 +24,7 @@ from common.errors import RefusedError
 from common.frames import Array
 
 BOTH: tuple[Purpose, ...] = ("fit", "verify")
+FREE_READ_S = 0.2  # enough to tell a touch from the sensor's noise
 RAMP_S = 0.5  # speeding up, slowing down, and being believed to be there
 
 
@@ -41,7 +43,8 @@ class Wizard:
         """Subscribe; nothing moves before `run`."""
         self.plan = plan
         self.dwells: list[Dwell] = []
-        self._pace, self._teller, self._clock = pace, teller, bus.clock
+        self._pace, self._cell, self._clock = pace, cell, bus.clock
+        self.teller = teller  # may be another one for the way back
         self._drive = Drive(bus, pace.speed_m_s)
         self._gatherer = Gatherer(bus, cell)
         self._at: Array = plan.route.q_start
@@ -64,17 +67,24 @@ class Wizard:
 
         Raises ForcemeshError with what stopped it; the arm is then where it is.
         """
+        self.measure(purposes)
+        self.come_back()
+
+    def measure(self, purposes: tuple[Purpose, ...] = BOTH) -> None:
+        """Arm and visit every pose; the arm stays at the last one, armed. Raises as `run`."""
         self._total_s = expected_s(self.plan, self._pace, purposes)
         self._gatherer.until_heard()
         self._arm()
-        self._stage = "to the hub"
-        self._go(self.plan.route.way_out(self._at))
+        self._lift()
         for purpose in purposes:
             self._visit_all(purpose)
+
+    def come_back(self) -> None:
+        """Go back to where the arm began, and leave it as it was found. Raises as `run`."""
         self._stage = "back to the start"
         self._go([self.plan.route.hub, *self.plan.route.way_home(self.plan.route.hub)])
         self._drive.release()
-        self._teller.note("the arm is back where it began")
+        self.teller.note("the arm is back where it began")
 
     def abandon(self, reason: str) -> str:
         """Stop the arm where it is, when it was armed for this; return the answer."""
@@ -83,10 +93,29 @@ class Wizard:
     def _arm(self) -> None:
         self._begun = True  # also when it is interrupted before the answer has come
         try:
-            self._teller.note(self._drive.arm())
+            self.teller.note(self._drive.arm())
         except (RefusedError, StoppedError):
             self._begun = False
             raise
+
+    def _lift(self) -> None:
+        """Go to the hub, straight above the start. Raises InContactError when that relieved it."""
+        self._stage = "to the hub"
+        way = self.plan.route.way_out(self._at)
+        if not way:
+            return
+        before_N = self._force_N()
+        self._go(way)
+        after_N = self._force_N()
+        try:
+            refuse_relieved(before_N, after_N, self.plan.route.lift_m, self._cell)
+        except InContactError:
+            self._drive.release()
+            raise
+
+    def _force_N(self) -> Array:
+        """Return the mean reading of the force here, sensor axes. Shape (3,)."""
+        return np.asarray(self._read("fit", FREE_READ_S).force_N.mean(axis=0))
 
     def _visit_all(self, purpose: Purpose) -> None:
         visited: list[int] = []
@@ -101,7 +130,7 @@ class Wizard:
             try:
                 self._go(self.plan.route.way(self._at, self.plan.q[left[0]]))
             except PoseRefusedError as error:
-                self._teller.note(f"{self._stage} is left out, another one is taken: {error}")
+                self.teller.note(f"{self._stage} is left out, another one is taken: {error}")
                 self.plan = self.plan.without(left[0])
                 self._back()
                 continue
@@ -109,14 +138,17 @@ class Wizard:
             self.dwells.append(self._dwell(purpose))
 
     def _dwell(self, purpose: Purpose) -> Dwell:
+        return self._read(purpose, self._pace.dwell_s)
+
+    def _read(self, purpose: Purpose, duration_s: float) -> Dwell:
         began_ns = self._clock.now_ns()
-        expected_s = WINDOW_S + self._pace.dwell_s
+        expected_s = WINDOW_S + duration_s
 
         def watch(what: str) -> None:
             self._drive.check()
             self._tell(what, began_ns, expected_s)
 
-        dwell = self._gatherer.dwell(purpose, self._pace.dwell_s, watch)
+        dwell = self._gatherer.dwell(purpose, duration_s, watch)
         self._done_s += expected_s
         return dwell
 
@@ -142,7 +174,7 @@ class Wizard:
     def _tell(self, what: str, began_ns: int, expected_s: float) -> None:
         spent_s = (self._clock.now_ns() - began_ns) / NS_PER_S
         done_s = self._done_s + min(spent_s, expected_s)
-        self._teller.progress(min(done_s, self._total_s), self._total_s, f"{self._stage}: {what}")
+        self.teller.progress(min(done_s, self._total_s), self._total_s, f"{self._stage}: {what}")
 
 
 def expected_s(plan: Plan, pace: Pace, purposes: tuple[Purpose, ...] = BOTH) -> float:
@@ -153,4 +185,5 @@ def expected_s(plan: Plan, pace: Pace, purposes: tuple[Purpose, ...] = BOTH) -> 
     ways_m = sum(route.length_m(a, b) for a, b in pairwise(stops))
     ways_m += route.length_m(route.hub, route.q_start)
     moving_s = ways_m / pace.speed_m_s + RAMP_S * (len(stops) + 1)
-    return moving_s + len(places) * (WINDOW_S + pace.dwell_s)
+    free_s = 2.0 * (WINDOW_S + FREE_READ_S) if route.way_out(route.q_start) else 0.0
+    return moving_s + free_s + len(places) * (WINDOW_S + pace.dwell_s)

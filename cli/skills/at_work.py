@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 INTERRUPTED = 130
 TAKEN_OVER = "force feedback runs already: this takes it over, and ends it at its own end"
 
+LOADED = "the tool is loaded with {:.1f} N already: `forcemesh retract` leaves a contact"
+
 
 @contextmanager
 def at_work(named: Path | None) -> "Iterator[tuple[Cell, Tell]]":
@@ -27,6 +29,8 @@ def at_work(named: Path | None) -> "Iterator[tuple[Cell, Tell]]":
     with cell_of(named) as cell:
         if cell.status().commander == "regulator":
             typer.echo(TAKEN_OVER, err=True)
+        elif (load_N := cell.load_N()) is not None:
+            typer.echo(LOADED.format(load_N), err=True)
         try:
             with bar() as tell, like_ctrl_c():
                 yield cell, tell

@@ -2,6 +2,7 @@
 
 import json
 import sys
+import tempfile
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
@@ -164,6 +165,9 @@ def guide(
     record: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Write the way of the flange there.")
     ] = None,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="With --record: over a file that is there.")
+    ] = False,
     playback: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Go a recorded way; nobody guides.")
     ] = None,
@@ -184,6 +188,10 @@ def guide(
         fail("--record and --playback do not go together: choose one", USAGE)
     if playback is None and speed is not None:
         fail("--speed goes with --playback: a guided arm is as fast as the hand", USAGE)
+    if overwrite and record is None:
+        fail("--overwrite goes with --record", USAGE)
+    if record is not None:
+        _check_record(record, overwrite=overwrite)
     with at_work(cell) as (client, tell):
         from cli.skills import guiding, path_file
 
@@ -205,6 +213,18 @@ def guide(
                 seen.save(record)
                 typer.echo(f"{len(seen.poses)} poses written to {record}", err=True)
     typer.echo(f"guided along {seen.way_mm:.0f} mm, with {seen.peak_N:.1f} N at most")
+
+
+def _check_record(path: Path, *, overwrite: bool) -> None:
+    """End the verb, before a hand has guided anything, where its way could not be written."""
+    if path.exists() and not overwrite:
+        fail(f"--record {path}: is there already: choose another name, or --overwrite", USAGE)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=path.parent):
+            pass
+    except OSError as error:
+        fail(f"--record {path}: cannot be written: {error.strerror}", USAGE)
 
 
 def _enter_pressed() -> Callable[[], bool]:

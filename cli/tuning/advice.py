@@ -4,15 +4,21 @@ from dataclasses import asdict, dataclass
 from math import ceil
 from typing import Any
 
-from cli.tuning.identify import Servo, Spring
+from cli.tuning.answer import Answer
 from cli.tuning.margins import Forecast, Loop, Margins, forecast, margins
+from cli.tuning.servo import Servo
+from cli.tuning.spring import Spring
 from common.cell import Cell
 from common.messages import Gains, Host
+from services.regulator import plain_map
+from services.regulator.adaptive_map import loop_hz, remark
 from services.regulator.tuning import INERTIA_MARGIN, LOOP_GAIN
 
 LEAST_PHASE_DEG, LEAST_GAIN = 50.0, 2.0
 SMALLER = 0.85
-MORE_DELAY_S = 0.001  # the delay is rather said too long than too short
+SHORTEST_S = 1e-3  # of what is left of a delay
+SHORTEST_LAG_S = 1e-4  # that a cell file may say
+LONGER_S = 0.005  # by which the adaptive law bears a delay that is said too long
 APPROACH_SHARE = 0.95
 
 
@@ -22,7 +28,7 @@ class Measured:
 
     servo: Servo
     spring: Spring | None
-    controller_tau_s: float | None = None
+    controller: Answer | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +66,9 @@ def advise(
 ) -> Advice:
     """Return the gains for a host, by the gain rule, and less where their margins are too small.
 
+    They are for delays two deviations longer than measured, and for the worst way in which what was
+    measured may be split into delay and lag.
+
     Args:
         cell: The cell as it is set up now.
         measured: What was measured.
@@ -67,25 +76,56 @@ def advise(
         force_now: Gain of force along the tool's axis that is set now [m/(N s)].
         torque_now: Gain of torque across it [rad/(N m s)].
     """
-    lag_s, filter_s = measured.servo.lag_s, cell.filter.lowpass_s
-    if host == "controller" and measured.controller_tau_s is not None:
-        delay_s = max(measured.controller_tau_s - lag_s - filter_s, 1e-3)
-    else:
-        others_s = cell.loop_delay_s - cell.robot.delay_s - cell.robot.lag_s - filter_s
-        delay_s = measured.servo.delay_s + others_s
     k, tilt = stiffness_of(cell, measured)
-    contact = cell.contact
-    force = Loop(k, 0.0, delay_s, lag_s, filter_s, contact.inertia_kg)
-    torque = Loop(tilt, 0.0, delay_s, lag_s, filter_s, contact.inertia_kg_m2)
-    bandwidth = cell.robot.bandwidth_rad_s
+    contact, bandwidth = cell.contact, cell.robot.bandwidth_rad_s
+    splits = [_delays(cell, measured, host, lag_s) for lag_s in measured.servo.lags_s]
+    forces = [Loop(k, 0.0, *split, contact.inertia_kg) for split in splits]
+    torques = [Loop(tilt, 0.0, *split, contact.inertia_kg_m2) for split in splits]
+    force, torque = (_least(loops, bandwidth) for loops in (forces, torques))
     return Advice(
         host=host,
         tau_s=force.tau_s,
-        force=judged(recommended(force, bandwidth)),
-        torque=judged(recommended(torque, bandwidth)),
+        force=judged(force),
+        torque=judged(torque),
         force_now=judged(force.with_gain(force_now)),
         torque_now=judged(torque.with_gain(torque_now)),
     )
+
+
+def refused(cell: Cell, measured: Measured, advices: list[Advice]) -> str:
+    """Say why nothing is recommended; empty: the law bears all that was measured."""
+    k = cell.contact.stiffness_N_m if measured.spring is None else measured.spring.k_N_m
+    found = (plain_map.outside(loop_hz(cell), advice.tau_s, k) for advice in advices)
+    return next((text for text in found if text), "")
+
+
+def remarks(cell: Cell, measured: Measured, sections: dict[str, dict[str, float]]) -> list[str]:
+    """Return what must be known of the recommended numbers where the cell's law is the adaptive."""
+    if cell.force.law != "adaptive":
+        return []
+    robot = cell.robot.model_copy(update=sections["robot"])
+    said = [remark(cell.model_copy(update={"robot": robot}))]
+    longer_s = robot.delay_s + robot.lag_s - measured.servo.least_s
+    if longer_s > LONGER_S:
+        said.append(
+            f"the delay may be said {1e3 * longer_s:.0f} ms too long, the adaptive law was "
+            f"promised to bear {1e3 * LONGER_S:g}: it settles later, and does not overshoot"
+        )
+    return [text for text in said if text]
+
+
+def _delays(cell: Cell, measured: Measured, host: Host, lag_s: float) -> tuple[float, float, float]:
+    """Return pure delay, lag and filter of a loop whose arm has a lag [s]."""
+    filter_s = cell.filter.lowpass_s
+    if host == "controller" and measured.controller is not None:
+        return max(measured.controller.bound_s - lag_s - filter_s, SHORTEST_S), lag_s, filter_s
+    others_s = cell.loop_delay_s - cell.robot.delay_s - cell.robot.lag_s - filter_s
+    return measured.servo.bound_s - lag_s + others_s, lag_s, filter_s
+
+
+def _least(loops: list[Loop], bandwidth_rad_s: float) -> Loop:
+    """Return the loop that bears the least gain."""
+    return min((recommended(loop, bandwidth_rad_s) for loop in loops), key=lambda one: one.gain)
 
 
 def stiffness_of(cell: Cell, measured: Measured) -> tuple[float, float]:
@@ -117,12 +157,13 @@ def judged(loop: Loop) -> Judged:
 def lines(cell: Cell, measured: Measured, advices: list[Advice]) -> dict[str, dict[str, float]]:
     """Return the sections of the cell file that say what was measured; the gains follow from them.
 
-    One delay must serve both hosts: it is that of the slower one.
+    One delay must serve both hosts: it is that of the slower one. The lag is the cell's own where
+    what was measured leaves room for it.
     """
     fixed_s = cell.loop_delay_s - cell.robot.delay_s - cell.robot.lag_s
     longest_s = max(advice.tau_s for advice in advices)
-    delay_s = longest_s - fixed_s - measured.servo.lag_s + MORE_DELAY_S
-    robot = {"delay_s": _up(delay_s, 1e-3), "lag_s": _up(measured.servo.lag_s, 1e-4)}
+    lag_s = _up(max(measured.servo.lag_near_s(cell.robot.lag_s), SHORTEST_LAG_S), 1e-4)
+    robot = {"delay_s": _up(longest_s - fixed_s - lag_s, 1e-3), "lag_s": lag_s}
     if (bandwidth := _bandwidth(cell, advices)) > cell.robot.bandwidth_rad_s:
         robot["bandwidth_rad_s"] = _up(bandwidth, 0.1)
     found = {"robot": robot}
@@ -156,28 +197,43 @@ def _ruled(loop: Loop, bandwidth_rad_s: float) -> float:
 
 
 def as_dict(
-    measured: Measured, advices: list[Advice], sections: dict[str, dict[str, float]]
+    cell: Cell, measured: Measured, advices: list[Advice], sections: dict[str, dict[str, float]]
 ) -> dict[str, Any]:
-    """Return what `--json` prints; numbers that are infinite become null."""
-    spring = measured.spring
+    """Return what `--json` prints; numbers that are infinite become null.
+
+    Where nothing is recommended there is a sentence that says why, and no gains.
+    """
+    servo, spring, controller = measured.servo, measured.spring, measured.controller
+    why_not = refused(cell, measured, advices)
     return {
         "tau_s": advices[0].tau_s,
-        "delay_s": measured.servo.delay_s,
-        "lag_s": measured.servo.lag_s,
+        "delay_and_lag_s": servo.sum_s,
+        "delay_and_lag_deviation_s": servo.deviation_s,
+        "lag_range_s": servo.lags_s,
+        "split_is_known": servo.is_split,
         "stiffness_N_m": None if spring is None else spring.k_N_m,
-        "stiffness_spread_N_m": None if spring is None else spring.spread_N_m,
-        "cell_file": sections,
-        "hosts": {
-            advice.host: {
-                "tau_s": advice.tau_s,
-                "gains": advice.gains.model_dump(),
-                "position": _plain(advice.force),
-                "position_now": _plain(advice.force_now),
-                "orientation": _plain(advice.torque),
-                "orientation_now": _plain(advice.torque_now),
-            }
-            for advice in advices
-        },
+        "stiffness_deviation_N_m": None if spring is None else spring.spread_N_m,
+        "controller_tau_s": None if controller is None else controller.tau_s,
+        "controller_tau_deviation_s": None if controller is None else controller.deviation_s,
+        "refused": why_not or None,
+        "remarks": remarks(cell, measured, sections),
+        "cell_file": None if why_not else sections,
+        "hosts": {advice.host: _host(advice, is_refused=bool(why_not)) for advice in advices},
+    }
+
+
+def _host(advice: Advice, *, is_refused: bool) -> dict[str, Any]:
+    now = {
+        "tau_s": advice.tau_s,
+        "position_now": _plain(advice.force_now),
+        "orientation_now": _plain(advice.torque_now),
+    }
+    if is_refused:
+        return now
+    return now | {
+        "gains": advice.gains.model_dump(),
+        "position": _plain(advice.force),
+        "orientation": _plain(advice.torque),
     }
 
 

@@ -1,30 +1,36 @@
-"""What records of an arm say about its delay, its lag and the stiffness of what it touches. Pure.
+"""Delay and lag of an arm, from its records of commands and poses. Pure.
 
-The model is the regulator's own: a command passes a pure delay and two equal first-order lags,
+A command passes a pure delay D and n equal first-order lags whose sum is L. Each command holds
+until the next one, so that the answer is a sum over the steps of the command:
 
-    y(t) = offset + lag/2 after lag/2 of command(t - delay)
+    y(t) = offset + sum_k step_k G(t - t_k - D)
+    G(t) = 1 - exp(-x) sum_(j<n) x^j / j!,    x = n t / L
 
-The least squares over a grid of delays and lags, refined once, is robust against what a search by
-gradients trips over: commands that hold between two periods, poses that come at their own pace.
+D + L, by which all motion is late, is sharp in the records. L^2 / n, by which its corners are
+rounded, shows in the corners alone, and n hardly anywhere. So several n are fitted, and the lag is
+known as far as they agree (servo.py). A bare servo has one or two lags; behind a moving average of
+set points its corners are rounded as by five at most.
 """
 
 from dataclasses import dataclass
+from math import factorial, sqrt
 
 import numpy as np
 
 from common.errors import DataError
 from common.frames import Array
 
-GRID_S = 0.0005  # of the model's time
-COARSE_S = 0.002
-FINER = ((0.008, 0.0005), (0.001, 0.0001))  # so far around the best so far, in such steps
-LONGEST_DELAY_S, LONGEST_LAG_S = 0.25, 0.12
+STAGES = (1, 2, 5)
+LONGEST_S = 0.3  # delay and lag together
+START_STEP_S = 0.002
+START_SHARES = (0.1, 0.3, 0.5, 0.7, 0.9)  # of the lag in their sum: one search from each
+SHORTEST_LAG_S = 1e-4
+SEARCHES, CONVERGED_S = 40, 1e-6
 LEAST_SAMPLES = 20
-LEAST_WAY_M = 2e-4
+LEAST_STEP_M, LEAST_WAY_M = 1e-9, 2e-4
+LEAST_REST_M = 1e-9  # rounding of a record without noise
 WORST_FIT = 0.15  # of the motion's deviation: a larger rest is no delay and lag
-WORST_ANSWER = 0.2  # of the step of the set point
-LEAST_PLACES = 2
-LEAST_FORCE_N = 1.0
+MOST_ALIKE = 0.99  # correlation of a residual with the next one
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,125 +44,131 @@ class Steps:
 
 
 @dataclass(frozen=True, slots=True)
-class Servo:
-    """What the records say."""
+class Fit:
+    """Delay and lag with one number of stages; deviations are standard deviations."""
 
+    stages: int
     delay_s: float
     lag_s: float
     rest_m: float  # deviation of what was seen from the model
-    spread_s: float  # standard deviation of delay + lag
+    sum_deviation_s: float  # of delay + lag
+    lag_deviation_s: float
+
+    @property
+    def sum_s(self) -> float:
+        """Delay and lag together."""
+        return self.delay_s + self.lag_s
 
 
 @dataclass(frozen=True, slots=True)
-class Spring:
-    """The stiffness along the press axis."""
+class _Point:
+    """One delay and lag, with what they leave unexplained."""
 
-    k_N_m: float
-    spread_N_m: float  # standard deviation
+    delay_s: float
+    lag_s: float
+    off_m: Array  # seen less model, without its mean. Shape (M,)
+    slopes: Array  # of the model by delay and by lag, without their means. Shape (M, 2)
 
     @property
-    def bound_N_m(self) -> float:
-        """What gains should be safe for: two deviations more."""
-        return self.k_N_m + 2.0 * self.spread_N_m
+    def square(self) -> float:
+        return float(self.off_m @ self.off_m)
 
 
-def identify(steps: Steps) -> Servo:
-    """Return delay and lag. Raises DataError when the records do not tell them."""
+@dataclass(frozen=True, slots=True)
+class _Task:
+    """What is fitted: the steps of the command, what was seen, and the number of stages."""
+
+    at_s: Array  # of each step. Shape (K,)
+    steps_m: Array
+    seen_s: Array
+    seen_m: Array
+    stages: int
+
+    def at(self, delay_s: float, lag_s: float) -> _Point:
+        """Return the point of a delay and a lag."""
+        n = self.stages
+        age_s = np.maximum(self.seen_s[:, None] - delay_s - self.at_s[None, :], 0.0)
+        x = n / lag_s * age_s
+        left = np.exp(-x)
+        model_m = (1.0 - left * sum(x**j / factorial(j) for j in range(n))) @ self.steps_m
+        density = np.where(age_s > 0.0, n / lag_s * x ** (n - 1) / factorial(n - 1) * left, 0.0)
+        by_lag = (density * age_s / lag_s) @ self.steps_m
+        slopes = -np.stack((density @ self.steps_m, by_lag), axis=1)
+        off_m = self.seen_m - model_m
+        return _Point(delay_s, lag_s, off_m - off_m.mean(), slopes - slopes.mean(axis=0))
+
+
+def identify(steps: Steps) -> tuple[Fit, ...]:
+    """Return delay and lag, once for each of STAGES.
+
+    Raises DataError when the records do not show them.
+    """
     _check(steps)
-    start_s, end_s = steps.sent_s[0], steps.seen_s[-1]
-    t = np.arange(start_s - LONGEST_DELAY_S, end_s + GRID_S, GRID_S)
-    held = np.searchsorted(steps.sent_s, t, side="right") - 1
-    command = steps.sent_m[np.maximum(held, 0)]
-    useful = steps.seen_s > start_s
+    useful = steps.seen_s > steps.sent_s[0]
     seen_s, seen_m = steps.seen_s[useful], steps.seen_m[useful]
-    lags = np.arange(0.0, LONGEST_LAG_S, COARSE_S)
-    delays = np.arange(0.0, LONGEST_DELAY_S, COARSE_S)
-    delay_s, lag_s, rest_m = _best(t, command, seen_s, seen_m, delays=delays, lags=lags)
-    for around_s, step_s in FINER:
-        off_s = np.arange(-around_s, around_s + 0.5 * step_s, step_s)
-        delays, lags = np.maximum(delay_s + off_s, 0.0), np.maximum(lag_s + off_s, 0.0)
-        delay_s, lag_s, rest_m = _best(t, command, seen_s, seen_m, delays=delays, lags=lags)
-    if rest_m > WORST_FIT * float(np.std(seen_m)):
-        share = 100.0 * rest_m / float(np.std(seen_m))
-        raise DataError(f"the arm did not do what it was told: {share:.0f} % of its way is unlike")
-    speed = np.gradient(
-        np.interp(seen_s - delay_s, t, _lagged(command, np.array([lag_s]))[:, 0]), seen_s
+    steps_m = np.diff(steps.sent_m)
+    moves = np.abs(steps_m) > LEAST_STEP_M
+    sum_s = _start(steps, seen_s, seen_m)
+    at_s, steps_m = steps.sent_s[1:][moves], steps_m[moves]
+    fits = tuple(_fit(_Task(at_s, steps_m, seen_s, seen_m, n), sum_s) for n in STAGES)
+    best = min(fits, key=lambda fit: fit.rest_m)
+    share = best.rest_m / float(np.std(seen_m))
+    if share > WORST_FIT:
+        unlike = f"{100.0 * share:.0f} % of its way is unlike"
+        raise DataError(f"the arm did not do what it was told: {unlike}")
+    if best.sum_s > LONGEST_S:
+        raise DataError(f"the arm follows its commands later than {1e3 * LONGEST_S:.0f} ms")
+    return fits
+
+
+def _fit(task: _Task, sum_s: float) -> Fit:
+    """Return the best of the searches that begin with a sum of delay and lag."""
+    starts = (((1.0 - share) * sum_s, share * sum_s) for share in START_SHARES)
+    best = min((_search(task, *start) for start in starts), key=lambda point: point.square)
+    count, square = len(best.off_m), max(best.square, LEAST_REST_M**2)
+    alike = float(np.clip(best.off_m[1:] @ best.off_m[:-1] / square, 0.0, MOST_ALIKE))
+    samples = count * (1.0 - alike) / (1.0 + alike)
+    covariance = (
+        np.linalg.pinv(best.slopes.T @ best.slopes) * square / (count - 3) * count / samples
     )
-    spread_s = rest_m / max(float(np.linalg.norm(speed)), 1e-12)
-    return Servo(delay_s, lag_s, rest_m, spread_s)
-
-
-def spring(ways_m: Array, forces_N: Array) -> Spring:
-    """Return the stiffness from places at rest: way into the surface and force that pushes back.
-
-    Args:
-        ways_m: Deeper is larger. Shape (N,).
-        forces_N: Along the tool's axis; the tool presses with it. Shape (N,).
-
-    Raises:
-        DataError: Too few places, or the force does not rise with the way.
-    """
-    if len(ways_m) < LEAST_PLACES or np.ptp(forces_N) < LEAST_FORCE_N:
-        raise DataError("the press did not change the force enough to tell a stiffness")
-    way, force = ways_m - np.mean(ways_m), forces_N - np.mean(forces_N)
-    along = float(force @ force)
-    compliance = float(way @ force) / along  # way has the noise of poses: it is what is regressed
-    if compliance <= 0.0:
-        raise DataError("the force does not rise with the way: does something move?")
-    rest_m = way - compliance * force
-    spread = float(np.sqrt(rest_m @ rest_m / max(len(way) - 2, 1) / along))
-    k = 1.0 / compliance
-    return Spring(k, k * spread / compliance)
-
-
-def loop_delay(
-    t: Array, force_N: Array, *, first_N: float, then_N: float, ramp_N_s: float, rate: float
-) -> float:
-    """Return tau [s] of a closed loop from its answer to a new set point.
-
-        dF/dt = -rate (F(t - tau) - F_set(t - tau)),    rate = k Ki
-
-    Args:
-        t: Since the set point was sent, growing [s]. Shape (N,).
-        force_N: With which the tool presses. Shape (N,).
-        first_N: Set point until then, at which the force rested.
-        then_N: Set point that it goes to.
-        ramp_N_s: How fast the set point goes there.
-        rate: Stiffness times integral gain [1/s].
-
-    Raises:
-        DataError: The force did not follow.
-    """
-    taus = np.arange(COARSE_S, LONGEST_DELAY_S, COARSE_S)
-    model = _answers(
-        float(t[-1]), taus, first_N=first_N, then_N=then_N, ramp_N_s=ramp_N_s, rate=rate
+    return Fit(
+        stages=task.stages,
+        delay_s=best.delay_s,
+        lag_s=best.lag_s,
+        rest_m=sqrt(square / count),
+        sum_deviation_s=sqrt(max(float(covariance.sum()), 0.0)),
+        lag_deviation_s=sqrt(max(float(covariance[1, 1]), 0.0)),
     )
-    grid = np.arange(model.shape[0]) * GRID_S
-    off_N = [np.interp(t, grid, model[:, n]) - force_N for n in range(len(taus))]
-    rests = [float(np.sqrt(np.mean(off * off))) for off in off_N]
-    best = int(np.argmin(rests))
-    if rests[best] > WORST_ANSWER * abs(then_N - first_N):
-        raise DataError(
-            f"the force did not follow its set point: {rests[best]:.1f} N off the model"
+
+
+def _search(task: _Task, delay_s: float, lag_s: float) -> _Point:
+    """Return where least squares lead from here (Levenberg and Marquardt)."""
+    point, damping = task.at(delay_s, max(lag_s, SHORTEST_LAG_S)), 1e-3
+    for _ in range(SEARCHES):
+        normal = point.slopes.T @ point.slopes
+        normal = normal + np.diag(damping * normal.diagonal() + 1e-12)
+        by_s = np.linalg.solve(normal, point.slopes.T @ point.off_m)
+        then = task.at(
+            point.delay_s + float(by_s[0]),  # below zero too: their sum stays right
+            max(point.lag_s + float(by_s[1]), SHORTEST_LAG_S),
         )
-    return float(taus[best])
+        if then.square < point.square:
+            point, damping = then, 0.2 * damping
+        else:
+            damping *= 5.0
+        if np.abs(by_s).max() < CONVERGED_S:
+            break
+    return point
 
 
-def _answers(
-    duration_s: float, taus: Array, *, first_N: float, then_N: float, ramp_N_s: float, rate: float
-) -> Array:
-    """Return forces over a grid of time, one column for each tau. Shape (time, N)."""
-    count = int(duration_s / GRID_S) + 2
-    late = np.maximum(1, np.round(taus / GRID_S).astype(int))
-    way_N, sign = abs(then_N - first_N), np.sign(then_N - first_N)
-    wanted = first_N + sign * np.minimum(way_N, ramp_N_s * np.arange(count) * GRID_S)
-    force = np.full((count, len(taus)), first_N)
-    columns = np.arange(len(taus))
-    for step in range(1, count):
-        then = np.maximum(step - late, 0)
-        error = force[then, columns] - np.where(step > late, wanted[then], first_N)
-        force[step] = force[step - 1] - rate * GRID_S * error
-    return force
+def _start(steps: Steps, seen_s: Array, seen_m: Array) -> float:
+    """Return by how much the command must be shifted to be most like what was seen [s]."""
+    shifts_s = np.arange(START_STEP_S, LONGEST_S, START_STEP_S)
+    rests_m = [
+        float(np.std(np.interp(seen_s - shift_s, steps.sent_s, steps.sent_m) - seen_m))
+        for shift_s in shifts_s
+    ]
+    return float(shifts_s[np.argmin(rests_m)])
 
 
 def _check(steps: Steps) -> None:
@@ -164,34 +176,3 @@ def _check(steps: Steps) -> None:
         raise DataError("too little was heard of commands and poses: is the machine too busy?")
     if np.ptp(steps.sent_m) < LEAST_WAY_M or np.ptp(steps.seen_m) < 0.3 * np.ptp(steps.sent_m):
         raise DataError("the arm did not go the small steps that it was told")
-
-
-def _best(
-    t: Array, command: Array, seen_s: Array, seen_m: Array, *, delays: Array, lags: Array
-) -> tuple[float, float, float]:
-    """Return the delay, the lag and the deviation of the best of all pairs."""
-    lagged = _lagged(command, lags)
-    best = (0.0, 0.0, float("inf"))
-    for delay_s in delays:
-        at = (seen_s - delay_s - t[0]) / GRID_S - 1.0  # a stage answers at the end of its step
-        low = np.clip(at.astype(int), 0, len(t) - 2)
-        share = np.clip(at - low, 0.0, 1.0)[:, None]
-        off = (1.0 - share) * lagged[low] + share * lagged[low + 1] - seen_m[:, None]
-        rests = np.std(off, axis=0)  # a constant offset does not count
-        number = int(np.argmin(rests))
-        if rests[number] < best[2]:
-            best = (float(delay_s), float(lags[number]), float(rests[number]))
-    return best
-
-
-def _lagged(command: Array, lags: Array) -> Array:
-    """Return the command after each of the lags, as two equal stages. Shape (time, N)."""
-    half = 0.5 * lags
-    share = np.where(half > 0.2 * GRID_S, -np.expm1(-GRID_S / np.maximum(half, 1e-9)), 1.0)
-    first = arm = np.full(len(lags), command[0])
-    out = np.empty((len(command), len(lags)))
-    for number, value in enumerate(command):
-        first = first + share * (value - first)
-        arm = arm + share * (first - arm)
-        out[number] = arm
-    return out

@@ -1,19 +1,25 @@
 """Measures a running cell: small steps in free space, a gentle press, a step inside the controller.
 
-It is a client like any other, so it runs against real processes and in virtual time alike. The arm
-must be armed and free; at the end, and after every refusal, it is where it began.
+Each is measured again until it repeats, a few times at most; what does not repeat is refused. It is
+a client like any other, so it runs against real processes and in virtual time alike. The arm must
+be armed and free; at the end, and after every refusal, it is where it began.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from itertools import pairwise
+from math import ceil
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
 from cli.skills.feel import Feeler, Felt, Steady, Tell, force_ends, silent
-from cli.tuning.identify import Servo, Spring, Steps, identify, loop_delay, spring
+from cli.tuning import answer, servo
+from cli.tuning.answer import Answer, loop_delay
+from cli.tuning.identify import Steps, identify
+from cli.tuning.servo import Round, Servo
+from cli.tuning.spring import Spring, spring
 from common import topics
 from common.client import Cell
 from common.client.asking import stopped
@@ -30,9 +36,11 @@ STILL = (False,) * 6
 STEP_ACCEL_SHARE, STEP_ACCEL_M_S2 = 0.7, 1.5
 STEP_M_S = 0.02
 LISTEN_S, REST_S = 0.001, 0.4
-STEPS_WITHIN_S = 20.0
+STEPS_WITHIN_S = 20.0  # for each time that they are gone
+LEAST_REPORTS_HZ, MOST_LAPS = 100.0, 15  # rarer reports: so many times more steps in a round
 NEAR_N, STEADY_S, READ_S = 0.6, 0.4, 0.3
 SHARES = (1 / 3, 2 / 3, 1.0, 2 / 3, 1 / 3)  # of the press force, one place after the other
+MOST_PRESSES = 3
 LEVEL_WITHIN_S = 30.0
 ANSWER_S = 2.5
 BACK_M_S = 0.02
@@ -50,17 +58,21 @@ class Trial:
 class Readings:
     """Everything that was read: what the picture shows."""
 
-    steps: list[Steps] = field(default_factory=list)
-    servos: list[Servo] = field(default_factory=list)
+    steps: tuple[Steps, ...] = ()  # of the last round, one for each axis
+    rounds: list[Round] = field(default_factory=list)
+    servo: Servo | None = None
     ways_m: list[float] = field(default_factory=list)
     forces_N: list[float] = field(default_factory=list)
     spring: Spring | None = None
-    controller_tau_s: float | None = None
+    answers: list[Answer] = field(default_factory=list)
+    controller: Answer | None = None
 
     @property
-    def servo(self) -> Servo:
-        """The slower of the axes."""
-        return max(self.servos, key=lambda servo: servo.delay_s + servo.lag_s)
+    def arm(self) -> Servo:
+        """How late the arm is. Raises DataError before it was measured."""
+        if self.servo is None:
+            raise DataError("delay and lag were not measured")
+        return self.servo
 
 
 class Measuring:
@@ -86,54 +98,77 @@ class Measuring:
             raise NotReachedError(f"{text}: move it free, then tare")
 
     def steps(self) -> None:
-        """Go small steps across the tool's axis in free space, and listen. Raises DataError."""
+        """Go rounds of small steps across the tool's axis, in free space, until two are the same.
+
+        Raises:
+            DataError: The records show no delay, or another one each time.
+            NotReachedError: The steps leave the workspace, or take too long.
+        """
         T = self._start * self._T_flange_tcp
-        x, y = T.rotation[:, 0], T.rotation[:, 1]
-        reach = [T.translation + self._trial.step_m * axis for axis in (x, y)]
-        self._refuse_outside(reach)
-        points = (reach[0], T.translation, reach[1], T.translation)
-        limits = self._cell.config.limits
-        request = PathRequest(
-            points_m=tuple(_vec3(point) for point in points),
-            speed_m_s=min(STEP_M_S, self._cell.config.force.speed_max_m_s),
-            accel_m_s2=min(STEP_ACCEL_M_S2, STEP_ACCEL_SHARE * limits.accel_m_s2),
-            in_contact=False,
-        )
-        hear = Ears(self._cell, self._T_flange_tcp)
+        axes = (T.rotation[:, 0], T.rotation[:, 1])
+        request, laps = self._lap(T.translation, axes)
+        rounds = self.readings.rounds
         with force_ends(self._cell):
             self._cell.force.begin(ForceStartRequest(mode="position", law="plain", axes=STILL))
-            hear.for_s(REST_S)
-            self._cell.ask(topics.FORCE_PATH, request)
-            self._listen(hear)
-        for axis in (x, y):
-            steps = hear.along(axis)
-            self.readings.steps.append(steps)
-            self.readings.servos.append(identify(steps))
+            while not servo.repeats(rounds):
+                if len(rounds) == servo.MOST_ROUNDS:
+                    raise DataError(_no_repetition(rounds))
+                hear = Ears(self._cell, self._T_flange_tcp)
+                hear.for_s(REST_S)
+                self._cell.ask(topics.FORCE_PATH, request)
+                self._listen(hear, laps, f"steps in free space, round {len(rounds) + 1}")
+                self.readings.steps = tuple(hear.along(axis) for axis in axes)
+                rounds.append(tuple(identify(steps) for steps in self.readings.steps))
+        self.readings.servo = servo.servo_of(rounds[-servo.LEAST_ROUNDS :])
 
     def press(self) -> None:
-        """Press with some forces, one after the other, and read each place at rest."""
-        feeler = Feeler(self._cell)
-        for number, share in enumerate(SHARES):
-            level_N = share * self._trial.force_N
-            what = f"press {number + 1} of {len(SHARES)}"
-            self._cell.force.begin(_press(level_N))
-            way_m, force_N = self._place(feeler, level_N, what)
-            self.readings.ways_m.append(way_m)
-            self.readings.forces_N.append(force_N)
-        self.readings.spring = spring(
-            np.array(self.readings.ways_m), np.array(self.readings.forces_N)
-        )
+        """Press with some forces, one after the other, until the stiffness repeats.
+
+        Raises DataError where it does not, and as `until`.
+        """
+        feeler, readings = Feeler(self._cell), self.readings
+        for press in range(1, MOST_PRESSES + 1):
+            for number, share in enumerate(SHARES):
+                level_N = share * self._trial.force_N
+                what = f"press {press}, {number + 1} of {len(SHARES)}"
+                self._cell.force.begin(_press(level_N))
+                way_m, force_N = self._place(feeler, level_N, what)
+                readings.ways_m.append(way_m)
+                readings.forces_N.append(force_N)
+            found = spring(np.array(readings.ways_m), np.array(readings.forces_N))
+            readings.spring = found
+            if found.repeats:
+                return
+            if press == MOST_PRESSES and not found.is_known:
+                text = f"{press} presses showed {found.k_N_m:.0f} +- {found.spread_N_m:.0f} N/m"
+                raise DataError(f"{text}: press harder (--force), on something that does not move")
 
     def controller(self, gain: float) -> None:
-        """Let the controller go from one force to another, and see how late it answers.
+        """Let the controller go from one force to another and back until it is as late each time.
 
         Args:
             gain: Integral gain along the tool's axis that it has [m/(N s)].
+
+        Raises:
+            DataError: The force did not follow, or never twice alike.
         """
-        if self.readings.spring is None:
-            return
+        answers = self.readings.answers
+        levels_N = (SHARES[0] * self._trial.force_N, self._trial.force_N)
+        while not answer.repeats(answers):
+            if len(answers) == answer.MOST_ANSWERS:
+                seen = ", ".join(f"{1e3 * one.tau_s:.0f}" for one in answers)
+                raise DataError(
+                    f"in the controller the force answers after {seen} ms, never twice alike: "
+                    "`--no-controller` leaves it out"
+                )
+            first_N, then_N = levels_N if len(answers) % 2 == 0 else levels_N[::-1]
+            answers.append(self._answer(gain, first_N, then_N))
+        self.readings.controller = answer.together(answers[-answer.LEAST_ANSWERS :])
+
+    def _answer(self, gain: float, first_N: float, then_N: float) -> Answer:
+        """Return how late the controller's force follows one step of its set point."""
+        assert self.readings.spring is not None  # noqa: S101 - it presses before
         feeler = Feeler(self._cell)
-        first_N, then_N = SHARES[0] * self._trial.force_N, self._trial.force_N
         self._cell.force.begin(_press(first_N, host="controller"))
         rested = self._place(feeler, first_N, "in the controller")[1]
         sent_s = feeler.t_s
@@ -144,7 +179,7 @@ class Measuring:
             what="in the controller",
             tell=self._tell,
         )
-        self.readings.controller_tau_s = loop_delay(
+        return loop_delay(
             np.array([one.t_s - sent_s for one in felt]),
             np.array([one.press_N for one in felt]),
             first_N=rested,
@@ -164,18 +199,33 @@ class Measuring:
         )
         self._cell.move.begin(request).wait()
 
-    def _listen(self, hear: "Ears") -> None:
-        began_ns = self._clock.now_ns()
+    def _lap(self, p_tcp_m: Array, axes: tuple[Array, Array]) -> tuple[PathRequest, int]:
+        """Return the steps of one round, and how many times they are gone in it."""
+        reach = [p_tcp_m + self._trial.step_m * axis for axis in axes]
+        self._refuse_outside(reach)
+        config = self._cell.config
+        laps = min(MOST_LAPS, max(1, ceil(LEAST_REPORTS_HZ / config.rates.robot_hz)))
+        points = (reach[0], p_tcp_m, reach[1], p_tcp_m) * laps
+        request = PathRequest(
+            points_m=tuple(_vec3(point) for point in points),
+            speed_m_s=min(STEP_M_S, config.force.speed_max_m_s),
+            accel_m_s2=min(STEP_ACCEL_M_S2, STEP_ACCEL_SHARE * config.limits.accel_m_s2),
+            in_contact=False,
+        )
+        return request, laps
+
+    def _listen(self, hear: "Ears", laps: int, what: str) -> None:
+        began_ns, within_s = self._clock.now_ns(), laps * STEPS_WITHIN_S
         arrived_ns: int | None = None
         while arrived_ns is None or self._clock.now_ns() - arrived_ns < REST_S * NS_PER_S:
             hear.for_s(LISTEN_S)
             spent_s = (self._clock.now_ns() - began_ns) / NS_PER_S
-            self._tell(spent_s, STEPS_WITHIN_S, "small steps in free space")
+            self._tell(spent_s, within_s, what)
             target = self._cell.target.reading().message
             if target is not None and target.path_left_m == 0.0 and arrived_ns is None:
                 arrived_ns = self._clock.now_ns()
-            if spent_s > STEPS_WITHIN_S:
-                raise NotReachedError(f"the small steps took longer than {STEPS_WITHIN_S:g} s")
+            if spent_s > within_s:
+                raise NotReachedError(f"the small steps took longer than {within_s:g} s")
             if not self._cell.status().goes_on:
                 raise stopped(self._cell.status(), "the arm was stopped")
 
@@ -293,6 +343,15 @@ def measure(
 
 def _press(level_N: float, host: Any = "pc") -> ForceStartRequest:
     return ForceStartRequest(mode="position", host=host, setpoint_N=level_N, law="plain")
+
+
+def _no_repetition(rounds: list[Round]) -> str:
+    sums_ms = ", ".join(f"{1e3 * sum_s:.1f}" for sum_s in servo.sums(rounds))
+    return (
+        f"delay and lag together were {sums_ms} ms in {len(rounds)} rounds, never twice within "
+        f"{1e3 * servo.REPEATS_S:g} ms: free this machine of other work (`forcemesh doctor` looks "
+        "at it and at the link), then tune again"
+    )
 
 
 def _vec3(point: Array) -> Vec3:

@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 from cli.tuning.advice import Advice, Judged
 from cli.tuning.margins import frequencies, release, response
 from cli.tuning.measure import Readings
+from cli.tuning.servo import SIGMAS
 from common.errors import DataError
 
 NOW, ADVISED, MODEL = "tab:orange", "tab:blue", "0.4"
@@ -32,13 +33,13 @@ def save(path: Path, readings: Readings, advices: list[Advice], title: str) -> N
 
 
 def _steps(axes: Axes, readings: Readings) -> None:
-    servo = readings.servo
-    steps = readings.steps[readings.servos.index(servo)]
+    servo, steps = readings.arm, readings.steps[0]
     start_s, place_m = steps.sent_s[0], steps.sent_m[0]
     axes.step(steps.sent_s - start_s, 1e3 * (steps.sent_m - place_m), where="post", label="told")
     axes.plot(steps.seen_s - start_s, 1e3 * (steps.seen_m - place_m), label="done")
     axes.set(xlabel="s", ylabel="mm", title="small steps in free space")
-    text = f"delay {1e3 * servo.delay_s:.1f} ms, lag {1e3 * servo.lag_s:.1f} ms"
+    give_ms = 1e3 * SIGMAS * servo.deviation_s
+    text = f"delay and lag {1e3 * servo.sum_s:.1f} +- {give_ms:.1f} ms"
     axes.text(0.98, 0.05, text, transform=axes.transAxes, ha="right")
     axes.legend(loc="upper right")
 
@@ -54,7 +55,7 @@ def _press(axes: Axes, readings: Readings) -> None:
     line_m = ways.mean() + (line_N - forces.mean()) / found.k_N_m
     axes.plot(1e3 * (line_m - ways.min()), line_N, color=MODEL)
     axes.plot(1e3 * (ways - ways.min()), forces, "o", color=ADVISED)
-    text = f"{found.k_N_m:.0f} N/m, give or take {found.spread_N_m:.0f}"
+    text = f"{found.k_N_m:.0f} +- {SIGMAS * found.spread_N_m:.0f} N/m"
     axes.text(0.98, 0.05, text, transform=axes.transAxes, ha="right")
 
 

@@ -54,10 +54,10 @@ def tune(
     """Measure the loop of a running cell and recommend gains with their margins.
 
     Begin armed, in free space, with something to press on in front of the tool: it makes small
-    steps, presses gently, and comes back. Ctrl-C holds the arm.
+    steps and presses gently until what it finds repeats, and comes back. Ctrl-C holds the arm.
     """
     with at_work(cell) as (client, tell):
-        from cli.tuning.advice import Measured
+        from cli.tuning.advice import Measured, refused
         from cli.tuning.measure import Trial, measure
 
         hosts = client.config.robot.hosts
@@ -71,11 +71,15 @@ def tune(
             with_controller="controller" in hosts and not no_controller and not no_press,
             tell=tell,
         )
-        measured = Measured(readings.servo, readings.spring, readings.controller_tau_s)
+        measured = Measured(readings.arm, readings.spring, readings.controller)
         advices = _advices(client, measured, gains)
-        _tell(client, measured, advices, readings, as_json=as_json, write=write, out=out)
+        _tell(client, measured, advices, readings, as_json=as_json, out=out)
+        if why_not := refused(client.config, measured, advices):
+            fail(f"nothing is recommended, written or set: {why_not}", NOT_WELL)
+        if write is not None:
+            _write(client, measured, advices, write)
         if apply:
-            _apply(client, next(one for one in advices if one.host == for_host))
+            _apply(client, next((one for one in advices if one.host == for_host), None), for_host)
         first = advices[0].force_now.margins
     raise typer.Exit(OK if first.stable else NOT_WELL)
 
@@ -113,7 +117,7 @@ def _advices(client: "Cell", measured: "Measured", gains: "Gains") -> "list[Advi
             torque_now=max(gains.torque_i_rad_per_Nms),
         )
         for host in client.config.robot.hosts
-        if host == "pc" or measured.controller_tau_s is not None
+        if host == "pc" or measured.controller is not None
     ]
 
 
@@ -124,14 +128,13 @@ def _tell(
     readings: "Readings",
     *,
     as_json: bool,
-    write: Path | None,
     out: Path | None,
 ) -> None:
     from cli.tuning import advice, words
 
     sections = advice.lines(client.config, measured, advices)
     if as_json:
-        typer.echo(json.dumps(advice.as_dict(measured, advices, sections)))
+        typer.echo(json.dumps(advice.as_dict(client.config, measured, advices, sections)))
     else:
         for line in words.told(client.config, measured, advices, sections):
             typer.echo(line)
@@ -141,14 +144,20 @@ def _tell(
         title = f"{client.config.cell}: tau {1e3 * advices[0].tau_s:.1f} ms"
         picture.save(out, readings, advices, title)
         typer.echo(f"picture: {out}", err=True)
-    if write is not None:
-        words.save(write, sections)
-        typer.echo(f"written to {write}; {words.advice_for(write)}", err=True)
 
 
-def _apply(client: "Cell", advice: "Advice") -> None:
+def _write(client: "Cell", measured: "Measured", advices: "list[Advice]", path: Path) -> None:
+    from cli.tuning import advice, words
+
+    words.save(path, advice.lines(client.config, measured, advices))
+    typer.echo(f"written to {path}; {words.advice_for(path)}", err=True)
+
+
+def _apply(client: "Cell", advice: "Advice | None", host: str) -> None:
     from common.requests import GainsRequest
 
+    if advice is None:
+        fail(f"--for {host}: its loop was not measured, so no gains are set", USAGE)
     gains = advice.gains
     client.force.ask_gains(
         GainsRequest(

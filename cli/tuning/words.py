@@ -5,7 +5,8 @@ from pathlib import Path
 import yaml
 
 from cli.calibration.places import keep_before
-from cli.tuning.advice import Advice, Judged, Measured
+from cli.tuning.advice import Advice, Judged, Measured, refused, remarks
+from cli.tuning.servo import SIGMAS, Servo
 from common.cell import Cell
 from common.errors import DataError
 
@@ -20,29 +21,56 @@ def told(
     cell: Cell, measured: Measured, advices: list[Advice], sections: dict[str, dict[str, float]]
 ) -> list[str]:
     """Return the lines that a person reads."""
-    servo, spring = measured.servo, measured.spring
-    seen = f"delay {1e3 * servo.delay_s:.1f} ms and servo lag {1e3 * servo.lag_s:.1f} ms"
-    file = f"{1e3 * cell.robot.delay_s:.1f} and {1e3 * cell.robot.lag_s:.1f} ms"
-    lines = [f"{seen} from the command to the pose that is seen (cell file: {file})"]
-    said = f"(cell file: {cell.contact.stiffness_N_m:.0f})"
+    lines = [_late(cell, measured.servo), _split(cell, measured.servo)]
+    spring, said = measured.spring, f"(cell file: {cell.contact.stiffness_N_m:.0f})"
     if spring is None:
         lines.append(f"stiffness not measured {said}: gains are for that")
     else:
-        lines.append(f"stiffness {spring.k_N_m:.0f} +- {spring.spread_N_m:.0f} N/m {said}")
+        give_N_m = SIGMAS * spring.spread_N_m
+        lines.append(f"stiffness {spring.k_N_m:.0f} +- {give_N_m:.0f} N/m {said}")
         lines.append("tilt stiffness is not measured: the cell file's, in proportion")
+    if measured.controller is not None:
+        tau_ms, give_ms = (
+            1e3 * measured.controller.tau_s,
+            1e3 * SIGMAS * measured.controller.deviation_s,
+        )
+        lines.append(f"the controller's own loop answers after {tau_ms:.0f} +- {give_ms:.0f} ms")
+    why_not = refused(cell, measured, advices)
     for advice in advices:
-        lines.append(f"host {advice.host}: tau {1e3 * advice.tau_s:.1f} ms")
-        lines += _rows("position", "m/(N s)", advice.force_now, advice.force)
-        lines += _rows("orientation", "rad/(N m s)", advice.torque_now, advice.torque)
+        lines.append(f"host {advice.host}: tau {1e3 * advice.tau_s:.1f} ms, at most")
+        force, torque = (None, None) if why_not else (advice.force, advice.torque)
+        lines += _rows("position", "m/(N s)", advice.force_now, force)
+        lines += _rows("orientation", "rad/(N m s)", advice.torque_now, torque)
+    if why_not:
+        return [*lines, f"nothing is recommended: {why_not}"]
+    lines += remarks(cell, measured, sections)
     lines.append("for the cell file:")
-    lines += [f"  {line}" for line in _yaml(sections).splitlines()]
-    return lines
+    return lines + [f"  {line}" for line in _yaml(sections).splitlines()]
 
 
-def _rows(what: str, unit: str, now: Judged, then: Judged) -> list[str]:
+def _late(cell: Cell, servo: Servo) -> str:
+    found = f"{1e3 * servo.sum_s:.1f} +- {1e3 * SIGMAS * servo.deviation_s:.1f} ms"
+    file_ms = 1e3 * (cell.robot.delay_s + cell.robot.lag_s)
+    return (
+        f"delay and lag together {found}, from the command to the pose that is seen (cell file: "
+        f"{file_ms:.1f} ms)"
+    )
+
+
+def _split(cell: Cell, servo: Servo) -> str:
+    least_ms, most_ms = (1e3 * lag_s for lag_s in servo.lags_s)
+    said = f"(cell file: {1e3 * cell.robot.lag_s:.1f} ms)"
+    if servo.is_split:
+        return f"of it lag: {least_ms:.1f} to {most_ms:.1f} ms {said}"
+    return (
+        f"delay and lag cannot be told apart: the lag is {least_ms:.1f} to {most_ms:.1f} ms {said}"
+    )
+
+
+def _rows(what: str, unit: str, now: Judged, then: Judged | None) -> list[str]:
+    rows = [("now", now)] if then is None else [("now", now), ("recommended", then)]
     return [
-        f"  {what:<12} {name:<12} {one.gain:9.3g} {unit}: {_verdict(one)}"
-        for name, one in (("now", now), ("recommended", then))
+        f"  {what:<12} {name:<12} {one.gain:9.3g} {unit}: {_verdict(one)}" for name, one in rows
     ]
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from contextlib import ExitStack
+from math import hypot
 from pathlib import Path
 from types import TracebackType
 from typing import Any, TypeVar
@@ -22,19 +23,27 @@ from common.endpoints import Bus
 from common.errors import NotReachedError
 from common.messages import (
     ArbiterStatus,
+    ArmPurpose,
     Asker,
     Health,
     Message,
-    Purpose,
     Record,
     RegulatorTarget,
     RobotCommand,
     RobotState,
     SensorWrench,
     Speed,
+    Trip,
     WrenchAtTcp,
 )
-from common.requests import ArmRequest, CalibrationRequest, Empty, HoldRequest, Reply
+from common.requests import (
+    ArmRequest,
+    BackOffRequest,
+    CalibrationRequest,
+    Empty,
+    HoldRequest,
+    Reply,
+)
 from common.topics import CLIENT, Request, Topic
 
 M = TypeVar("M", bound=Message)
@@ -43,6 +52,9 @@ Q = TypeVar("Q", bound=Record)
 READY_WITHIN_S = 5.0  # the preflight wants a second of good inputs and rest
 SHOWN_WITHIN_S = 1.0  # so long what was granted may take to show in arbiter/status
 POLL_S = 0.01
+HEARD_WITHIN_S = 0.3
+BACKED_OFF_S = 20.0  # its longest way, and time to come to rest before
+BACKED_OFF = ("back_off", "still_loaded")
 
 
 class Cell:
@@ -106,7 +118,7 @@ class Cell:
     # --- who may move -----------------------------------------------------------------------------
 
     @well_formed()
-    def arm(self, purpose: Purpose = "all", *, within_s: float = READY_WITHIN_S) -> Reply:
+    def arm(self, purpose: ArmPurpose = "all", *, within_s: float = READY_WITHIN_S) -> Reply:
         """Let motion begin, after the preflight; for `jog` moves alone, in contact as well.
 
         Raises:
@@ -117,6 +129,33 @@ class Cell:
         if not self._shows(lambda status: status.goes_on):
             raise stopped(self.status(), "arming was granted, but")
         return reply
+
+    def back_off(self, *, without_force: bool = False, timeout_s: float = BACKED_OFF_S) -> Trip:
+        """Free an arm above a ceiling or outside the workspace, and wait until it holds again.
+
+        The arbiter computes the way: along the measured force or straight back in, at most 20 mm
+        at 5 mm/s. Returns how it ended: `back_off` when the arm is free.
+
+        Args:
+            without_force: Confirms 5 mm back along the tool, where no force can be followed.
+            timeout_s: Longest wait for its end [s]; then the arm is held.
+
+        Raises:
+            RefusedError: There is nothing to free, no force to follow, or the arm may move.
+            ArmStoppedError: It was stopped on its way: the force rose, somebody held it.
+            NotReachedError: It took too long.
+        """
+        request = BackOffRequest(without_force=without_force)
+        self.ask(topics.BACK_OFF, request, within_s=READY_WITHIN_S)
+        self._shows(lambda status: status.may_move)
+        if not self._shows(lambda status: not status.may_move, timeout_s):
+            self.hold("backing off took too long")
+            raise NotReachedError(f"backing off took more than {timeout_s:g} s; the arm holds")
+        status = self.status()
+        end = next((trip for trip in status.trips if trip.code in BACKED_OFF), None)
+        if end is None:
+            raise stopped(status, "backing off was stopped")
+        return end
 
     def hold(self, reason: str = "asked to hold") -> Reply:
         """Stop the motion and hold, whoever commands. This is not a safety function."""
@@ -189,6 +228,20 @@ class Cell:
             why = "; ".join([*status.not_ready, *(trip.text for trip in status.trips)])
             raise NotReachedError(f"not ready after {within_s:g} s, {status.state}: {why}")
         return self.status()
+
+    def load_N(self) -> float | None:
+        """Return the force on the tool [N] when it is loaded, None where it is free or not known.
+
+        Loaded is more than `force.touch_N`, as a wrench says whose calibration holds.
+        """
+        clock = self.session.clock
+        give_up_ns = clock.now_ns() + round(HEARD_WITHIN_S * NS_PER_S)
+        while (wrench := self.wrench.reading().fresh) is None and clock.now_ns() < give_up_ns:
+            clock.sleep_s(POLL_S)
+        if wrench is None or not wrench.calibrated:
+            return None
+        force_N = hypot(*wrench.force_N)
+        return force_N if force_N > self.config.force.touch_N else None
 
     def describe(self) -> dict[str, Any]:
         """Return what is said on this cell's bus, with JSON Schema, as its hub tells it."""

@@ -17,6 +17,7 @@ TAKEN_S = 0.5  # so long the arbiter must have named another goal, or none, befo
 HEARD_WITHIN_S = 2.0
 LONGEST_S = 120.0
 AFTERWARDS_S = 0.2  # so long the arbiter may take to say why a goal has ended
+RETRACT_M, RETRACT_M_S = 0.010, 0.010
 STOPPED = ("HOLDING", "FAULT")
 ENDED = "the move ended before its goal"
 
@@ -78,7 +79,12 @@ class Move:
         if robot.goal.state == "refused":
             self._raise_refusal(robot.goal.reason)
         self.began = self.began or robot.goal.state == "running"
-        return robot.goal.state == "done"
+        return robot.goal.state == "done" and self._is_free_for_the_next()
+
+    def _is_free_for_the_next(self) -> bool:
+        """Tell whether the arbiter has heard that the arm is there: it refuses a move till then."""
+        status = self._arbiter.reading().fresh
+        return status is None or status.goal_id != self.id
 
     def _raise_refusal(self, reason: str) -> NoReturn:
         """Raise why the robot did not go there; of a stopped arm it knows less than the arbiter."""
@@ -170,6 +176,17 @@ class Moves:
         """
         pose = self.jogged(shift_m, turn_rad, axes=axes)
         return self._go(MoveRequest(kind="pose", pose=pose, speed_m_s=speed_m_s), timeout_s)
+
+    @well_formed()
+    def retract(
+        self,
+        way_m: float = RETRACT_M,
+        *,
+        speed_m_s: float = RETRACT_M_S,
+        timeout_s: float = LONGEST_S,
+    ) -> RobotState:
+        """Leave a contact: straight back along the tool's axis, away from what it presses on."""
+        return self.jog((0.0, 0.0, -way_m), axes="tool", speed_m_s=speed_m_s, timeout_s=timeout_s)
 
     @well_formed()
     def jogged(

@@ -7,7 +7,6 @@ import numpy as np
 import pinocchio as pin
 
 from common.convert import pose_of
-from common.frames import Array
 from common.limits import (
     Limits,
     check_joint_speed,
@@ -28,17 +27,17 @@ class Bounds:
 
     limits: Limits
     T_flange_tcp: pin.SE3
-    armed_at_m: Array  # flange in base. Shape (3,).
+    T_armed: pin.SE3  # flange in base
 
     def place(self, T_base_flange: pin.SE3) -> Trip | None:
         """Judge where a flange pose lies: its tool in the workspace, itself on the tether."""
         trip = check_workspace(self.limits, T_base_flange * self.T_flange_tcp)
-        return trip or check_tether(
-            self.limits, self.armed_at_m, np.asarray(T_base_flange.translation)
-        )
+        return trip or check_tether(self.limits, self.T_armed, T_base_flange)
 
-    def measured(self, robot: RobotState, wrench: WrenchAtTcp, joints: JointTrack) -> Trip | None:
-        """Judge the arm as it is: load, place, joints and how fast they turn.
+    def measured(
+        self, robot: RobotState, wrench: WrenchAtTcp | None, joints: JointTrack
+    ) -> Trip | None:
+        """Judge the arm as it is: load (where one is known), place, joints and how fast they turn.
 
         Moves of the joints have no end pose to judge before, so what is measured counts.
         """
@@ -50,8 +49,13 @@ class Bounds:
         )
         speed_rad_s = joints.speed_rad_s
         return (
-            check_wrench(self.limits, np.array(wrench.force_N), np.array(wrench.torque_Nm))
+            self._load(wrench)
             or self.place(pose_of(robot))
             or check_joints(wide, robot.joint_rad)
             or (None if speed_rad_s is None else check_joint_speed(self.limits, speed_rad_s))
         )
+
+    def _load(self, wrench: WrenchAtTcp | None) -> Trip | None:
+        if wrench is None:
+            return None
+        return check_wrench(self.limits, np.array(wrench.force_N), np.array(wrench.torque_Nm))

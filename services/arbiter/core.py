@@ -3,7 +3,9 @@
 from dataclasses import replace
 
 import numpy as np
+import pinocchio as pin
 
+from common.back_off import Load, in_move
 from common.cell import Cell
 from common.clock import NS_PER_S
 from common.convert import pose_of, record_of
@@ -23,15 +25,16 @@ from common.messages import (
 )
 from common.motion_limits import JointTrack
 from common.requests import MoveRequest, Reply
+from services.arbiter import freeing, stops
 from services.arbiter import inputs as known
-from services.arbiter import stops
 from services.arbiter.bounds import Bounds
 from services.arbiter.commanders import Commanders, Step
+from services.arbiter.freeing import Freeing
 from services.arbiter.goals import real_speed_m_s, speed_of, speed_trip
 from services.arbiter.inputs import Inputs
-from services.arbiter.preflight import Terms, complaints, lasting
+from services.arbiter.preflight import Terms, complaints, lasting, load_text
 from services.arbiter.reports import lines, recent, what_next
-from services.arbiter.states import CLEARS, after
+from services.arbiter.states import CLEARS, TABLE, after
 from services.arbiter.stream import Moment
 from services.arbiter.turns import REST_S, Claim
 
@@ -49,7 +52,10 @@ class Arbiter:
         self._deadline_s = command_deadline_s
         self._longest_gap_s = LONGEST_GAP_PERIODS / cell.rates.control_hz
         self._terms, self._retreat = Terms.of(cell), stops.Retreat.of(cell)
-        self._bounds = Bounds(Limits.of(cell), cell.tool.T_flange_tcp.pose, np.zeros(3))
+        self._cells = Bounds(Limits.of(cell), cell.tool.T_flange_tcp.pose, pin.SE3.Identity())
+        self._bounds = self._cells
+        self._freeing: Freeing | None = None
+        self._load: Load | None = None  # of the move under way
         self._commanders = Commanders(max(REST_S, LEAST_REPORTS / cell.rates.robot_hz))
         self._stopping: stops.Stopping | None = None
         self._speed = Speed()
@@ -59,6 +65,7 @@ class Arbiter:
         self._armed_for: Purpose = "all"
         self._writers: known.Writers = {}  # of the inputs when the arm was armed
         self._good_since_ns: int | None = None
+        self._blind_since_ns: int | None = None  # good but for sensor and wrench
         self._last_ns = 0
         self._not_ready: list[Trip] = [tripped("not_ready", "starting")]
 
@@ -96,6 +103,10 @@ class Arbiter:
         )
 
     def _watch_readiness(self, inputs: Inputs) -> None:
+        if known.missing(inputs, blind=True):
+            self._blind_since_ns = None
+        else:
+            self._blind_since_ns = self._blind_since_ns or inputs.now_ns
         if known.missing(inputs):
             self._good_since_ns = None
         else:
@@ -103,17 +114,16 @@ class Arbiter:
             if self.state == "BOOT":
                 self.trips = known.predecessor_trips(inputs)
             self.state = after(self.state, "ready")
-        found = complaints(inputs, self._terms, self._good_s(inputs), "all")
+        found = complaints(inputs, self._terms, _since_s(self._good_since_ns, inputs), "all")
         self._not_ready = lasting(found) if self.state in MAY_MOVE else found
 
-    def _good_s(self, inputs: Inputs) -> float:
-        since_ns = self._good_since_ns
-        return 0.0 if since_ns is None else (inputs.now_ns - since_ns) / NS_PER_S
-
     def _watch_motion(self, inputs: Inputs) -> None:
-        faults = known.fault_trips(inputs) or known.replaced_trips(inputs, self._writers)
+        blind = self._freeing is not None and self._freeing.blind
+        faults = known.fault_trips(inputs, blind=blind)
+        faults = faults or known.replaced_trips(inputs, self._writers)
         robot, wrench = inputs.robot, inputs.wrench.fresh
-        if faults or robot.fresh is None or robot.header is None or wrench is None:
+        unfelt = wrench is None and not blind
+        if faults or robot.fresh is None or robot.header is None or unfelt:
             self._stop("fault", *faults)
             return
         self._joints = self._joints.after(robot.header.stamp_ns, np.array(robot.fresh.joint_rad))
@@ -122,12 +132,25 @@ class Arbiter:
             bounds = replace(bounds, limits=self._retreat.ceilings(bounds.limits))
         trip = (
             bounds.measured(robot.fresh, wrench, self._joints)
+            or self._load_trip(robot.fresh, inputs)
             or known.robot_trip(inputs, self._lease_since_ns)
             or self._regulator_fails(inputs)
             or self._calibration_fails(inputs)
         )
         if trip is not None:
             self._react(trip, inputs)
+
+    def _load_trip(self, robot: RobotState, inputs: Inputs) -> Trip | None:
+        """Judge the load by what it was: a move may add little to it, backing off hardly any."""
+        wrench = inputs.wrench.fresh
+        if self._freeing is not None:
+            self._freeing, trip = freeing.watch(self._freeing, robot, wrench, inputs.now_ns)
+            return trip
+        if self._commanders.turn.goal is None or wrench is None or not wrench.calibrated:
+            self._load = None
+            return None
+        self._load, trip = in_move(self._cells.limits, self._load, wrench)
+        return trip
 
     def _regulator_fails(self, inputs: Inputs) -> Trip | None:
         target = inputs.target.message
@@ -141,7 +164,8 @@ class Arbiter:
 
     def _calibration_fails(self, inputs: Inputs) -> Trip | None:
         by_force = self._commanders.turn.commander == "regulator"
-        return inputs.watched.calibration if by_force else None
+        watched = inputs.watched
+        return (watched.calibration or watched.slower) if by_force else None
 
     def _move_on(self, robot: RobotState, inputs: Inputs, moment: Moment) -> RobotCommand | None:
         """Return what the robot is to do; None when it turned out that it must hold."""
@@ -156,6 +180,10 @@ class Arbiter:
             told=self.trips,
         )
         self._note(step)
+        if self._freeing is not None and step.event == "end":
+            end = freeing.at_its_end(self._freeing, robot, inputs.wrench.fresh)
+            self._stop("hold", *(step.told or (end,)))
+            return None
         if step.stop is None:
             return self._command(step)
         self._react(step.stop, inputs)
@@ -173,6 +201,7 @@ class Arbiter:
             lease=self._lease,
             turn=turn.number,
             deadline_s=self._deadline_s,
+            purpose=self._armed_for,
         )
         return RobotCommand(
             kind=step.kind,
@@ -224,10 +253,17 @@ class Arbiter:
     def _stop(self, event: str, *trips: Trip) -> None:
         """Latch. A second cause is added to the first one."""
         stopped = self._stopping is not None or self.state not in MAY_MOVE
+        if self._freeing is not None and self._freeing.blind:
+            event = "fault"  # what is not known of the force is still a fault
+            trips = (*trips, *self._freeing.unknown)
         self.trips = recent((*self.trips, *trips) if stopped else trips)
         self._commanders.drop()
-        self._stopping = None
+        self._stopping = self._freeing = None
         self.state = after(self.state, event)
+
+    def fail(self, trip: Trip) -> None:
+        """End motion in FAULT for a cause that no input shows."""
+        self._stop("fault", trip)
 
     def _hold_reason(self) -> str:
         cause = self.trips[-1].text if self.trips else "not armed"
@@ -241,21 +277,56 @@ class Arbiter:
         if self.state in MAY_MOVE and self._armed_for in ("all", purpose):
             return Reply(accepted=True, code="already", text=f"already {self.state}")
         if self.state in MAY_MOVE:
-            return refusal("state", "armed for jog alone: hold, then arm for all")
+            what = "jog" if self._armed_for == "jog" else "backing off"
+            return refusal("state", f"armed for {what} alone: hold, then arm for all")
         if after(self.state, "arm") != "ARMED":
             return refusal("state", f"the arbiter is {self.state}: {CLEARS[self.state]}")
-        not_ready = complaints(inputs, self._terms, self._good_s(inputs), purpose)
+        good_s = _since_s(self._good_since_ns, inputs)
+        not_ready = complaints(inputs, self._terms, good_s, purpose)
         if not_ready or robot is None:
-            texts = "; ".join(why.text for why in not_ready)
-            return refused(not_ready[0].model_copy(update={"text": clipped(texts)}))
+            return _not_ready(not_ready)
+        bounds = replace(self._cells, T_armed=pose_of(robot))
+        self._begin_lease("arm", purpose, bounds, inputs)
+        load = load_text(inputs, self._terms)
+        return Reply(accepted=True, text=f"armed, lease {self._lease}{load}")
+
+    def _begin_lease(self, event: str, purpose: Purpose, bounds: Bounds, inputs: Inputs) -> None:
         self._armed_for, self._joints = purpose, JointTrack()
         self._commanders.drop()
-        self.state, self.trips = after(self.state, "arm"), ()
+        self.state, self.trips = after(self.state, event), ()
         self._lease += 1
         self._lease_since_ns = inputs.now_ns
-        self._bounds = replace(self._bounds, armed_at_m=np.array(robot.position_m))
+        self._bounds, self._freeing = bounds, None
         self._writers = known.writers(inputs)
-        return Reply(accepted=True, text=f"armed, lease {self._lease}")
+
+    def back_off(self, inputs: Inputs, *, confirmed: bool) -> Reply:
+        """Free an arm above a ceiling or outside the workspace: arm it for one goal of our own.
+
+        Args:
+            inputs: What is known now.
+            confirmed: Whether a person has agreed to go back without a force to follow.
+        """
+        robot, blind = inputs.robot.fresh, freeing.is_blind(inputs)
+        if "back_off" not in TABLE[self.state]:
+            return refusal("state", f"the arbiter is {self.state}: hold first")
+        good_s = _since_s(self._blind_since_ns if blind else self._good_since_ns, inputs)
+        not_ready = complaints(inputs, self._terms, good_s, "back_off", blind=blind)
+        if not_ready or robot is None:
+            return _not_ready(not_ready)
+        begun = freeing.begin(inputs, robot, self._cells, confirmed=confirmed)
+        if isinstance(begun, Trip):
+            return refused(begun)
+        self._begin_lease("back_off", "back_off", begun.bounds, inputs)
+        unknown = tuple(known.fault_trips(inputs, blind=False)) if blind else ()
+        self._freeing, request = replace(begun, unknown=unknown), begun.request
+        goal = Goal(id=0, kind=request.kind, pose=request.pose)
+        claim = Claim("operator", request, goal, freeing.SPEED, inputs.now_ns)
+        reply, step = self._commanders.ask(request, robot, self._bounds, claim)
+        self._note(step)
+        if not reply.accepted:
+            self._stop("hold", tripped(reply.code, reply.text))
+            return reply
+        return reply.model_copy(update={"text": f"backing off {begun.plan}"})
 
     def hold(self, reason: str) -> Reply:
         """Stop motion and hold; always accepted."""
@@ -272,7 +343,7 @@ class Arbiter:
 
     def set_speed(self, speed: Speed) -> Reply:
         """Set the speeds of the moves to come."""
-        if (trip := speed_trip(speed, self._bounds.limits)) is not None:
+        if (trip := speed_trip(speed, self._cells.limits)) is not None:
             return refused(trip)
         self._speed, real_m_s = speed, real_speed_m_s(speed)
         return Reply(accepted=True, text=f"moves run at {real_m_s * 1e3:.1f} mm/s", value=real_m_s)
@@ -282,9 +353,20 @@ class Arbiter:
         robot = inputs.robot.fresh
         if self.state not in MAY_MOVE or self._stopping is not None or robot is None:
             return refusal("not_armed", f"the arbiter is {self.state}: {CLEARS[self.state]}")
+        if self._freeing is not None:
+            return refusal("busy", "the arm backs off: wait for its end, or hold")
         goal = Goal(id=0, kind=request.kind, pose=request.pose, joint_rad=request.joint_rad)
         speed = speed_of(request, self._speed)
         claim = Claim(request.commander, request, goal, speed, inputs.now_ns)
         reply, step = self._commanders.ask(request, robot, self._bounds, claim)
         self._note(step)
         return reply
+
+
+def _since_s(since_ns: int | None, inputs: Inputs) -> float:
+    return 0.0 if since_ns is None else (inputs.now_ns - since_ns) / NS_PER_S
+
+
+def _not_ready(why: list[Trip]) -> Reply:
+    texts = "; ".join(trip.text for trip in why)
+    return refused(why[0].model_copy(update={"text": clipped(texts)}))

@@ -46,6 +46,8 @@ class Watched:
     unrest: Trip | None = None  # why the arm does not count as resting
     residual: Trip | None = None  # what is left of the force where nothing is touched
     calibration: Trip | None = None  # why a running force feedback must not rely on the force
+    slow: Trip | None = None  # why the controller is too slow for force feedback to begin
+    slower: Trip | None = None  # why force feedback that runs must not rely on the controller
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,15 +73,22 @@ class Inputs:
         }
 
 
-def missing(inputs: Inputs) -> list[Trip]:
+FELT = ("sensor", "wrench")  # roles without which an arm can still back off
+
+
+def missing(inputs: Inputs, *, blind: bool = False) -> list[Trip]:
     """Return one trip for each input that is missing, invalid, stale or not to be trusted.
 
     The regulator's target need not be valid (it is not while nobody asks for force feedback),
     but the regulator must be heard.
+
+    Args:
+        inputs: What is known now.
+        blind: To back off without a force to follow: sensor and wrench may be gone.
     """
     return [
         *_rivals(inputs),
-        *_silent_or_invalid(inputs),
+        *_silent_or_invalid(inputs, blind=blind),
         *_overruns(inputs),
         *inputs.watched.faults,
     ]
@@ -110,12 +119,24 @@ def overrun_trip(role: str, overruns: int, longest_gap_s: float) -> Trip:
     return tripped("overrun", text, value=overruns, limit=MOST_OVERRUNS)
 
 
-def _silent_or_invalid(inputs: Inputs) -> list[Trip]:
-    readings: list[Reading[Any]] = [inputs.robot, inputs.sensor, inputs.wrench]
+def _silent_or_invalid(inputs: Inputs, *, blind: bool) -> list[Trip]:
+    felt = [] if blind else _felt(inputs)
+    readings: list[Reading[Any]] = [inputs.robot, *felt]
     if inputs.target.silent:
         readings.append(inputs.target)
-    lost = [reading for reading in (*readings, *inputs.health.values()) if reading.fault]
+    health = [heard for role, heard in inputs.health.items() if not (blind and role in FELT)]
+    lost = [reading for reading in (*readings, *health) if reading.fault]
     return [_lost(reading, is_sensor=reading is inputs.sensor) for reading in lost]
+
+
+def _felt(inputs: Inputs) -> list[Reading[Any]]:
+    """Return sensor and wrench; a wrench that only says what the sensor says is left out."""
+    sensor, wrench = inputs.sensor, inputs.wrench
+    if sensor.fault and wrench.fault and not wrench.silent:
+        same = _lost(sensor, is_sensor=True).code
+        if wrench.code == same or wrench.code.startswith("sensor_"):
+            return [sensor]
+    return [sensor, wrench]
 
 
 def robot_complaints(inputs: Inputs) -> list[Trip]:
@@ -144,9 +165,9 @@ def strangers(inputs: Inputs, config_hash: str, version: str) -> list[Trip]:
     return trips
 
 
-def fault_trips(inputs: Inputs) -> list[Trip]:
+def fault_trips(inputs: Inputs, *, blind: bool = False) -> list[Trip]:
     """Return why motion must end in FAULT: an input is gone or the robot is not fit to move."""
-    return missing(inputs) or robot_complaints(inputs)
+    return missing(inputs, blind=blind) or robot_complaints(inputs)
 
 
 def _lost(reading: Reading[Any], *, is_sensor: bool) -> Trip:

@@ -1,11 +1,13 @@
 """What must be so before a person's `arm` is obeyed: one literal list. Pure.
 
-A check that is for force alone is left out when the arm is armed for jog, so that one can always
-move away: also in contact, also without calibration.
+Each check names the purposes that it is for. What is for force alone is left out when the arm is
+armed for jog, so that one can move away in contact and without calibration; what the arm is to get
+out of, force or place, is left out when it backs off.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from math import hypot
 from typing import NamedTuple
 
 import numpy as np
@@ -32,6 +34,8 @@ class Terms:
     p_flange_tcp_m: Vec3
     approach_m_s: float
     approach_limit_m_s: float
+    touch_N: float
+    tare_age_max_s: float
 
     @classmethod
     def of(cls, cell: Cell) -> "Terms":
@@ -43,7 +47,14 @@ class Terms:
             p_flange_tcp_m=vec3(np.asarray(cell.tool.T_flange_tcp.pose.translation)),
             approach_m_s=cell.force.approach_m_s,
             approach_limit_m_s=cell.approach_limit_m_s,
+            touch_N=cell.force.touch_N,
+            tare_age_max_s=cell.force.tare_age_max_s,
         )
+
+
+EVERY: tuple[Purpose, ...] = ("all", "jog", "back_off")
+MOVES: tuple[Purpose, ...] = ("all", "jog")
+FORCE: tuple[Purpose, ...] = ("all",)
 
 
 class Look(NamedTuple):
@@ -52,6 +63,7 @@ class Look(NamedTuple):
     inputs: Inputs
     terms: Terms
     good_s: float  # how long the inputs have been heard and good
+    blind: bool = False  # to back off without a force to follow
 
 
 class Check(NamedTuple):
@@ -59,7 +71,11 @@ class Check(NamedTuple):
 
     what: str
     complaints: Callable[[Look], list[Trip]]
-    for_force_only: bool = False
+    purposes: tuple[Purpose, ...]
+
+
+def _heard(look: Look) -> list[Trip]:
+    return missing(look.inputs, blind=look.blind)
 
 
 def _steady(look: Look) -> list[Trip]:
@@ -107,40 +123,72 @@ def _approach(look: Look) -> list[Trip]:
     return [tripped("approach_speed", text, value=value, limit=limit)]
 
 
+def _controller_speed(look: Look) -> list[Trip]:
+    return _some(look.inputs.watched.slow)
+
+
+def _tare(look: Look) -> list[Trip]:
+    """Judge how old the wrench's zero is; what has drifted since is in the words."""
+    reading, wrench = look.inputs.health.get("wrench"), look.inputs.wrench.fresh
+    health = None if reading is None else reading.fresh
+    age_h = 0.0 if health is None else health.numbers.get("tare_age_h", 0.0)
+    limit_h = look.terms.tare_age_max_s / 3600.0
+    if age_h <= limit_h or wrench is None:
+        return []
+    text = (
+        f"the last tare is {age_h:.1f} h old, force.tare_age_max_s allows {limit_h:.1f} h; "
+        f"{hypot(*wrench.force_N):.2f} N are read now"
+    )
+    return [tripped("tare", text, value=3600.0 * age_h, limit=look.terms.tare_age_max_s)]
+
+
 def _some(trip: Trip | None) -> list[Trip]:
     return [] if trip is None else [trip]
 
 
 # fmt: off
 CHECKS: tuple[Check, ...] = (
-    Check("every input is heard, good, in order and in time", lambda look: missing(look.inputs)),
-    Check("and has been so for a second",                     _steady),
-    Check("the controller is fit to move",                    _controller),
-    Check("every process has this cell file and version",     _strangers),
-    Check("force below its ceiling, tool in the workspace",   _limits),
-    Check("the arm rests where it was commanded",             _rest),
-    Check("the calibration holds for this tool and sensor",   _calibration, for_force_only=True),
-    Check("hardly any force was left in free space",          _residual,    for_force_only=True),
-    Check("the approach is slow enough for the stiffness",    _approach,    for_force_only=True),
+    Check("every input is heard, good, in order and in time", _heard,       EVERY),
+    Check("and has been so for a second",                     _steady,      EVERY),
+    Check("the controller is fit to move",                    _controller,  EVERY),
+    Check("every process has this cell file and version",     _strangers,   EVERY),
+    Check("force below its ceiling, tool in the workspace",   _limits,      MOVES),
+    Check("the arm rests where it was commanded",             _rest,        EVERY),
+    Check("the calibration holds for this tool and sensor",   _calibration, FORCE),
+    Check("hardly any force was left in free space",          _residual,    FORCE),
+    Check("the approach is slow enough for the stiffness",    _approach,    FORCE),
+    Check("the controller is as fast as the cell file says",  _controller_speed, FORCE),
+    Check("the last tare is not too old",                     _tare,        FORCE),
 )
 # fmt: on
 
 
-def complaints(inputs: Inputs, terms: Terms, good_s: float, purpose: Purpose) -> list[Trip]:
+def complaints(
+    inputs: Inputs, terms: Terms, good_s: float, purpose: Purpose, *, blind: bool = False
+) -> list[Trip]:
     """Return why the arm must not be armed; when an input is not good, that alone.
 
     Args:
         inputs: What is known now.
         terms: What it is judged by.
         good_s: How long the inputs have been good [s].
-        purpose: `jog` leaves out what matters for force feedback alone.
+        purpose: What it is armed for.
+        blind: To back off without a force to follow.
     """
-    look = Look(inputs, terms, good_s)
+    look = Look(inputs, terms, good_s, blind)
     found = CHECKS[0].complaints(look)
     if found:
         return found
-    rows = [row for row in CHECKS[1:] if purpose == "all" or not row.for_force_only]
+    rows = [row for row in CHECKS[1:] if purpose in row.purposes]
     return [trip for row in rows for trip in row.complaints(look)]
+
+
+def load_text(inputs: Inputs, terms: Terms) -> str:
+    """Return that the tool is loaded, for a person who arms; empty where it is free."""
+    wrench = inputs.wrench.fresh
+    if wrench is None or (force_N := hypot(*wrench.force_N)) <= terms.touch_N:
+        return ""
+    return f"; the tool is loaded with {force_N:.1f} N: `forcemesh retract` leaves a contact"
 
 
 def lasting(trips: list[Trip]) -> list[Trip]:

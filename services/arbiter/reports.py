@@ -8,7 +8,10 @@ MOST_TRIPS = 4
 MOST_LINES = 12
 LINE_BYTES = 120
 MORE = " …"
-JOG_ALONE = "armed for jog alone; for force feedback hold, then arm"
+ALONE: dict[Purpose, str] = {
+    "jog": "armed for jog alone; for force feedback hold, then arm",
+    "back_off": "the arm backs off by itself, then holds",
+}
 
 
 def recent(trips: tuple[Trip, ...]) -> tuple[Trip, ...]:
@@ -23,8 +26,8 @@ def lines(texts: list[str]) -> tuple[str, ...]:
 
 def what_next(state: ArbiterState, not_ready: list[Trip], armed_for: Purpose = "all") -> str:
     """Return what a person can do now: where arming would be refused, what mends that."""
-    if state in MAY_MOVE and armed_for == "jog":
-        return JOG_ALONE
+    if state in MAY_MOVE and armed_for in ALONE:
+        return ALONE[armed_for]
     if not_ready and "arm" in TABLE[state]:
         return f"{FAULTS[not_ready[0].code].remedy}; then arm"
     return CLEARS[state]

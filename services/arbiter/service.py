@@ -38,6 +38,7 @@ class ArbiterService:
         self._arms = bus.inbox(topics.ARM)
         self._holds = bus.inbox(topics.HOLD)
         self._clears = bus.inbox(topics.CLEAR)
+        self._back_offs = bus.inbox(topics.BACK_OFF)
         self._moves = bus.inbox(topics.MOVE)
         self._speeds = bus.inbox(topics.SPEED)
         self.trigger = self._target
@@ -64,11 +65,17 @@ class ArbiterService:
         for asked, reply in answers:
             asked.reply(reply)
 
+    def broke_off(self, trip: Trip) -> None:
+        """End motion: a step of its own broke off, and what it has computed is not known."""
+        self._core.fail(trip)
+
     def _serve(self, inputs: Inputs) -> Iterator[tuple[Incoming[Any], Reply]]:
         for clear in self._clears.take_all():
             yield clear, self._core.clear(inputs)
         for arm in self._arms.take_all():
             yield arm, self._core.arm(inputs, arm.request.purpose)
+        for back_off in self._back_offs.take_all():
+            yield back_off, self._core.back_off(inputs, confirmed=back_off.request.without_force)
         for speed in self._speeds.take_all():
             yield speed, self._core.set_speed(speed.request)
         for move in self._moves.take_all():

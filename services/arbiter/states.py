@@ -1,7 +1,8 @@
 """Who may move the arm, as one table: {state: {event: state}}. An event not listed changes nothing.
 
 Rule 1: every change of state is a row here; nothing else writes the state.
-Rule 2: only a person's `arm` leads towards motion, and no other event leads out of a latch.
+Rule 2: only a person's `arm` and `back_off` lead towards motion, and no other event leads out of a
+        latch; the one goal of `back_off` is the arbiter's own, and ends in a latch again.
 Rule 3: whoever takes the arm begins when it is at rest: from ARMED, or by way of SETTLING.
 """
 
@@ -9,15 +10,15 @@ from common.messages import ArbiterState
 
 # fmt: off
 TABLE: dict[ArbiterState, dict[str, ArbiterState]] = {
-    "BOOT":     {"ready": "IDLE"},
-    "IDLE":     {"arm": "ARMED", "hold": "HOLDING"},
+    "BOOT":     {"ready": "IDLE",    "back_off": "ARMED"},
+    "IDLE":     {"arm": "ARMED",     "back_off": "ARMED", "hold": "HOLDING"},
     "ARMED":    {"take": "SETTLING", "begin": "ACTIVE",   "hold": "HOLDING", "fault": "FAULT"},
     "SETTLING": {"end": "ARMED",     "begin": "ACTIVE",   "hold": "HOLDING", "fault": "FAULT"},
     "ACTIVE":   {"end": "ARMED",     "take": "SETTLING",  "soften": "STOPPING",
                  "hold": "HOLDING",  "fault": "FAULT"},
     "STOPPING": {"hold": "HOLDING",  "fault": "FAULT"},
-    "HOLDING":  {"clear": "IDLE",    "arm": "ARMED"},
-    "FAULT":    {"clear": "IDLE"},
+    "HOLDING":  {"clear": "IDLE",    "arm": "ARMED",      "back_off": "ARMED"},
+    "FAULT":    {"clear": "IDLE",    "back_off": "ARMED"},
 }
 MEANS: dict[ArbiterState, str] = {
     "BOOT":     "not every input has been heard yet",

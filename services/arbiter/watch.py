@@ -16,6 +16,7 @@ from common.faults import tripped
 from common.frames import is_finite_pose, rotation_between
 from common.messages import Trip
 from common.overruns import ALLOWED_SHARE, MOST_OVERRUNS, Overruns, allowed_gap_s
+from services.arbiter.controller_watch import ControllerWatch
 from services.arbiter.inputs import Inputs, Watched, overrun_trip
 
 REST_S = 0.2  # so long the flange must have stayed where it is
@@ -35,6 +36,7 @@ class Watch:
         self._rest = RestWatch(1.0 / cell.rates.robot_hz)
         self._residual = ResidualWatch(cell.force.idle_max_N, cell.force.idle_max_Nm)
         self._calibration = CalibrationWatch()
+        self._controller = ControllerWatch(cell)
         stale_s = [cell.stale_after_s(topic) for topic in (topics.ROBOT_STATE, topics.WRENCH)]
         self._alignment = AlignmentWatch(ALLOWED_SHARE * max(stale_s))
 
@@ -52,6 +54,8 @@ class Watch:
             unrest=self._rest.see(inputs),
             residual=self._residual.see(inputs),
             calibration=self._calibration.see(inputs),
+            slow=self._controller.unfit(inputs),
+            slower=self._controller.see(inputs),
         )
         return replace(inputs, watched=watched)
 
@@ -138,7 +142,7 @@ class ResidualWatch:
             left = f"{force_N:.1f} N are" if is_force else f"{torque_Nm:.2f} N m are"
             text = (
                 f"{left} left where nothing should be touched: tare in free space; "
-                "in contact, arm for jog and move away"
+                "in contact, arm for jog, then `forcemesh retract`"
             )
             value, limit = (force_N, self._limit_N) if is_force else (torque_Nm, self._limit_Nm)
             self._verdict = tripped("payload", text, value=value, limit=limit)

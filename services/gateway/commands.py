@@ -4,7 +4,7 @@ A command is everything of a packet but its ID, which the dialogue gives out whe
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import degrees
 
 import numpy as np
@@ -13,17 +13,19 @@ import pinocchio as pin
 from common.errors import LocalProtocolError
 from common.frames import Array, Oat, is_finite_pose, oat_from_R
 from common.messages import Gains, Mode, Speed, Vec3, Vec6
-from common.packet import ZERO_VEC, Packet, VecInt
+from common.packet import VALUE_MAX, VALUE_MIN, ZERO_VEC, Packet, VecInt
 from common.packet_table import (
     FEEDBACK_BITS,
     GAIN_I,
     GAIN_P,
     PERCENT,
-    PROTOCOL_VERSION,
+    Bank,
     Com,
     FeedbackSwitch,
     GainKind,
+    Point,
     Status,
+    greeting,
 )
 from services.gateway.scales import Scales, to_units, to_vec
 
@@ -34,6 +36,10 @@ _WRENCH_NAMES = ("Fx [N]", "Fy [N]", "Fz [N]", "Mx [N m]", "My [N m]", "Mz [N m]
 _SPEED_NAMES = ("acceleration [%]", "deceleration [%]", "modular speed [%]", "speed [mm/s]")
 _LIMIT_NAMES = (
     "step [mm]", "step [deg]", "speed [mm/s]", "travel [mm]", "force ceiling [N]", "watchdog [ms]",
+)  # fmt: skip
+_MOTION_NAMES = (
+    "turn limit [deg]", "torque ceiling [N m]", "set-point step [mm]", "set-point step [deg]",
+    "highest speed [mm/s]", "nothing",
 )  # fmt: skip
 
 
@@ -76,14 +82,24 @@ class Pacing:
 
 @dataclass(frozen=True, slots=True)
 class ControllerLimits:
-    """What the controller itself keeps to (command 10)."""
+    """What the controller itself keeps to (commands 10 and 11)."""
 
+    # of force feedback: an iteration, its speed, its travel; and the watchdog's
     step_m: float
     step_rad: float
     speed_m_s: float
     travel_m: float
     force_N: float
     watchdog_s: float
+    # of every motion
+    turn_rad: float  # since the first one after a hold
+    torque_Nm: float
+    set_point_m: float  # from one set point of a stream to the next
+    set_point_rad: float
+    fastest_m_s: float
+    lower_m: Vec3  # the box of the TCP, base axes
+    upper_m: Vec3
+    T_flange_tcp: pin.SE3
 
 
 BITS_OF_MODE = {
@@ -99,7 +115,7 @@ STOP_FEEDBACK = Command(Com.FEEDBACK, int(FeedbackSwitch.STOP))
 def move_to_pose(
     T_base_flange: pin.SE3, scales: Scales, carry: PoseCarry
 ) -> tuple[Command, PoseCarry]:
-    """Return command 1 and what is left over for the next one of the stream.
+    """Return command 1, a goal, and what is left over for the next pose.
 
     One unit is 0.02 mm, which is 2 N at 1e5 N/m; so the part of a unit that rounding takes from
     this position is given to the next (first-order noise shaping): the mean is exact.
@@ -114,6 +130,14 @@ def move_to_pose(
     return Command(Com.MOVE_POSE, 0, vec), PoseCarry((x, y, z), oat)
 
 
+def set_point(
+    T_base_flange: pin.SE3, scales: Scales, carry: PoseCarry
+) -> tuple[Command, PoseCarry]:
+    """Return command 13, one pose of a stream; otherwise as `move_to_pose`."""
+    command, left = move_to_pose(T_base_flange, scales, carry)
+    return replace(command, com=Com.SET_POINT), left
+
+
 def move_to_joints(joint_rad: Vec6, scales: Scales) -> Command:
     """Return command 2 for joint angles [rad]."""
     return Command(Com.MOVE_JOINTS, 0, _joint_vec(joint_rad, scales))
@@ -125,9 +149,13 @@ def move_by_joints(turn_rad: Vec6, scales: Scales) -> Command:
 
 
 def wrench(force_N: Vec3, torque_Nm: Vec3, scales: Scales) -> Command:
-    """Return command 4: base axes, about the TCP, set point already subtracted."""
-    per_one = (scales.force_per_N,) * 3 + (scales.torque_per_Nm,) * 3
-    return Command(Com.WRENCH, 0, to_vec(_WRENCH_NAMES, (*force_N, *torque_Nm), per_one))
+    """Return command 4: the reading itself, base axes, about the TCP."""
+    return Command(Com.WRENCH, 0, _wrench_vec(force_N, torque_Nm, scales))
+
+
+def force_set_point(force_N: Vec3, scales: Scales) -> Command:
+    """Return command 14: the force that force feedback in the controller goes for."""
+    return Command(Com.FORCE_SET_POINT, 0, _wrench_vec(force_N, (0.0, 0.0, 0.0), scales))
 
 
 def speeds(speed: Speed, scales: Scales) -> Command:
@@ -164,13 +192,23 @@ def start_feedback(mode: Mode) -> tuple[Command, ...]:
     return tuple(Command(Com.FEEDBACK, int(switch)) for switch in switches[mode])
 
 
-def hello(scales: Scales) -> Command:
-    """Return command 9, which asks for the scales."""
-    return Command(Com.HELLO, PROTOCOL_VERSION, scales.vec)
+def hello(scales: Scales, arm: int) -> Command:
+    """Return command 9, which asks for the scales, and for the arm of this number."""
+    return Command(Com.HELLO, greeting(arm), scales.vec)
 
 
-def limits(kept: ControllerLimits, scales: Scales) -> Command:
-    """Return command 10."""
+def set_up(kept: ControllerLimits, scales: Scales) -> tuple[Command, ...]:
+    """Return all that has to come before the controller moves: commands 10 and 11."""
+    corners = ((Bank.LOWER_CORNER, kept.lower_m), (Bank.UPPER_CORNER, kept.upper_m))
+    return (
+        _feedback_limits(kept, scales),
+        _motion_limits(kept, scales),
+        *(Command(Com.LIMITS, int(bank), _corner(place, scales)) for bank, place in corners),
+        tcp(kept.T_flange_tcp, scales, Point.TCP),
+    )
+
+
+def _feedback_limits(kept: ControllerLimits, scales: Scales) -> Command:
     values = (
         kept.step_m * MM_PER_M,
         degrees(kept.step_rad),
@@ -181,19 +219,46 @@ def limits(kept: ControllerLimits, scales: Scales) -> Command:
     )
     mm, degree = scales.position_per_mm, scales.oat_per_deg
     per_one = (mm, degree, scales.speed_per_mm_s, mm, scales.force_per_N, 1)
-    return Command(Com.LIMITS, 0, to_vec(_LIMIT_NAMES, values, per_one))
+    return Command(Com.LIMITS, int(Bank.FEEDBACK), to_vec(_LIMIT_NAMES, values, per_one))
 
 
-def tcp(T_flange_tcp: pin.SE3, scales: Scales) -> Command:
-    """Return command 11."""
+def _motion_limits(kept: ControllerLimits, scales: Scales) -> Command:
+    values = (
+        degrees(kept.turn_rad),
+        kept.torque_Nm,
+        kept.set_point_m * MM_PER_M,
+        degrees(kept.set_point_rad),
+        kept.fastest_m_s * MM_PER_M,
+        0.0,
+    )
+    mm, degree = scales.position_per_mm, scales.oat_per_deg
+    per_one = (degree, scales.torque_per_Nm, mm, degree, scales.speed_per_mm_s, 1)
+    return Command(Com.LIMITS, int(Bank.MOTION), to_vec(_MOTION_NAMES, values, per_one))
+
+
+def _corner(place_m: Vec3, scales: Scales) -> VecInt:
+    """Return a corner of the box; where no pose can be told there is no need for a wall."""
+    units = (round(value * MM_PER_M * scales.position_per_mm) for value in place_m)
+    x, y, z = (min(max(unit, VALUE_MIN), VALUE_MAX) for unit in units)
+    return (x, y, z, 0, 0, 0)
+
+
+def tcp(T_flange_tcp: pin.SE3, scales: Scales, point: Point) -> Command:
+    """Return command 11: the TCP, or the point alone that force feedback turns about."""
     _refuse_unless_finite(T_flange_tcp)
     position_mm = T_flange_tcp.translation * MM_PER_M
-    return Command(Com.TCP, 0, _pose_vec(position_mm, oat_from_R(T_flange_tcp.rotation), scales))
+    vec = _pose_vec(position_mm, oat_from_R(T_flange_tcp.rotation), scales)
+    return Command(Com.TCP, int(point), vec)
 
 
 def _refuse_unless_finite(T: pin.SE3) -> None:
     if not is_finite_pose(T):
         raise LocalProtocolError("the pose holds a number that is not finite, it cannot be sent")
+
+
+def _wrench_vec(force_N: Vec3, torque_Nm: Vec3, scales: Scales) -> VecInt:
+    per_one = (scales.force_per_N,) * 3 + (scales.torque_per_Nm,) * 3
+    return to_vec(_WRENCH_NAMES, (*force_N, *torque_Nm), per_one)
 
 
 def _pose_vec(position_mm: Array, oat: Oat, scales: Scales) -> VecInt:

@@ -9,11 +9,12 @@ from common.messages import Trip
 from common.packet_table import Status
 from services.gateway.commands import ControllerLimits
 from services.gateway.dialogue import Dialogue
-from services.gateway.goals import Measured
+from services.gateway.goals import REPORTS_TO_BELIEVE, Measured
 from services.gateway.link import News
 from services.gateway.reports import Event, HealthReport, HelloReceived, PoseReport
-from services.gateway.round_trips import Rate, Turns
+from services.gateway.round_trips import LEAST_STREAMED, Rate, Turns
 
+SET_UP_WITHIN_NS = NS_PER_S  # so long nothing is wrong when it has not taken its limits
 LOOPS_SPAN = 500_000  # the loop counter of 103 goes round there
 
 # Bits without which the controller cannot obey, bits with which it will not, and their faults.
@@ -61,6 +62,8 @@ class Connection:
         self._kept = kept
         self._stale_after_s = stale_after_s
         self._up = False
+        self._greeted_ns = 0
+        self._voided = 0  # reports in a row by which the limits were not taken, and do not wait
         self._pose: PoseReport | None = None
         self._samples, self._loops = Rate(), Turns(LOOPS_SPAN)
 
@@ -113,16 +116,24 @@ class Connection:
         if age_s > self._stale_after_s:
             limit_ms = self._stale_after_s * 1e3
             return f"the controller's pose is {age_s * 1e3:.0f} ms old, limit {limit_ms:.0f} ms"
+        is_young = now_ns - self._greeted_ns < SET_UP_WITHIN_NS
+        if is_young and not self.dialogue.is_set_up and not self._unfit_codes():
+            return "the controller is being told its limits"
         return ""
 
     def unfit(self) -> Trip | None:
         """Return which status bits keep the controller from obeying."""
-        status = Status(0) if self.measured is None else self.measured.status
-        codes = [code for bit, code in NEEDED.items() if not status & bit]
-        codes += [code for bit, code in FORBIDDEN.items() if status & bit]
+        codes = self._unfit_codes()
+        if not codes and not self.dialogue.is_set_up:
+            return tripped("robot_program", "the controller's program does not take its limits")
         if not codes:
             return None
         return tripped(codes[0], "; ".join(FAULTS[code].cause for code in codes))
+
+    def _unfit_codes(self) -> list[str]:
+        status = Status(0) if self.measured is None else self.measured.status
+        codes = [code for bit, code in NEEDED.items() if not status & bit]
+        return codes + [code for bit, code in FORBIDDEN.items() if status & bit]
 
     def numbers(self, now_ns: int) -> dict[str, float]:
         """Return what this connection has measured: times [s], rates [1/s]; no unknown ones."""
@@ -133,10 +144,13 @@ class Connection:
                 spread = trips.spread(now_ns)
                 found[f"{name}_round_trip_p50_s"] = None if spread is None else spread.p50_s
                 found[f"{name}_round_trip_p99_s"] = None if spread is None else spread.p99_s
+            streamed = echoes.streamed.spread(now_ns, LEAST_STREAMED)
+            found["streamed_round_trip_p50_s"] = None if streamed is None else streamed.p50_s
             found["program_loop_hz"] = self._loops.hz(now_ns)
             found["sender_hz"] = self._samples.hz(now_ns)
         if self.health is not None:
             found["monitor_speed_fraction"] = self.health.monitor_speed_fraction
+            found["any_peer_may_connect"] = float(self.health.any_peer)
         return {name: number for name, number in found.items() if number is not None}
 
     def _watch(self, now_ns: int) -> None:
@@ -152,6 +166,14 @@ class Connection:
             self._down()
             self.code = "link_slow"
 
+    def _set_up_again(self, health: HealthReport, now_ns: int) -> None:
+        """Tell the limits again that nothing waits to take: a hold of its own has voided them."""
+        is_void = health.queue_length == 0 and self.dialogue.unframed == 0
+        self._voided = self._voided + 1 if is_void and not self.dialogue.is_set_up else 0
+        if self._voided >= REPORTS_TO_BELIEVE:
+            self._voided = 0
+            self.send(self.dialogue.hold(now_ns), now_ns)
+
     def _down(self) -> None:
         self._up, self._pose, self.measured, self.health = False, None, None, None
         self._samples, self._loops = Rate(), Turns(LOOPS_SPAN)
@@ -160,10 +182,12 @@ class Connection:
         if isinstance(event, HelloReceived):
             self.code = "robot_link"
             self._wire.greeted()
+            self._greeted_ns = now_ns
             self.send(self.dialogue.set_up(self._kept, now_ns), now_ns)
         elif isinstance(event, HealthReport):
             self.health = event
             self._loops.read(event.loop_count, now_ns)
+            self._set_up_again(event, now_ns)
         elif isinstance(event, PoseReport):
             self._pose = event
         elif self._pose is not None:
@@ -178,7 +202,7 @@ class Connection:
                 joint_rad=event.joint_rad,
                 status=event.status,
                 counter=event.counter,
-                taken_id=self.dialogue.taken_id,
+                taken=self.dialogue.taken,
                 at_ns=now_ns,
             )
             return True

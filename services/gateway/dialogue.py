@@ -15,12 +15,13 @@ import pinocchio as pin
 from common.errors import LocalProtocolError
 from common.messages import Gains, Mode, Speed, Vec3, Vec6
 from common.packet import Packet, PacketReader, encode
-from common.packet_table import FEEDBACK_BITS, NO_ID, Com, Status, id_reached, ids_since, next_id
+from common.packet_table import FEEDBACK_BITS, NO_ID, Com, Point, Status
 from services.gateway import commands
 from services.gateway.commands import Command, ControllerLimits, Pacing, PoseCarry
+from services.gateway.numbering import NONE_YET, EchoMark, id_of, number_of
 from services.gateway.offers import Offers
 from services.gateway.reports import Event, JointReport, PoseReport, parse_hello, parse_report
-from services.gateway.round_trips import Echoes
+from services.gateway.round_trips import Echoes, is_taken
 from services.gateway.scales import Scales
 
 _NO_BITS = Status(0)
@@ -28,28 +29,37 @@ S_PER_NS = 1e-9
 
 
 class Dialogue:
-    """Protocol state of the gateway's side; one object lives through many connections."""
+    """Protocol state of the gateway's side; one object lives through many connections.
+
+    `last`, `taken` and `framed` are numbers of packets, which never go round as their IDs do.
+    """
 
     def __init__(
-        self, scales: Scales, pacing: Pacing | None = None, *, last_id: int = NO_ID
+        self, scales: Scales, pacing: Pacing | None = None, *, arm: int = 1, last_id: int = NO_ID
     ) -> None:
-        """Prepare the first connection. IDs go on from `last_id`, also over reconnects."""
+        """Prepare the first connection, to the arm of this number.
+
+        IDs go on from `last_id`, also over reconnects.
+        """
         self.scales = scales
+        self._arm = arm
         self._pacing = pacing or Pacing()
-        self.last_id = last_id  # of the last packet handed out for sending
+        self.last = number_of(last_id)  # the last packet handed out for sending
         self._reset()
 
     def _reset(self) -> None:
         """Forget everything that belongs to one connection."""
         self._reader = PacketReader()
-        self._hello_id = NO_ID
+        self._hello = NONE_YET
         self.ready = False  # both hellos are through
         self.status = _NO_BITS
-        self.taken_id = NO_ID
-        self.framed_id = NO_ID
+        self._last_for_ring = NONE_YET  # the robot program can name no packet after this one
+        self._taken = self._framed = EchoMark(NONE_YET)
         self.echoes = Echoes()
         self._last_sent_ns = 0
-        self._motion_id = self._hold_id = NO_ID  # the last ones; a hold voids the motion before
+        self._motion = self._hold = NONE_YET  # the last ones; a hold voids the motion before
+        self._setting_up: tuple[Command, ...] = ()
+        self._set_up = NONE_YET  # the last of these
         self._speed: Speed | None = None
         self._wanted_bits = _NO_BITS  # force feedback that was asked for
         self._was_running = False
@@ -65,8 +75,9 @@ class Dialogue:
     def connected(self, now_ns: int) -> bytes:
         """Start a connection: return our hello, its first packet."""
         self._reset()
-        self._hello_id = next_id(self.last_id)
-        return self._send(now_ns, commands.hello(self.scales))
+        self._hello = self._last_for_ring = self.last + 1
+        self._taken, self._framed = EchoMark(self._hello), EchoMark(self._hello)
+        return self._send(now_ns, commands.hello(self.scales, self._arm))
 
     def feed(self, data: bytes, now_ns: int) -> list[Event]:
         """Return what the controller said.
@@ -78,26 +89,21 @@ class Dialogue:
 
     def _take(self, packet: Packet, now_ns: int) -> Event:
         if not self.ready:
-            hello = parse_hello(packet, self.scales)
+            hello = parse_hello(packet, self.scales, self._arm)
             self.ready = True
             self.echoes.framed.give_up()  # that ours waited to be heard is no round trip
             return hello
         event = parse_report(packet, self.scales)
         if isinstance(event, PoseReport):
-            self.taken_id = self._ours(event.taken_id)
-            self.echoes.taken.reached(self.taken_id, now_ns)
+            self._taken.read(event.taken_id, self._last_for_ring)
+            self.echoes.taken_up_to(self.taken, now_ns)
             self._follow_status(event.status)
-            while self._untaken and id_reached(self.taken_id, self._untaken[0]):
+            while self._untaken and self._untaken[0] <= self.taken:
                 self._untaken.popleft()
         elif isinstance(event, JointReport):
-            self.framed_id = self._ours(event.framed_id)
-            self.echoes.framed.reached(self.framed_id, now_ns)
+            self._framed.read(event.framed_id, self.last)
+            self.echoes.framed.reached(self.framed, now_ns)
         return event
-
-    def _ours(self, id_: int) -> int:
-        """Return the ID if it is of this connection; one of an earlier connection is none."""
-        this_connection = id_reached(id_, self._hello_id) and id_reached(self.last_id, id_)
-        return id_ if this_connection else NO_ID
 
     def _follow_status(self, status: Status) -> None:
         """Notice when the controller ended by itself the force feedback that was asked for."""
@@ -108,6 +114,21 @@ class Dialogue:
             self._wanted_bits, self._was_running = _NO_BITS, False
 
     # --- views ------------------------------------------------------------------------------------
+
+    @property
+    def last_id(self) -> int:
+        """ID of the last packet handed out for sending."""
+        return id_of(self.last)
+
+    @property
+    def taken(self) -> int:
+        """The last packet of this connection that the robot program has taken, or NONE_YET."""
+        return self._taken.number
+
+    @property
+    def framed(self) -> int:
+        """The last packet of this connection that the receiver has framed, or NONE_YET."""
+        return self._framed.number
 
     @property
     def feedback_active(self) -> bool:
@@ -122,24 +143,31 @@ class Dialogue:
     @property
     def unframed(self) -> int:
         """Packets under way that the controller's receiver has not seen."""
-        seen = self._hello_id if self.framed_id == NO_ID else self.framed_id
-        return ids_since(seen, self.last_id)
+        return self.last - max(self._hello, self.framed)
 
     @property
     def settled(self) -> bool:
         """The controller has heard the last hold and taken the last motion: reports know both."""
-        return all(
-            id_ == NO_ID or id_reached(seen, id_)
-            for id_, seen in ((self._hold_id, self.framed_id), (self._motion_id, self.taken_id))
-        )
+        return self._hold <= self.framed and self._motion <= self.taken
+
+    @property
+    def is_set_up(self) -> bool:
+        """The robot program has taken everything without which it moves nothing."""
+        return self._set_up <= self.taken
 
     # --- commands ---------------------------------------------------------------------------------
 
     def hold(self, now_ns: int) -> bytes:
-        """Brake and hold now; allowed as soon as there is a connection."""
+        """Brake and hold now; allowed as soon as there is a connection.
+
+        It voids what the robot program has not taken: what it is set up with goes out again.
+        """
         self._stop_motion()
         data = self._send(now_ns, commands.HOLD)
-        self._hold_id, self._motion_id = self.last_id, NO_ID
+        self._hold, self._motion = self.last, NONE_YET
+        if not self.is_set_up:
+            data += self._send(now_ns, *self._setting_up)
+            self._set_up = self.last
         return data
 
     def move_to_pose(self, T_base_flange: pin.SE3, speed: Speed, now_ns: int) -> bytes:
@@ -157,13 +185,13 @@ class Dialogue:
 
     def offer_setpoint(self, T_base_flange: pin.SE3) -> None:
         """Give the newest pose of a stream; `tick` sends it when its turn comes."""
-        self._refuse_during_feedback(Com.MOVE_POSE)
+        self._refuse_during_feedback(Com.SET_POINT)
         self._offers.setpoint(T_base_flange)
 
-    def offer_wrench(self, force_N: Vec3, torque_Nm: Vec3) -> None:
-        """Give the newest wrench minus set point; `tick` sends it when its turn comes."""
+    def offer_wrench(self, force_N: Vec3, torque_Nm: Vec3, setpoint_N: Vec3) -> None:
+        """Give the newest wrench and its set point; `tick` sends them when their turn comes."""
         self._refuse_without_feedback("to take a wrench")
-        self._offers.wrench(force_N, torque_Nm)
+        self._offers.wrench(force_N, torque_Nm, setpoint_N)
 
     def offer_centre(self, T_flange_tcp: pin.SE3) -> None:
         """Give the newest point that force feedback turns about; `tick` sends it in its turn."""
@@ -183,24 +211,23 @@ class Dialogue:
 
     def set_up(self, kept: ControllerLimits, now_ns: int) -> bytes:
         """After hello: hold (it empties the ring), then what the controller keeps to by itself."""
-        return self.hold(now_ns) + self._send(now_ns, commands.limits(kept, self.scales))
+        self._setting_up = commands.set_up(kept, self.scales)
+        self._set_up = self.last + 1  # not taken
+        return self.hold(now_ns)
 
-    def set_tcp(self, T_flange_tcp: pin.SE3, now_ns: int) -> bytes:
-        """Send the tool centre point before force feedback starts."""
+    def set_centre(self, T_flange_centre: pin.SE3, now_ns: int) -> bytes:
+        """Send the point to turn about before force feedback starts."""
         self._refuse_during_feedback(Com.TCP)
-        return self._send(now_ns, commands.tcp(T_flange_tcp, self.scales))
+        return self._send(now_ns, commands.tcp(T_flange_centre, self.scales, Point.CENTRE))
 
-    def start_feedback(
-        self, mode: Mode, gains: Gains, kept: ControllerLimits, *, permitted: bool, now_ns: int
-    ) -> bytes:
-        """Send limits, gains and the start, in this order. Set points must have stopped before."""
+    def start_feedback(self, mode: Mode, gains: Gains, *, permitted: bool, now_ns: int) -> bytes:
+        """Send gains and the start, in this order. Set points must have stopped before."""
         if not permitted:
             raise LocalProtocolError(
                 "force feedback may not start without the arbiter's permission"
             )
         self._refuse_during_feedback(Com.FEEDBACK)
-        limits, both = commands.limits(kept, self.scales), commands.gains(gains)
-        data = self._send(now_ns, limits, *both, *commands.start_feedback(mode))
+        data = self._send(now_ns, *commands.gains(gains), *commands.start_feedback(mode))
         self._forget_motion(gains)
         self._wanted_bits, self._was_running = commands.BITS_OF_MODE[mode], False
         return data
@@ -229,12 +256,12 @@ class Dialogue:
         """What the robot program has not taken yet is void: no echo will come of it."""
         self._forget_motion()
         self._wanted_bits, self._was_running = _NO_BITS, False
-        self.echoes.taken.give_up()
+        self.echoes.give_up_taken()
 
     def _goal(self, command: Command, speed: Speed, now_ns: int) -> bytes:
         self._refuse_during_feedback(command.com)
         data = self._send(now_ns, *self._speed_first(speed), command)
-        self._speed, self._motion_id = speed, self.last_id
+        self._speed, self._motion = speed, self.last
         self._forget_motion()
         return data
 
@@ -246,8 +273,9 @@ class Dialogue:
 
     def _send_to_ring(self, now_ns: int, command: Command) -> bytes:
         data = self._send(now_ns, command)
-        self._untaken.append(self.last_id)
-        self._motion_id = self.last_id
+        self._untaken.append(self.last)
+        self.echoes.streamed.sent(self.last, now_ns)
+        self._motion = self.last
         return data
 
     def _due_wrench(self, now_ns: int) -> bytes:
@@ -270,16 +298,17 @@ class Dialogue:
 
     def _send(self, now_ns: int, *batch: Command) -> bytes:
         """Number and encode a batch: all of it, or an error and nothing."""
-        if self._hello_id == NO_ID:
+        if self._hello == NONE_YET:
             raise LocalProtocolError("there is no connection to send on")
         if not self.ready and any(c.com not in {Com.HELLO, Com.HOLD} for c in batch):
             raise LocalProtocolError("the controller has not said hello yet")
-        batch_packets: list[Packet] = []
-        for command in batch:
-            before = batch_packets[-1].id if batch_packets else self.last_id
-            batch_packets.append(command.packet(next_id(before)))
-        data = b"".join(encode(packet) for packet in batch_packets)
-        for packet in batch_packets:
-            self.last_id, self._last_sent_ns = packet.id, now_ns
-            self.echoes.sent(packet, now_ns)
+        numbered = [
+            command.packet(id_of(number)) for number, command in enumerate(batch, self.last + 1)
+        ]
+        data = b"".join(encode(packet) for packet in numbered)
+        for packet in numbered:
+            self.last, self._last_sent_ns = self.last + 1, now_ns
+            self.echoes.sent(packet, self.last, now_ns)
+            if is_taken(packet):
+                self._last_for_ring = self.last
         return data

@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from common.clock import NS_PER_S
-from common.convert import pose_of, vec3
+from common.convert import pose_of
 from common.endpoints import Reading
 from common.errors import RefusedError
 from common.guard import Guard
@@ -28,7 +28,6 @@ from common.messages import (
 from common.packet_table import FEEDBACK_BITS, Status
 from common.tracking import Tracking
 from services.gateway import goals
-from services.gateway.commands import ControllerLimits
 from services.gateway.departures import Departures
 from services.gateway.dialogue import Dialogue
 from services.gateway.goals import Measured, Track
@@ -58,7 +57,6 @@ class Driver:
         departures: Departures,
         tracking: Tracking,
         speed_m_s: float,
-        kept: ControllerLimits,
         T_flange_tcp: pin.SE3,
     ) -> None:
         """Start in hold, with nothing sent.
@@ -71,12 +69,12 @@ class Driver:
         self._guard = guard
         self._departures = departures
         self._tracking = tracking
-        self._kept = kept
         self._T_flange_tcp = T_flange_tcp
         self._stream_speed = Speed(mechanical_m_s=speed_m_s)
         self._track = Track()
         self._running: Running | None = None
         self._streaming = False  # set points flow: the first one was the measured pose
+        self._stream_from = 0  # packet of that one
         self._holding = True  # every connection begins with hello and hold
         self._lease: tuple[int, int] | None = None
         self._wrench_seen: tuple[int, int] | None = None
@@ -85,6 +83,11 @@ class Driver:
     def goal(self) -> GoalReport:
         """What became of the goal that was given last."""
         return self._track.report
+
+    @property
+    def sent(self) -> pin.SE3 | None:
+        """Set point of the stream that left last, flange in base; None: no stream."""
+        return self._departures.last if self._streaming else None
 
     def disconnected(self) -> None:
         """A new connection begins in hold, whatever was under way on the old one."""
@@ -95,6 +98,7 @@ class Driver:
         if self._track.on_the_way:
             self._track = self._track.ended("refused", reason)
         self._running, self._streaming = None, False
+        self._departures.end()
         self._tracking.free()
         if not self._holding and self._dialogue.ready:
             self._holding = True
@@ -104,6 +108,9 @@ class Driver:
         """Judge a new report under permission. Raises RefusedError as `obey`."""
         joint_rad, T = measured.joint_rad, measured.T_base_flange
         _refuse(self._guard.arm(T, joint_rad, now_ns))
+        is_refused = bool(measured.status & Status.TARGET_REFUSED)
+        if is_refused and self._streaming and measured.taken >= self._stream_from:
+            raise RefusedError("robot_refuses", "the controller refused a set point")
         _refuse(self._tracking.judge(T, joint_rad, now_ns))
 
     def follow_goal(self, measured: Measured, now_ns: int) -> None:
@@ -125,11 +132,14 @@ class Driver:
         Raises RefusedError when it breaks a limit of this cell or asks for what cannot be, and
         LocalProtocolError when it does not fit into a packet.
         """
-        self._holding = False
         if lease != self._lease:
+            if not self._holding:  # the controller counts turns from a hold, the guard from here
+                self.hold("armed anew", now_ns)
             self._lease, self._track = lease, Track()
-            self._guard.start(measured.T_base_flange)
-        _refuse(self._guard.wrench(wrench.fresh))
+            purpose = "all" if command.permission is None else command.permission.purpose
+            self._guard.start(measured.T_base_flange, now_ns, purpose)
+        self._holding = False
+        _refuse(self._guard.wrench(wrench.fresh, in_move=command.kind == "goal"))
         if command.kind != "setpoint":
             self._streaming = False
             self._departures.end()
@@ -165,7 +175,7 @@ class Driver:
         else:
             self._send(self._goal_bytes(goal, speed, now_ns), now_ns)
             self._departures.moved_otherwise()
-            self._track = goals.sent(goal, self._dialogue.last_id, measured.joint_rad, now_ns)
+            self._track = goals.sent(goal, self._dialogue.last, measured.joint_rad, now_ns)
             self._expect(self._track, measured)
 
     def _knows_where(self, goal: Goal, measured: Measured) -> bool:
@@ -196,7 +206,7 @@ class Driver:
             self._send(self._dialogue.set_speed(self._stream_speed, now_ns), now_ns)
             self._dialogue.offer_setpoint(measured.T_base_flange)
             self._send(self._dialogue.tick(now_ns, permitted=True), now_ns)
-            self._streaming = True
+            self._streaming, self._stream_from = True, self._dialogue.last
         T_wanted = pose_of(command.pose)
         _refuse(self._guard.setpoint(T_wanted, measured.T_base_flange, now_ns))
         self._dialogue.offer_setpoint(T_wanted)
@@ -247,9 +257,9 @@ class Driver:
     def _start_feedback(self, feedback: Feedback, now_ns: int) -> None:
         if self._dialogue.feedback_active:  # still ending
             return
-        self._send(self._dialogue.set_tcp(self._centre(feedback), now_ns), now_ns)
+        self._send(self._dialogue.set_centre(self._centre(feedback), now_ns), now_ns)
         data = self._dialogue.start_feedback(
-            feedback.mode, feedback.gains, self._kept, permitted=True, now_ns=now_ns
+            feedback.mode, feedback.gains, permitted=True, now_ns=now_ns
         )
         self._send(data, now_ns)
         self._departures.moved_otherwise()
@@ -282,8 +292,8 @@ class Driver:
                 raise RefusedError("feedback", "the controller did not start force feedback")
         elif sample != self._wrench_seen:
             self._wrench_seen = sample
-            error_N = np.array(wrench.force_N) - np.array(feedback.setpoint_force_N)
-            self._dialogue.offer_wrench(vec3(error_N), wrench.torque_Nm)
+            setpoint_N = feedback.setpoint_force_N
+            self._dialogue.offer_wrench(wrench.force_N, wrench.torque_Nm, setpoint_N)
 
 
 def _refuse(trip: Trip | None) -> None:

@@ -8,7 +8,8 @@ import pinocchio as pin
 from common.convert import pose_of
 from common.frames import rotation_between
 from common.messages import Goal, GoalReport, GoalState, Vec6
-from common.packet_table import NO_ID, Status, id_reached
+from common.packet_table import Status
+from services.gateway.numbering import NONE_YET
 
 NO_GOAL = GoalReport()
 REACHED_M = 5e-4
@@ -27,7 +28,7 @@ class Measured:
     joint_rad: Vec6
     status: Status
     counter: int
-    taken_id: int
+    taken: int  # number of the last packet that the robot program has taken
     at_ns: int
 
 
@@ -36,7 +37,7 @@ class Track:
     """A goal from its packet to its end."""
 
     report: GoalReport = NO_GOAL
-    packet_id: int = NO_ID
+    packet: int = NONE_YET  # its number
     T_target: pin.SE3 | None = None
     joint_target_rad: Vec6 | None = None
     sent_ns: int = 0
@@ -66,7 +67,7 @@ def refused(goal: Goal, reason: str) -> Track:
     return Track(GoalReport(id=goal.id, state="refused", reason=reason[:400]))
 
 
-def sent(goal: Goal, packet_id: int, joint_rad: Vec6, now_ns: int) -> Track:
+def sent(goal: Goal, packet: int, joint_rad: Vec6, now_ns: int) -> Track:
     """Return a goal whose packet was sent while the joints were at `joint_rad` [rad]."""
     joints = goal.joint_rad
     if goal.kind == "by" and joints is not None:
@@ -74,7 +75,7 @@ def sent(goal: Goal, packet_id: int, joint_rad: Vec6, now_ns: int) -> Track:
         joints = (a, b, c, d, e, f)
     return Track(
         GoalReport(id=goal.id, state="running"),
-        packet_id,
+        packet,
         T_target=None if goal.pose is None or goal.kind != "pose" else pose_of(goal.pose),
         joint_target_rad=None if goal.kind == "pose" else joints,
         sent_ns=now_ns,
@@ -85,7 +86,7 @@ def follow(track: Track, measured: Measured, now_ns: int) -> Track:
     """Return the goal as the newest report shows it."""
     if track.report.state != "running":
         return track
-    if not id_reached(measured.taken_id, track.packet_id):
+    if measured.taken < track.packet:
         if now_ns - track.sent_ns > TAKEN_WITHIN_NS:
             return track.ended(
                 "refused", f"not taken by the controller in {TAKEN_WITHIN_NS / 1e9:g} s"

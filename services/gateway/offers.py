@@ -3,6 +3,7 @@
 import pinocchio as pin
 
 from common.messages import Gains, Vec3
+from common.packet_table import Point
 from services.gateway import commands
 from services.gateway.commands import Command, Pacing, PoseCarry
 from services.gateway.scales import Scales
@@ -18,6 +19,8 @@ class Offers:
         """Nothing waits, and no rounding is carried; `running`: what force feedback starts with."""
         self._scales, self._pacing = scales, pacing
         self._sent_gains: tuple[Command, ...] = () if running is None else commands.gains(running)
+        # The controller begins with none, after a hold, a stop and hello.
+        self._sent_setpoint = commands.force_set_point((0.0, 0.0, 0.0), scales)
         self._carry = PoseCarry()
         self.forget()
 
@@ -30,16 +33,17 @@ class Offers:
 
     def setpoint(self, T_base_flange: pin.SE3) -> None:
         """Let a pose wait."""
-        commands.move_to_pose(T_base_flange, self._scales, self._carry)
+        commands.set_point(T_base_flange, self._scales, self._carry)
         self._setpoint = T_base_flange
 
-    def wrench(self, force_N: Vec3, torque_Nm: Vec3) -> None:
-        """Let a wrench wait."""
-        self._wrench = (commands.wrench(force_N, torque_Nm, self._scales),)
+    def wrench(self, force_N: Vec3, torque_Nm: Vec3, setpoint_N: Vec3) -> None:
+        """Let a wrench wait, and the set point that is for it."""
+        setpoint = commands.force_set_point(setpoint_N, self._scales)
+        self._wrench = (setpoint, commands.wrench(force_N, torque_Nm, self._scales))
 
     def centre(self, T_flange_tcp: pin.SE3) -> None:
         """Let a point to turn about wait."""
-        self._centre = (commands.tcp(T_flange_tcp, self._scales),)
+        self._centre = (commands.tcp(T_flange_tcp, self._scales, Point.CENTRE),)
 
     def gains(self, gains: Gains) -> None:
         """Let both sets of gains wait."""
@@ -53,8 +57,11 @@ class Offers:
         return self._take_setpoint(now_ns) or self._take_gains() or self._take_centre()
 
     def take_wrench(self) -> tuple[Command, ...]:
-        """Take the wrench, which the ring has no part in."""
+        """Take the wrench, which the ring has no part in, behind its set point if that is new."""
         wrench, self._wrench = self._wrench, ()
+        if not wrench or wrench[0] == self._sent_setpoint:
+            return wrench[1:]
+        self._sent_setpoint = wrench[0]
         return wrench
 
     def _take_setpoint(self, now_ns: int) -> tuple[Command, ...]:
@@ -62,7 +69,7 @@ class Offers:
             return ()
         if (leaves := self._pacing.leave(wanted, now_ns)) is None:
             return ()
-        command, self._carry = commands.move_to_pose(leaves, self._scales, self._carry)
+        command, self._carry = commands.set_point(leaves, self._scales, self._carry)
         self._setpoint = None if leaves is wanted else wanted
         return (command,)
 

@@ -17,6 +17,7 @@ from common.packet_table import (
     REPORTS,
     Com,
     Status,
+    greeted,
     known,
     unpack_status,
 )
@@ -60,25 +61,33 @@ class HealthReport:
     queue_length: int
     monitor_speed_fraction: float
     held_id: int  # of the last hold; hello is one
+    any_peer: bool  # fm.peer names no address: whoever reaches the port may connect
 
 
 Event = HelloReceived | PoseReport | JointReport | HealthReport
 
 
-def parse_hello(packet: Packet, asked: Scales) -> HelloReceived:
+def parse_hello(packet: Packet, asked: Scales, arm: int) -> HelloReceived:
     """Return the controller's hello.
 
-    Raises RemoteProtocolError when the first packet is another one, or when version or scales are
-    not the ones that were asked for: it names both.
+    Raises RemoteProtocolError when the first packet is another one, or when version, number of the
+    arm or scales are not the ones that were asked for: it names both, and what to do.
     """
     if packet.com != Com.HELLO:
         raise RemoteProtocolError(
             f"the controller's first packet is command {packet.com}, it must be hello "
             f"({int(Com.HELLO)}): is the program that ships with this version loaded?"
         )
-    if packet.param != PROTOCOL_VERSION:
+    version, number = greeted(packet.param)
+    if version != PROTOCOL_VERSION:
         raise RemoteProtocolError(
-            f"the controller speaks protocol {packet.param}, this program {PROTOCOL_VERSION}"
+            f"the controller's program speaks protocol {version}, this gateway {PROTOCOL_VERSION}: "
+            "load controller/forcemesh.as of this version, then EXECUTE fm.main"
+        )
+    if number != arm:
+        raise RemoteProtocolError(
+            f"this is arm {number}, the cell file's gateway.arm is {arm}: are cables or addresses "
+            "of two arms swapped? If not, make fm.num in fm.config and gateway.arm the same"
         )
     answered = scales_from_hello(packet.vec)
     if wrong := differences(asked, answered):
@@ -113,7 +122,7 @@ def _joints(packet: Packet, scales: Scales) -> Vec6:
 
 
 def _health(packet: Packet) -> HealthReport:
-    loops, wrench_age_ms, queued, monitor_speed, held, _ = packet.vec
+    loops, wrench_age_ms, queued, monitor_speed, held, any_peer = packet.vec
     return HealthReport(
         error_code=packet.param,
         loop_count=loops,
@@ -121,4 +130,5 @@ def _health(packet: Packet) -> HealthReport:
         queue_length=queued,
         monitor_speed_fraction=monitor_speed / PERCENT / 100.0,
         held_id=ID_FIRST + held,
+        any_peer=any_peer != 0,
     )

@@ -9,18 +9,19 @@ from dataclasses import dataclass
 from math import ceil
 
 from common.packet import Packet
-from common.packet_table import NO_ID, Com, FeedbackSwitch, id_reached
+from common.packet_table import Com, FeedbackSwitch
 
 NS_PER_S = 1_000_000_000
 # What the robot program takes from its ring, and 101 names then; the receiver does the rest alone.
 TAKEN = frozenset({
     Com.MOVE_POSE, Com.MOVE_JOINTS, Com.MOVE_BY_JOINTS, Com.SPEEDS, Com.GAINS, Com.FEEDBACK,
-    Com.LIMITS, Com.TCP,
+    Com.LIMITS, Com.TCP, Com.SET_POINT,
 })  # fmt: skip
 MOST_TIMES = 512
 MOST_UNDER_WAY = 512
 FORGET_AFTER_S = 60.0
 RATE_WINDOW_S = 4.0
+LEAST_STREAMED = 20  # set points before their median is told
 RATE_LEAST_S = 1.0
 MARKS = 32  # of a window: the error of its length is one part in so many
 
@@ -34,25 +35,25 @@ class Spread:
 
 
 class RoundTrips:
-    """From a packet's sending to the report that names its ID, or a later one."""
+    """From a packet's sending to the report that names it, or a later one."""
 
     def __init__(self) -> None:
         """Know nothing yet."""
         self.last_s: float | None = None
-        self._under_way: deque[tuple[int, int]] = deque()  # ID, sent at
+        self._under_way: deque[tuple[int, int]] = deque()  # number, sent at
         self._times: deque[tuple[int, int]] = deque(maxlen=MOST_TIMES)  # echoed at, took
 
-    def sent(self, id_: int, now_ns: int) -> None:
-        """Wait for the echo of a packet; IDs come in the order of their sending.
+    def sent(self, number: int, now_ns: int) -> None:
+        """Wait for the echo of a packet; numbers come in the order of their sending.
 
         When too many are under way this one is not timed: the oldest tell how long it takes.
         """
         if len(self._under_way) < MOST_UNDER_WAY:
-            self._under_way.append((id_, now_ns))
+            self._under_way.append((number, now_ns))
 
-    def reached(self, id_: int, now_ns: int) -> None:
+    def reached(self, number: int, now_ns: int) -> None:
         """Take note of an echo: this packet, and all before it, have arrived."""
-        while id_ != NO_ID and self._under_way and id_reached(id_, self._under_way[0][0]):
+        while self._under_way and self._under_way[0][0] <= number:
             took_ns = now_ns - self._under_way.popleft()[1]
             self.last_s = took_ns / NS_PER_S
             self._times.append((now_ns, took_ns))
@@ -66,14 +67,20 @@ class RoundTrips:
         """Wait no more for what is under way: it was made void and will not be echoed."""
         self._under_way.clear()
 
-    def spread(self, now_ns: int) -> Spread | None:
-        """Return how long it took lately, or None when nothing came back in the last minute."""
+    def spread(self, now_ns: int, least: int = 1) -> Spread | None:
+        """Return how long it took lately, or None when fewer came back in the last minute."""
         oldest_ns = now_ns - FORGET_AFTER_S * NS_PER_S
         times = sorted(took for at, took in self._times if at >= oldest_ns)
-        if not times:
+        if len(times) < least:
             return None
         p50, p99 = (times[ceil(share * len(times)) - 1] for share in (0.50, 0.99))
         return Spread(p50 / NS_PER_S, p99 / NS_PER_S)
+
+
+def is_taken(packet: Packet) -> bool:
+    """Tell whether the robot program takes this packet from its ring, and 101 names it then."""
+    is_stop = packet.com == Com.FEEDBACK and packet.param == FeedbackSwitch.STOP
+    return packet.com in TAKEN and not is_stop
 
 
 class Echoes:
@@ -82,13 +89,24 @@ class Echoes:
     def __init__(self) -> None:
         """Nothing was sent yet."""
         self.framed, self.taken = RoundTrips(), RoundTrips()
+        # Of a stream alone: a program that idles looks into its ring twice a second at first.
+        self.streamed = RoundTrips()
 
-    def sent(self, packet: Packet, now_ns: int) -> None:
+    def sent(self, packet: Packet, number: int, now_ns: int) -> None:
         """Wait for what will come back of this packet."""
-        self.framed.sent(packet.id, now_ns)
-        is_stop = packet.com == Com.FEEDBACK and packet.param == FeedbackSwitch.STOP
-        if packet.com in TAKEN and not is_stop:
-            self.taken.sent(packet.id, now_ns)
+        self.framed.sent(number, now_ns)
+        if is_taken(packet):
+            self.taken.sent(number, now_ns)
+
+    def taken_up_to(self, id_: int, now_ns: int) -> None:
+        """Take note of what the robot program says that it has taken."""
+        self.taken.reached(id_, now_ns)
+        self.streamed.reached(id_, now_ns)
+
+    def give_up_taken(self) -> None:
+        """Wait no more for what the robot program will not take."""
+        self.taken.give_up()
+        self.streamed.give_up()
 
 
 class Rate:

@@ -3,20 +3,22 @@
 from dataclasses import replace
 from math import radians
 
+import numpy as np
+
 from common import topics
 from common.cell import Cell, GatewaySection
 from common.clock import NS_PER_S
-from common.convert import record_of
+from common.convert import record_of, vec3
 from common.endpoints import Bus
 from common.errors import ConfigError, LocalProtocolError, RefusedError
-from common.guard import Guard
+from common.guard import MEASURED_SLACK_M, Guard
 from common.messages import LinkHealth, RobotState, RobotStatus
 from common.packet_table import ID_COUNT, ID_FIRST, Status
 from common.permission import NO_COMMAND_YET, CommandGate, Verdict
 from common.tracking import Tracking
 from services.gateway.commands import ControllerLimits, Pacing
 from services.gateway.connection import Connection, Wire
-from services.gateway.departures import Departures
+from services.gateway.departures import CatchUp, Departures
 from services.gateway.dialogue import Dialogue
 from services.gateway.driver import Driver
 from services.gateway.goals import Measured
@@ -24,6 +26,11 @@ from services.gateway.link import Link, LinkSettings
 from services.gateway.scales import Scales
 
 STEP_S = 0.002  # how long a report of the controller may wait in the socket
+# Of what the controller keeps, beyond what this process lets through.
+TURN_MARGIN_RAD = radians(0.5)
+STEP_MARGIN = 1.1
+SPEED_MARGIN = 1.01
+WALL_MARGIN_M = MEASURED_SLACK_M + 1e-3
 EARLY = 0.75  # a report that comes this share of a period after the last one is passed on
 
 
@@ -40,7 +47,8 @@ class Gateway:
         self._clock = bus.clock
         kept = controller_limits(cell, section)
         guard = Guard(cell)
-        departures = Departures(cell.limits, guard.place)
+        step = set_point_step(cell, section)
+        departures = Departures(cell.limits, guard.place, CatchUp.of(cell), step)
         pacing = Pacing(
             max_untaken=section.max_untaken_setpoints,
             heartbeat_after_s=section.heartbeat_s,
@@ -48,7 +56,7 @@ class Gateway:
         )
         # A process that starts anew does not take reports about its predecessor's IDs for its own.
         last_id = ID_FIRST + bus.epoch % ID_COUNT
-        self._dialogue = Dialogue(scales_of(section), pacing, last_id=last_id)
+        self._dialogue = Dialogue(scales_of(section), pacing, arm=section.arm, last_id=last_id)
         self._connection = Connection(
             wire or Link(LinkSettings(section.host, section.port)),
             self._dialogue,
@@ -62,7 +70,6 @@ class Gateway:
             departures=departures,
             tracking=Tracking(cell),
             speed_m_s=cell.limits.speed_m_s,
-            kept=kept,
             T_flange_tcp=cell.tool.T_flange_tcp.pose,
         )
         self._gate = CommandGate()
@@ -167,9 +174,9 @@ class Gateway:
 
     def _say(self, is_new: bool, now_ns: int) -> None:  # noqa: FBT001 - one flag of one caller
         """Pass every report on; when none comes any more, say so at the usual rate."""
-        since_ns = now_ns - self._said_ns
+        since_ns, early_ns = now_ns - self._said_ns, EARLY * self._state_period_ns
         measured = self._connection.measured
-        if is_new and measured is not None and since_ns >= EARLY * self._state_period_ns:
+        if is_new and measured is not None and not self.fault and since_ns >= early_ns:
             self._said_ns = now_ns
             self._state.put(self._state_of(measured))
         elif self.fault and since_ns >= self._state_period_ns:
@@ -196,6 +203,7 @@ class Gateway:
             error_code=0 if health is None else health.error_code,
             goal=self._driver.goal,
             accepted=self._verdict.accepted,
+            sent=None if self._driver.sent is None else record_of(self._driver.sent),
             hold_reason=self._verdict.hold_reason[:400],
             hold_code=self._verdict.hold_code,
             link=self._link_health(),
@@ -230,9 +238,23 @@ def scales_of(section: GatewaySection) -> Scales:
         raise ConfigError("section gateway", [str(error)]) from error
 
 
-def controller_limits(cell: Cell, section: GatewaySection) -> ControllerLimits:
-    """Return what the controller shall keep to by itself, also when nobody hears us."""
+def set_point_step(cell: Cell, section: GatewaySection) -> tuple[float, float]:
+    """Return how far one set point may be from the one before [m, rad]."""
     limits = cell.limits
+    return (
+        min(limits.step_m, limits.speed_m_s * section.segment_s),
+        radians(min(limits.step_deg, limits.speed_deg_s * section.segment_s)),
+    )
+
+
+def controller_limits(cell: Cell, section: GatewaySection) -> ControllerLimits:
+    """Return what the controller shall keep to by itself, also when nobody hears us.
+
+    A little wider than what leaves here, so that rounding is no refusal: this process is the one
+    that says what was wrong.
+    """
+    limits = cell.limits
+    step_m, step_rad = set_point_step(cell, section)
     return ControllerLimits(
         step_m=limits.step_m,
         step_rad=radians(limits.step_deg),
@@ -240,4 +262,12 @@ def controller_limits(cell: Cell, section: GatewaySection) -> ControllerLimits:
         travel_m=limits.tether_m,
         force_N=limits.force_N,
         watchdog_s=section.watchdog_s,
+        turn_rad=radians(limits.tether_deg) + TURN_MARGIN_RAD,
+        torque_Nm=limits.torque_Nm,
+        set_point_m=STEP_MARGIN * step_m,
+        set_point_rad=STEP_MARGIN * step_rad,
+        fastest_m_s=SPEED_MARGIN * limits.speed_m_s,
+        lower_m=vec3(np.array(limits.workspace_min_m) - WALL_MARGIN_M),
+        upper_m=vec3(np.array(limits.workspace_max_m) + WALL_MARGIN_M),
+        T_flange_tcp=cell.tool.T_flange_tcp.pose,
     )

@@ -1,11 +1,25 @@
 """What the hub says of itself: it is alive as long as this loop runs. Zenoh does the rest."""
 
+from collections import Counter
+from typing import Protocol, runtime_checkable
+
 from common.cell import Cell
 from common.describe import Describer
 from common.endpoints import Bus
 from services.hub.refusals import Refusals
 
 STEPS_PER_REPORT = 5
+# Links of one certificate. Subscriptions of one link cost the hub nothing more, each further link
+# that hears everything does (docs/network.md; `python -m bench subscriptions`).
+MOST_LINKS = 4
+
+
+@runtime_checkable
+class Linked(Protocol):
+    """A transport that knows who is connected."""
+
+    def links_by_name(self) -> Counter[str]:
+        """Return how many links each certificate has open."""
 
 
 class Hub:
@@ -15,9 +29,18 @@ class Hub:
         """Step a little more often than the health is published."""
         self.period_s = 1.0 / (STEPS_PER_REPORT * cell.rates.health_hz)
         self.trigger = None
-        self.fault = ""
+        self._transport = bus.transport
         self._refusals = refusals or Refusals()
         self._describer = Describer(bus)
+
+    @property
+    def fault(self) -> str:
+        """Who has more links open than a cell is made for, empty when nobody has."""
+        if not isinstance(self._transport, Linked):
+            return ""
+        links = sorted(self._transport.links_by_name().items())
+        many = [f"{name} has {count} links" for name, count in links if count > MOST_LINKS]
+        return f"{', '.join(many)}; more than {MOST_LINKS} slow the hub down" if many else ""
 
     def step(self, now_ns: int) -> None:
         """Tell what was refused and what is said here: the router works in its own threads."""

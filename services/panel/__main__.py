@@ -9,6 +9,7 @@ from pathlib import Path
 from common.config import load_cell
 from common.service import exit_on_error, stop_on_signals
 from services.panel.door import door_of
+from services.panel.encrypted import context_of
 
 NICE = 10  # whatever it draws may come late; what moves the arm may not
 
@@ -28,12 +29,14 @@ def main(words: list[str] | None = None) -> None:
         door = door_of(
             cell.panel, os.environ, host=asked.host, port=asked.port, view_only=asked.view_only
         )
+        context_of(cell, door)  # without a certificate it is not to start at all
         _be_nice()
         from services.panel.page import Page  # noqa: PLC0415 - seconds of imports, after the checks
 
         page = Page(cell, asked.cell, door)
     try:
-        address = f"http://{'127.0.0.1' if door.host == '0.0.0.0' else door.host}:{door.port}"  # noqa: S104
+        scheme = "https" if door.is_encrypted else "http"
+        address = f"{scheme}://{'127.0.0.1' if door.host == '0.0.0.0' else door.host}:{door.port}"  # noqa: S104
         sys.stdout.write(f"panel: {address}\n")
         sys.stdout.flush()
         if asked.open:

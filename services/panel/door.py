@@ -6,17 +6,15 @@ address. So the door looks at `Host` (a name that was bent to this address is re
 """
 
 import hmac
-import ipaddress
 from collections.abc import Mapping
 from dataclasses import dataclass
 from http.cookies import CookieError, SimpleCookie
-from typing import Literal
 from urllib.parse import parse_qs, urlsplit
 
 from common.cell_panel import SAME_TOKEN, PanelSection, guessable
 from common.errors import ForcemeshError
-
-Rights = Literal["operate", "view"]
+from common.published import PANEL_PUBLISHED, is_loopback
+from services.panel.sessions import LASTS_S, Rights
 
 TOKEN_VARIABLE = "FORCEMESH_PANEL_TOKEN"  # noqa: S105 - the name of a variable
 ASKED_BY_US = "X-Forcemesh"  # no other page can send this header here: browsers ask first
@@ -32,13 +30,19 @@ class Door:
     token: str = ""
     view_token: str = ""
     view_only: bool = False
+    published: str = ""  # where others reach it, when it listens in a container
+
+    @property
+    def reached_at(self) -> str:
+        """Return the address at which others reach it."""
+        return self.published or self.host
 
     def __post_init__(self) -> None:
         """Raise ForcemeshError where others could walk in."""
-        if not self.token and not stays_here(self.host):
+        if not self.token and not is_loopback(self.reached_at):
             what = "watch the cell" if self.view_only else "move the arm"
             raise ForcemeshError(
-                f"refused: on {self.host} anybody in reach could {what}: set panel.token in "
+                f"refused: on {self.reached_at} anybody in reach could {what}: set panel.token in "
                 f"the cell file or {TOKEN_VARIABLE}, or let the panel listen on 127.0.0.1"
             )
         for token in (self.token, self.view_token):
@@ -53,23 +57,39 @@ class Door:
             )
 
     @property
-    def cookie(self) -> str:
-        """Name of the cookie: a browser has one jar for all ports of a machine."""
-        return f"forcemesh_panel_{self.port}"
+    def is_encrypted(self) -> bool:
+        """Whether it is served by TLS: wherever others reach it."""
+        return not is_loopback(self.reached_at)
 
-    def rights(self, path: str, headers: Mapping[str, str]) -> Rights | None:
-        """Return what whoever asks may do, None when nothing without a token."""
-        if not self.token:
-            return "view" if self.view_only else "operate"
-        shown = token_in(path) or cookie_in(headers, self.cookie)
-        if same(shown, self.token):
-            return "view" if self.view_only else "operate"
+    @property
+    def cookie(self) -> str:
+        """Name of the cookie: a browser has one jar for all ports of a machine.
+
+        The prefix makes a browser take it from this very host and by TLS alone.
+        """
+        prefix = "__Host-" if self.is_encrypted else ""
+        return f"{prefix}forcemesh_panel_{self.port}"
+
+    @property
+    def most(self) -> Rights:
+        """What an operator may do here."""
+        return "view" if self.view_only else "operate"
+
+    def rights(self, shown: str) -> Rights | None:
+        """Return what a token opens, None when nothing."""
+        if self.token and same(shown, self.token):
+            return self.most
         return "view" if self.view_token and same(shown, self.view_token) else None
+
+    def keep(self, number: str) -> str:
+        """Return the header that gives a browser the number of its session."""
+        kept = f"{self.cookie}={number}; Path=/; Max-Age={round(LASTS_S)}; HttpOnly; "
+        return kept + ("SameSite=Strict; Secure" if self.is_encrypted else "SameSite=Strict")
 
     def stranger(self, headers: Mapping[str, str]) -> str:
         """Say why a request is not of the panel's own page, empty when it is."""
         asked = headers.get("Host", "")
-        if not self.token and name_of(asked) not in {*HERE, self.host}:
+        if not self.token and name_of(asked) not in {*HERE, self.reached_at}:
             return f"this panel is not called {asked!r}: open it by the address that it has printed"
         origin = headers.get("Origin")
         if origin is not None and urlsplit(origin).netloc.lower() != asked.lower():
@@ -96,20 +116,13 @@ def door_of(
         token=environment.get(TOKEN_VARIABLE) or section.token,
         view_token=section.view_token,
         view_only=view_only,
+        published=environment.get(PANEL_PUBLISHED, ""),
     )
 
 
 def same(shown: str, token: str) -> bool:
     """Compare without telling by the time it takes how much of it was right."""
     return hmac.compare_digest(shown.encode(), token.encode())
-
-
-def stays_here(host: str) -> bool:
-    """Tell whether nobody outside this machine reaches an address."""
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return host == "localhost"
 
 
 def name_of(netloc: str) -> str:

@@ -12,24 +12,32 @@ import viser
 
 from common.cell import Cell
 from common.clock import NS_PER_S
-from services.panel.door import Door, Rights
+from common.heartbeat import heartbeat_of_this_process
+from services.panel.door import Door
+from services.panel.encrypted import context_of
 from services.panel.faultlog import FaultLog
 from services.panel.history import History
 from services.panel.plots import PERIOD_S as PLOTS_S
 from services.panel.plots import Plots
+from services.panel.prose import Prose, paragraphs
 from services.panel.readout import NAMES, Readout
 from services.panel.scene import Scene
 from services.panel.server import RIGHTS, Gate, close_server, open_server
+from services.panel.sessions import Rights
+from services.panel.stopping import UNANSWERED, stop_text
 from services.panel.strip import may_stop, strip
 from services.panel.tabs import Refresh, all_tabs
-from services.panel.viewer import Viewer, ask, put
+from services.panel.viewer import Answer, Viewer, ask, put
 from services.panel.watch import Snapshot, Watch
 from services.panel.wizard import Wizard
 
 PERIOD_S = 0.05  # of the scene, and of what the plots are made of
 FORMS_S = 0.25
 IDLE_S = 0.25  # so often an empty room is looked into
+OLD_S = 0.5  # then a snapshot is taken anew before it is shown
 LEFT_S = 3.0  # a page that is loaded anew is away for a moment
+JOINED_WITHIN_S = 2.0  # of Stop motion: the panel may be off the bus where nobody looked
+STOPPED_BY = "Stop motion was pressed in the panel"
 DARK_KEY = "forcemesh dark"
 REMEMBERS_S = 20.0
 
@@ -52,7 +60,7 @@ class Page:
         self._seen_ns = 0
         gate = Gate(door, f"forcemesh {cell.cell}")
         gate.routes = {"/state": self._state, "/stop": self._stop}
-        self.server = open_server(gate, door)
+        self.server = open_server(gate, door, context_of(cell, door))
         self.server.gui.configure_theme(show_logo=False, show_share_button=False)
         self.server.gui.set_panel_label(f"forcemesh · {cell.cell}")
         self.server.gui.main_panel.dock_right()
@@ -66,7 +74,9 @@ class Page:
     def run(self, stop: threading.Event) -> None:
         """Draw while somebody looks; wait while nobody does."""
         plots_ns = forms_ns = 0
+        heartbeat = heartbeat_of_this_process()
         while not stop.wait(PERIOD_S if self._is_watched() else IDLE_S):
+            heartbeat.beat(time.monotonic_ns(), "")
             if not self._is_watched():
                 self._watch.leave()
                 self._history.clear()
@@ -95,14 +105,21 @@ class Page:
 
     async def _state(self, rights: Rights) -> dict[str, Any]:
         self._seen_ns = time.monotonic_ns()
+        if self._watch.clock.now_ns() - self._heard.now_ns > OLD_S * NS_PER_S:
+            self._heard = self._watch.look()  # the loop is held up; the bar never shows what was
         return strip(self._cell, self._heard, rights)
 
     async def _stop(self, rights: Rights) -> dict[str, Any]:
         if not may_stop(self._cell, rights):
-            return {"text": "refused: this page may only look"}
-        reason = "Stop motion was pressed in the panel"
-        answer = await asyncio.to_thread(ask, self._watch, lambda cell: cell.hold(reason).text)
-        return {"text": answer.text if answer.word == "done" else f"{answer.word}: {answer.text}"}
+            return {"text": "refused: this page may only look", "answered": True}
+        self._seen_ns = time.monotonic_ns()  # who stops is there, also before the first look
+        answer = await asyncio.to_thread(self._hold)
+        text = stop_text(answer, self._watch.look())
+        return {"text": text, "answered": UNANSWERED not in text}
+
+    def _hold(self) -> Answer:
+        self._watch.wait(JOINED_WITHIN_S)
+        return ask(self._watch, lambda cell: cell.hold(STOPPED_BY).text)
 
     # --- who looks --------------------------------------------------------------------------------
 
@@ -122,10 +139,10 @@ class Page:
         gui = client.gui
         _let_choose_the_light(client)
         if rights == "view":
-            gui.add_markdown("This page only looks. Who has the operator's address may act.")
+            Prose(gui, paragraphs("This page only looks. Who has the operator's address may act."))
             return
         viewer = Viewer(client, self._watch, self._cell, self._wizard, self._log)
-        viewer.keep_answers_in(gui.add_markdown("What you ask for is answered here."))
+        viewer.keep_answers_in(Prose(gui, paragraphs("What you ask for is answered here.")))
         refreshes = []
         tabs = gui.add_tab_group()
         for tab in all_tabs():

@@ -14,7 +14,9 @@ import io
 import json
 import logging
 import os
+import secrets
 import socket
+import ssl
 from collections.abc import Awaitable, Callable, Iterator
 from http import HTTPStatus
 from importlib.resources import files
@@ -27,20 +29,20 @@ from websockets.asyncio.server import ServerConnection
 from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 
+from common.clock import Clock, MonotonicClock
 from common.errors import ForcemeshError
-from services.panel.door import ASKED_BY_US, Door, Rights, token_in
+from common.markup import html
+from services.panel.door import ASKED_BY_US, Door, cookie_in, token_in
+from services.panel.policy import NONCE, policy, with_nonce_unpacked, with_nonces
+from services.panel.sessions import Rights, Sessions
 
+SHOWN_TOKEN = "X-Forcemesh-Token"  # noqa: S105 - the name of a header: it is in no address and no log
 Reply = dict[str, Any]
 Route = Callable[[Rights], Awaitable[Reply]]
 Before = Callable[[ServerConnection, Request], Response | None]
 
 RIGHTS: contextvars.ContextVar[Rights] = contextvars.ContextVar("rights", default="view")
-# What a page may load and whom it may call: itself. The front end unpacks itself from one file.
-POLICY = (
-    "default-src 'self' data: blob:; script-src 'self' 'unsafe-inline' 'unsafe-eval' blob: data:; "
-    "style-src 'self' 'unsafe-inline'; connect-src 'self' data: blob: ws: wss:; "
-    "worker-src 'self' blob: data:; frame-ancestors 'none'; base-uri 'none'; form-action 'self'"
-)
+ENTERED = '<!doctype html><meta http-equiv="refresh" content="0; url=/"><title>forcemesh</title>'
 BACKLOG = 32
 SELF_TEST_S = 5.0
 
@@ -57,10 +59,11 @@ class PanelServer(viser.ViserServer):
 class Gate:
     """Answers what is not viser's own, and judges all before viser sees it."""
 
-    def __init__(self, door: Door, title: str) -> None:
+    def __init__(self, door: Door, title: str, clock: Clock | None = None) -> None:
         """Read the page once; nothing is listened to yet."""
         self._door = door
         self._page = page(title)
+        self._sessions, self._clock = Sessions(), clock or MonotonicClock()
         self.routes: dict[str, Route] = {}  # what only our own page asks
         self.alive: Callable[[], bool] = lambda: True
         self.ready = False  # until then a page that waits to come back must wait
@@ -74,30 +77,51 @@ class Gate:
             return answer(status, "alive" if alive else "the cell is not heard", "text/plain")
         if why := self._door.stranger(request.headers):
             return answer(HTTPStatus.FORBIDDEN, why, "text/plain")
-        rights = self._door.rights(request.path, request.headers)
+        is_socket = request.headers.get("Upgrade", "").lower() == "websocket"
+        if self._door.token and not is_socket and (shown := token_of(request)):
+            return self._enter(shown)
+        rights = self._rights(request)
         if rights is None:
-            return answer(HTTPStatus.UNAUTHORIZED, resource("token.html"), "text/html")
-        if request.headers.get("Upgrade", "").lower() == "websocket":
+            return self._closed()
+        if is_socket:
             if not self.ready:
                 return answer(HTTPStatus.SERVICE_UNAVAILABLE, "in a moment", "text/plain")
             RIGHTS.set(rights)
             return None
-        if self._door.token and (shown := token_in(request.path)):
-            return self._take(shown)
         if path in {"/", "/index.html"}:
-            return answer(HTTPStatus.OK, self._page, "text/html")
+            asked = request.headers.get("Host", "")
+            return answer(HTTPStatus.OK, self._page, "text/html", asked=asked)
         if path in self.routes and request.headers.get(ASKED_BY_US):
             said = await self.routes[path](rights)
             return answer(HTTPStatus.OK, json.dumps(said), "application/json")
         return answer(HTTPStatus.NOT_FOUND, "there is no such page", "text/plain")
 
-    def _take(self, token: str) -> Response:
-        """Keep a good token in a cookie and out of the address that people copy."""
-        kept = f"{self._door.cookie}={token}; Path=/; HttpOnly; SameSite=Lax; Max-Age=2592000"
-        return answer(HTTPStatus.SEE_OTHER, "", "text/plain", Location="/", Set_Cookie=kept)
+    def _rights(self, request: Request) -> Rights | None:
+        """Return what whoever asks may do: without a token all, else as the session says."""
+        if not self._door.token:
+            return self._door.most
+        number = cookie_in(request.headers, self._door.cookie)
+        return self._sessions.rights(number, self._clock.now_ns())
+
+    def _closed(self) -> Response:
+        return answer(HTTPStatus.UNAUTHORIZED, with_nonces(resource("token.html")), "text/html")
+
+    def _enter(self, shown: str) -> Response:
+        """Begin a session for a good token, which then stands in no address that people copy.
+
+        The browser loads the page by itself: a redirect from a link in another page would come
+        without the cookie, which is for this panel's own pages alone.
+        """
+        rights = self._door.rights(shown)
+        if rights is None:
+            return self._closed()
+        number = self._sessions.begin(rights, self._clock.now_ns())
+        return answer(HTTPStatus.OK, ENTERED, "text/html", Set_Cookie=self._door.keep(number))
 
     @contextlib.contextmanager
-    def in_front(self, listening: socket.socket) -> Iterator[None]:
+    def in_front(
+        self, listening: socket.socket, encrypted: ssl.SSLContext | None
+    ) -> Iterator[None]:
         """Let the server that is started meanwhile use this socket and ask us first."""
         serve = websockets.asyncio.server.serve
 
@@ -105,7 +129,7 @@ class Gate:
             async def process(_connection: ServerConnection, request: Request) -> Response | None:
                 return await self.before(request)
 
-            options["process_request"] = process
+            options |= {"process_request": process, "ssl": encrypted}
             return serve(handler, sock=listening, **options)
 
         websockets.asyncio.server.serve = serving  # type: ignore[misc, assignment]
@@ -127,7 +151,7 @@ def listen(host: str, port: int) -> socket.socket:
         raise ForcemeshError(f"cannot listen on {host}:{port} ({why}): {what}") from None
 
 
-def open_server(gate: Gate, door: Door) -> PanelServer:
+def open_server(gate: Gate, door: Door, encrypted: ssl.SSLContext | None = None) -> PanelServer:
     """Start the page's server behind the door.
 
     Raises:
@@ -136,10 +160,10 @@ def open_server(gate: Gate, door: Door) -> PanelServer:
     # A browser that goes away in the middle of a request is no news.
     logging.getLogger("websockets.server").setLevel(logging.CRITICAL)
     listening = listen(door.host, door.port)
-    with gate.in_front(listening), contextlib.redirect_stdout(io.StringIO()):
+    with gate.in_front(listening, encrypted), contextlib.redirect_stdout(io.StringIO()):
         server = PanelServer(host=door.host, port=door.port, verbose=False)
     try:
-        refuse_an_open_door(*listening.getsockname()[:2])
+        refuse_an_open_door(*listening.getsockname()[:2], encrypted=encrypted is not None)
     except ForcemeshError:
         close_server(server)
         raise
@@ -152,10 +176,13 @@ def close_server(server: viser.ViserServer) -> None:
         server.stop()
 
 
-def refuse_an_open_door(host: str, port: int) -> None:
+def refuse_an_open_door(host: str, port: int, *, encrypted: bool = False) -> None:
     """Come as a page of somebody else would; whoever is let in has found no door."""
     name = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(host, host)  # noqa: S104 - not bound here
     asking = http.client.HTTPConnection(name, port, timeout=SELF_TEST_S)
+    if encrypted:  # whose certificate it is, is for browsers to judge: this is the door alone
+        unverified = ssl._create_unverified_context()  # noqa: S323, SLF001
+        asking = http.client.HTTPSConnection(name, port, timeout=SELF_TEST_S, context=unverified)
     try:
         asking.request("GET", "/", headers={"Origin": "http://stranger.example"})
         status = asking.getresponse().status
@@ -170,15 +197,16 @@ def refuse_an_open_door(host: str, port: int) -> None:
         )
 
 
-def answer(status: HTTPStatus, body: str, kind: str, **more: str) -> Response:
-    """Return a whole answer."""
-    data = body.encode()
+def answer(status: HTTPStatus, body: str, kind: str, *, asked: str = "", **more: str) -> Response:
+    """Return a whole answer; `asked` is the `Host` under which the page was asked for."""
+    nonce = secrets.token_urlsafe(16)
+    data = body.replace(NONCE, nonce).encode()
     headers = Headers(
         {
             "Content-Type": f"{kind}; charset=utf-8",
             "Content-Length": str(len(data)),
             "Cache-Control": "no-store",
-            "Content-Security-Policy": POLICY,
+            "Content-Security-Policy": policy(nonce, asked),
             "X-Content-Type-Options": "nosniff",
             "Referrer-Policy": "no-referrer",
         }
@@ -188,14 +216,20 @@ def answer(status: HTTPStatus, body: str, kind: str, **more: str) -> Response:
     return Response(status.value, status.phrase, headers, data)
 
 
+def token_of(request: Request) -> str:
+    """Return the token that is shown: typed into our own form, or in an address that was given."""
+    typed: str = request.headers.get(SHOWN_TOKEN, "")
+    return typed if typed and request.headers.get(ASKED_BY_US) else token_in(request.path)
+
+
 def page(title: str) -> str:
     """Return viser's page with our title, and our bar at its end."""
     client = Path(viser.__file__).parent / "client" / "build" / "index.html"
     text = client.read_text(encoding="utf-8").replace(
-        "<title>Viser</title>", f"<title>{title}</title>"
+        "<title>Viser</title>", html("<title>{}</title>", title).source
     )
-    head, _, tail = text.rpartition("</body>")
-    return f"{head}{resource('bar.html')}</body>{tail}"
+    head, _, tail = with_nonce_unpacked(text).rpartition("</body>")
+    return with_nonces(f"{head}{resource('bar.html')}</body>{tail}")
 
 
 def resource(name: str) -> str:

@@ -6,7 +6,7 @@ from common import topics
 from common.cell import Cell
 from common.endpoints import Reading
 from common.messages import ArbiterStatus
-from services.panel.door import Rights
+from services.panel.sessions import Rights
 from services.panel.watch import Snapshot, age_text
 
 LOOKS = {  # of the chip with the arbiter's state
@@ -45,11 +45,15 @@ def strip(cell: Cell, heard: Snapshot, rights: Rights) -> dict[str, Any]:
         "rights": rights,
         "may_stop": may_stop(cell, rights),
         "state": state,
+        "held": held_as(heard),
         "look": look,
         "why": why,
         "who": who(heard.arbiter.fresh),
         "services": [] if heard.hub_fault else services(heard),
     }
+
+
+ALONE = {"jog": " for jog", "back_off": " to back off"}
 
 
 def state_of(heard: Snapshot) -> tuple[str, str, str]:
@@ -59,8 +63,14 @@ def state_of(heard: Snapshot) -> tuple[str, str, str]:
     status = heard.arbiter.fresh
     if status is None:
         return "arbiter not heard", "lost", heard.arbiter.fault
-    jog = " for jog" if status.armed_for == "jog" and status.goes_on else ""
-    return f"{status.state}{jog}", LOOKS.get(status.state, ""), why(status)
+    what = ALONE.get(status.armed_for, "") if status.goes_on else ""
+    return f"{status.state}{what}", LOOKS.get(status.state, ""), why(status)
+
+
+def held_as(heard: Snapshot) -> str:
+    """Return the state in which the arm is held, empty while it may move or is not known."""
+    status = None if heard.hub_fault else heard.arbiter.fresh
+    return "" if status is None or status.may_move else status.state
 
 
 def why(status: ArbiterStatus) -> str:

@@ -14,7 +14,9 @@ import viser
 from common.cell import Cell as CellFile
 from common.client import Cell, RefusedError
 from common.errors import BusError, ForcemeshError
+from common.markup import Html, html
 from services.panel.faultlog import FaultLog
+from services.panel.prose import Prose
 from services.panel.watch import Watch
 from services.panel.wizard import Wizard
 
@@ -61,7 +63,7 @@ class Viewer:
     wizard: Wizard
     log: FaultLog
     _confirming: Any = None
-    _answer: Any = None
+    _answer: Prose | None = None
     _lock: threading.Lock = field(default_factory=threading.Lock)
 
     @property
@@ -77,7 +79,7 @@ class Viewer:
         """Show an answer to this person: at once, and in the line that stays."""
         text = answer.text or answer.word
         if self._answer is not None:
-            self._answer.content = f"{MARKS[answer.word]} **{what}**: {text}"
+            self._answer.show(html("<p>{} <b>{}</b>: {}</p>", MARKS[answer.word], what, text))
         self.client.add_notification(
             title=f"{what}: {answer.word}",
             body=text,
@@ -85,14 +87,14 @@ class Viewer:
             color=COLOURS[answer.word],
         )
 
-    def keep_answers_in(self, line: viser.GuiMarkdownHandle) -> None:
+    def keep_answers_in(self, line: Prose) -> None:
         """Name the line that stays."""
         self._answer = line
 
     def confirm(
         self,
         what: str,
-        text: str,
+        text: Html,
         label: str,
         action: Callable[[], None],
         *,
@@ -112,7 +114,7 @@ class Viewer:
         self.dismiss()
         modal = self.gui.add_modal(what)
         with modal:
-            self.gui.add_markdown(text)
+            Prose(self.gui, text)
             yes = self.gui.add_button(label, color="orange", icon=viser.Icon.PLAYER_PLAY)
             no = self.gui.add_button("Cancel", color="gray")
 
@@ -138,7 +140,7 @@ class Viewer:
             self._confirming = modal
         timer.start()
 
-    def confirm_and_do(self, what: str, text: str, label: str, action: Action) -> None:
+    def confirm_and_do(self, what: str, text: Html, label: str, action: Action) -> None:
         """Ask first, then ask the cell, and show the answer."""
         self.confirm(what, text, label, lambda: self.do(what, action))
 

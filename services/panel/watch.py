@@ -58,6 +58,7 @@ class Watch:
         self.clock = clock or MonotonicClock()
         self._client: Cell | None = None
         self._lock = threading.Lock()
+        self._joined = threading.Event()
         self._try_at_ns = 0
         self._fault = Snapshot().hub_fault
 
@@ -66,10 +67,15 @@ class Watch:
         if self._client is None and self.clock.now_ns() >= self._try_at_ns:
             self._open()
 
+    def wait(self, within_s: float) -> None:
+        """Wait until the thread that joins has done so, at most so long."""
+        self._joined.wait(within_s)
+
     def leave(self) -> None:
         """Leave the bus."""
         with self._lock:
             client, self._client = self._client, None
+            self._joined.clear()
         if client is not None:
             client.close()
 
@@ -109,6 +115,7 @@ class Watch:
             return
         with self._lock:
             self._client = client
+            self._joined.set()
 
 
 def age_text(reading: Reading[Any]) -> str:

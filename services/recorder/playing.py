@@ -1,8 +1,13 @@
-"""Says again on a bus what a recording holds: the same bytes, in the same order, in its time."""
+"""Publishes a recording on a bus again: the same messages, in the same order, in its time.
+
+They are the same bytes, but for the address where the cell has another name now, or the recording
+is of an older schema version.
+"""
 
 from collections.abc import Callable, Iterable, Iterator
 
 from common.clock import NS_PER_S, Clock
+from common.codec import readdressed
 from common.endpoints import Transport
 from common.topics import TOPICS
 from services.recorder.reading import Heard
@@ -45,6 +50,6 @@ def play(
             puts[each.topic] = transport.publish(
                 f"{cell}/{each.topic}", QOS.get(each.topic, "report")
             )
-        puts[each.topic](each.data)
+        puts[each.topic](readdressed(each.data, f"{cell}/{each.topic}"))
         shown(count, (each.at_ns - first_ns) / NS_PER_S)
     return count

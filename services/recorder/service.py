@@ -39,6 +39,7 @@ class Recorder:
         self.period_s = 1.0 / STEPS_HZ
         self.trigger = None
         self._section = cell.recorder
+        self._status_address = f"{cell.cell}/{topics.ARBITER_STATUS.key}"
         self._taps = [(place, bus.tap(topic, ROOM)) for place, topic in enumerate(TOPICS)]
         self._past = Past(60.0 * self._section.keep_min, round(self._section.memory_MB * MB))
         self._tape = Tape(cell, bus.clock, wall_ns)
@@ -102,13 +103,17 @@ class Recorder:
     def _mind(self, frame: Frame, now_ns: int) -> None:
         """Write memory out when the arbiter has stopped the arm."""
         with suppress(MessageError):
-            _, status = decode(frame.data, ArbiterStatus, topics.ARBITER_STATUS.key)
+            _, status = decode(frame.data, ArbiterStatus, self._status_address)
             if status.state in STOPPED and self._state not in ("", *STOPPED) and status.trips:
                 self._stopped(status.trips[-1].code, now_ns)
             self._state = status.state
 
     def _stopped(self, code: str, now_ns: int) -> None:
-        is_asked = self._tape.recording is not None and self._until_ns is None
+        running = self._tape.recording
+        is_asked = running is not None and self._until_ns is None
+        if running is not None and not is_asked and running.cause != code:
+            self._tape.note(code)
+            self._end(LAST_WORK_NS)  # a rare stop never lands in the file of a daily one
         if self._tape.recording is None and self._section.keep_min > 0.0:
             self._tape.begin(fault_label(code), code, self._past.blocks())
         self._tape.note(code)

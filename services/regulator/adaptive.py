@@ -23,6 +23,7 @@ from common.cell import Cell
 from common.frames import Array
 from services.regulator import response, ways
 from services.regulator import stiffness as stiff
+from services.regulator.adaptive_map import softest_N_m
 from services.regulator.follow import NOT_FOLLOWED, Felt, Follow, followed, worth
 from services.regulator.heat import Heat, braked, heat_of
 from services.regulator.law import LawInput, LawSettings, LawState, PiGains, step
@@ -54,12 +55,14 @@ class AdaptiveSettings:
     tau_s: float
     path: PathSettings
     stiffness: StiffnessSettings
-    gain_cap_m_per_Ns: float
+    period_s: float  # nominal: tau holds half of it
+    inertia_cap_m_per_Ns: float  # 1 / (m w_b), before its margin
     plain_cap_m_per_Ns: float  # of the gain rule: its law takes no inertia out
     plain_gain_m_per_Ns: float  # what the gain rule says: requested gains below it slow it down
     inertia_kg: float
     touch_N: float
     heat: Heat
+    softest_N_m: float  # below it the plain law's gain holds: see adaptive_map.py
     predicts: bool
     tracks: bool
 
@@ -70,19 +73,20 @@ class AdaptiveSettings:
         slower_hz = min(cell.rates.control_hz, cell.rates.robot_hz)
         memory_s = max(MEMORY_TAUS * tau_s, MEMORY_PERIODS / slower_hz, MEMORY_LEAST_S)
         m_w_b = contact.inertia_kg * cell.robot.bandwidth_rad_s
-        margin = float(np.interp(1.0 / cell.rates.control_hz, LOOPS_S, INERTIA_MARGIN))
         return cls(
             tau_s=tau_s,
+            period_s=1.0 / cell.rates.control_hz,
             path=PathSettings.of(cell),
             stiffness=StiffnessSettings(
                 STIFFER * contact.stiffness_N_m, SOFTEST_N_M, memory_s, NOISE_N, LEAST_WAY_M
             ),
-            gain_cap_m_per_Ns=margin / m_w_b,
+            inertia_cap_m_per_Ns=1.0 / m_w_b,
             plain_cap_m_per_Ns=PLAIN_MARGIN / m_w_b,
             plain_gain_m_per_Ns=tune(cell).force_i_m_per_Ns,
             inertia_kg=contact.inertia_kg,
             touch_N=TOUCH_SHARE * cell.force.touch_N,
             heat=heat_of(cell),
+            softest_N_m=softest_N_m(cell) or 0.0,
             predicts=cell.force.delay_compensation,
             tracks=cell.force.surface_tracking,
         )
@@ -138,15 +142,17 @@ def advance(
     R = law.T_base_tcp.rotation
     memory = listen(law, memory, sample, T_measured=T_measured, settings=settings)
     k, command = memory.k, memory.command.path
-    Ki, w = _tuned(k, settings, sample.dt_s)
+    Ki, w = gain_for(k, settings, sample.dt_s)
     Ki = asked_share(gains, R, settings) * Ki
+    is_measured = k >= settings.softest_N_m
+    own_kg = INERTIA_SHARE * settings.inertia_kg * is_measured
     foreseen_N = (
         sample.force_N
-        + INERTIA_SHARE * settings.inertia_kg * command.acceleration
+        + R @ (own_kg * (R.T @ command.acceleration))
         - R @ (w * k * (R.T @ (command.command - command.felt)))
     )
     drift_m_s = None
-    if not settings.tracks or sample.mode == "orientation":
+    if not settings.tracks or sample.mode == "orientation" or not is_measured[2]:
         memory = replace(memory, follow=NOT_FOLLOWED)  # where the surface was says nothing later
     else:
         felt = _press_axis(memory, R[:, 2], settings)
@@ -232,15 +238,24 @@ def listen(
     return replace(memory, response=response.hear(memory.response, heard, state.k))
 
 
-def _tuned(k: Array, settings: AdaptiveSettings, dt_s: float) -> tuple[Array, Array]:
-    """Return gain and part of the prediction along each axis."""
+def gain_for(k: Array, settings: AdaptiveSettings, dt_s: float) -> tuple[Array, Array]:
+    """Return gain and part of the prediction along each axis, for the period of this sample.
+
+    A sample that comes late waits longer for its answer: half its period is in the loop's delay,
+    and a slow loop bears less inertia and less prediction.
+    """
+    tau_s = settings.tau_s + 0.5 * (dt_s - settings.period_s)
+    margin = float(np.interp(dt_s, LOOPS_S, INERTIA_MARGIN))
     bears = float(np.interp(dt_s, LOOPS_S, (1.0, 0.0)))
     heat = settings.heat
     loop = LOOP_GAIN + (heat.loop - LOOP_GAIN) * (bears if settings.predicts else 0.0)
-    Ki = np.minimum(loop / (k * settings.tau_s), settings.gain_cap_m_per_Ns)
+    Ki = np.minimum(loop / (k * tau_s), margin * settings.inertia_cap_m_per_Ns)
     fades = max(bears, LEAST_FADE) * (heat.foreseen_loop - LOOP_GAIN)
-    hot = (k * Ki * settings.tau_s - LOOP_GAIN) / fades
-    return Ki, np.clip(hot, 0.0, heat.most_foreseen)
+    hot = (k * Ki * tau_s - LOOP_GAIN) / fades
+    w = np.clip(hot, 0.0, heat.most_foreseen)
+    is_measured = k >= settings.softest_N_m
+    slow = np.minimum(Ki, settings.plain_gain_m_per_Ns)
+    return np.where(is_measured, Ki, slow), np.where(is_measured, w, 0.0)
 
 
 def _press_axis(memory: Adaptive, axis: Array, settings: AdaptiveSettings) -> Felt:

@@ -56,6 +56,15 @@ def met(memory: Adaptive | None) -> Met | None:
     return Met(memory.stiffness.k, memory.measured.way.T_base_tcp)
 
 
+def forgotten(
+    memory: Adaptive | None, law: LawState, T_measured: pin.SE3, tools: LawTools
+) -> Adaptive | None:
+    """Return the memory of a law whose commands did not leave: what was foreseen does not come."""
+    if memory is None:
+        return None
+    return adaptive.begin(law.T_base_tcp, T_measured, tools.adaptive)
+
+
 def kept(before: Met | None, wrench: WrenchAtTcp | None, tools: LawTools) -> Met | None:
     """Return what is still known while nobody controls: nothing, once it is not touched."""
     if before is None or wrench is None:

@@ -4,24 +4,35 @@ It presses by what the sensor says. A wrong sign, axis or unit would make it pre
 should give way, so nothing is believed before the first touch has shown that
 - what pushes back pushes back along the tool, and
 - what is pressed on does no more work on the tool than the tool did on it: where a sensor lies,
-  the tool seems to be carried along by what it presses on.
+  the tool seems to be carried along by what it presses on, and
+- while the tool turns, the force stays near its set point: a wrong torque turns the edge in, and
+  the force then grows of its own.
 """
 
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+import numpy.typing as npt
 import pinocchio as pin
 
 from common.cell import Cell
 from common.faults import tripped
 from common.frames import Array, rotation_between
 from common.messages import Trip
+from services.regulator import unproven
 from services.regulator.law import Contact
 from services.regulator.oscillation import Swing, SwingSettings, follow
+from services.regulator.unproven import Motion, Yielding, YieldSettings
 
 WORK_STEP_M, WORK_STEP_RAD = 2e-5, 2e-4  # less is the pose's own noise
 SWUNG_PART = 0.5  # of the work got: a force that is told late seems to give so much back
 MAIN_PART = 0.7  # of a touch: more than 45 degrees off the axis of the tool is no pushing back
+RISE_PART = 0.5  # of the set point, and touch_N more: no turn presses so much harder
+
+
+Flags = npt.NDArray[np.bool_]
+STILL = Motion(np.zeros(3), np.zeros(3))
+NONE_LIMITED: Flags = np.zeros(3, dtype=bool)
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,13 +44,15 @@ class GuardSettings:
     lost_m: float
     given_J: float
     swing: SwingSettings
+    yielding: YieldSettings
 
     @classmethod
     def of(cls, cell: Cell) -> "GuardSettings":
         """Take them out of a cell file."""
         force = cell.force
         swing = SwingSettings.of(cell)
-        return cls(force.touch_N, force.search_m, force.lost_m, force.given_J, swing)
+        yielding = YieldSettings.of(cell)
+        return cls(force.touch_N, force.search_m, force.lost_m, force.given_J, swing, yielding)
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +67,17 @@ class Seen:
     turns: bool  # the mode follows torques
     dt_s: float
     follows: bool = False  # a surface that moves, along the tool's axis: its work is none of ours
+    presses: bool = True  # the set point is not zero: nothing is to move the tool
+    motion: Motion = STILL  # by force feedback alone
+    limited: Flags = field(
+        default_factory=lambda: NONE_LIMITED
+    )  # axes of the tool that nothing has proved. Shape (3,)
+    setpoint_N: float = 0.0
+
+    @property
+    def pushed_back_N(self) -> float:
+        """Force along the tool, towards it."""
+        return -float(self.force_N @ self.T_base_tcp.rotation[:, 2])
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,10 +87,33 @@ class Watch:
     first: Seen | None = None
     worked: Seen | None = None  # up to here its work is counted
     touched: bool = False
+    found: bool = False  # the force has been at its set point or below
     given_J: float = 0.0  # work done on the tool by what it touches
     got_J: float = 0.0  # work done by the tool
     p_search_m: Array | None = None  # where the present search for contact began
     swing: Swing = field(default_factory=Swing)
+    yielding: Yielding = field(default_factory=Yielding)
+
+
+def carried(before: Watch) -> Watch:
+    """Return what is remembered over a change of set point or mode: budgets live on.
+
+    What touches nothing yet may begin its approach now, with the readings of now.
+    """
+    is_free = before.worked is not None and before.worked.contact != "contact"
+    now = replace(before, p_search_m=None, swing=Swing(), found=False)
+    if before.touched and not (is_free and not _began_free(before)):
+        return now
+    return replace(now, first=None, worked=None, touched=False, given_J=0.0, got_J=0.0)
+
+
+def proof_of(now: Watch, seen: Seen, settings: GuardSettings) -> bool:
+    """Return whether a touch from free space has pushed back along the tool."""
+    if not _began_free(now) or now.first is None or not seen.presses:
+        return False
+    grown_N = seen.force_N - now.first.force_N
+    back_N = -float(grown_N @ seen.T_base_tcp.rotation[:, 2])
+    return back_N > max(settings.touch_N, MAIN_PART * float(np.linalg.norm(grown_N)))
 
 
 def watch(before: Watch, seen: Seen, settings: GuardSettings) -> tuple[Watch, Trip | None]:
@@ -81,10 +128,20 @@ def watch(before: Watch, seen: Seen, settings: GuardSettings) -> tuple[Watch, Tr
         _count_work(before, seen),
         first=before.first or seen,
         touched=touched,
+        found=before.found or seen.pushed_back_N <= seen.setpoint_N,
         p_search_m=p_search_m,
         swing=follow(before.swing, seen.error, seen.dt_s, settings.swing),
+        yielding=unproven.update(
+            before.yielding,
+            seen.motion,
+            seen.T_base_tcp.rotation,
+            force_N=seen.force_N,
+            torque_Nm=seen.torque_Nm,
+            limited=seen.limited,
+            settings=settings.yielding,
+        ),
     )
-    rules = (_sign_trip, _work_trip, _way_trip, _swing_trip)
+    rules = (_sign_trip, _work_trip, _rise_trip, _yield_trip, _way_trip, _swing_trip)
     return now, next((trip for rule in rules if (trip := rule(now, seen, settings))), None)
 
 
@@ -107,8 +164,10 @@ def _count_work(before: Watch, seen: Seen) -> Watch:
     work_J = 0.5 * float((seen.force_N + last.force_N) @ way_m)
     if seen.turns:
         work_J += 0.5 * float((seen.torque_Nm + last.torque_Nm) @ turn_rad)
-    given_J, got_J = before.given_J + max(work_J, 0.0), before.got_J + max(-work_J, 0.0)
-    return replace(before, worked=seen, given_J=given_J, got_J=got_J)
+    given_J, got_J = max(work_J, 0.0), before.got_J + max(-work_J, 0.0)
+    if not seen.presses:  # at set point 0 anything may move the tool; what it had stored goes back
+        return replace(before, worked=seen, got_J=max(got_J - given_J, 0.0))
+    return replace(before, worked=seen, given_J=before.given_J + given_J, got_J=got_J)
 
 
 def _sign_trip(now: Watch, seen: Seen, settings: GuardSettings) -> Trip | None:
@@ -127,16 +186,36 @@ def _sign_trip(now: Watch, seen: Seen, settings: GuardSettings) -> Trip | None:
     return tripped("sensor_sign", text, value=back_N, limit=MAIN_PART * length_N)
 
 
-def _work_trip(now: Watch, _: Seen, settings: GuardSettings) -> Trip | None:
+def _work_trip(now: Watch, seen: Seen, settings: GuardSettings) -> Trip | None:
     """What was touched while pressing cannot give back more than it got."""
     more_J = now.given_J - (1.0 + SWUNG_PART) * now.got_J
-    if not _began_free(now) or more_J <= settings.given_J:
+    if not _began_free(now) or not seen.presses or more_J <= settings.given_J:
         return None
     text = (
         f"what is pressed on has moved the tool with {now.given_J * 1e3:.0f} mJ and got "
         f"{now.got_J * 1e3:.0f} mJ: a sign or an axis of the sensor is wrong, or somebody pushes"
     )
     return tripped("sensor_sign", text, value=more_J, limit=settings.given_J)
+
+
+def _rise_trip(now: Watch, seen: Seen, settings: GuardSettings) -> Trip | None:
+    """While nothing has proved the torques, a tool that turns must not press harder and harder."""
+    limit_N = (1.0 + RISE_PART) * seen.setpoint_N + settings.touch_N
+    unproven_turn = seen.turns and seen.presses and bool(seen.limited.any())
+    if not unproven_turn or not now.found or seen.pushed_back_N <= limit_N:
+        return None
+    text = (
+        f"the force has grown to {seen.pushed_back_N:.1f} N while the tool turned, {limit_N:.1f} N "
+        "is the most that a turn may bring: a sign or an axis of the torque is wrong, or somebody "
+        "pushes; run `forcemesh check axes`, once for each calibration"
+    )
+    return tripped("sensor_sign", text, value=seen.pushed_back_N, limit=limit_N)
+
+
+def _yield_trip(now: Watch, seen: Seen, _: GuardSettings) -> Trip | None:
+    """Along an axis that nothing has proved the tool gives way a little and no more."""
+    force_tool_N = seen.T_base_tcp.rotation.T @ seen.force_N
+    return unproven.trip_of(now.yielding, force_tool_N, seen.limited, turns=seen.turns)
 
 
 def _way_trip(now: Watch, seen: Seen, settings: GuardSettings) -> Trip | None:
@@ -146,6 +225,8 @@ def _way_trip(now: Watch, seen: Seen, settings: GuardSettings) -> Trip | None:
     press_axis = seen.T_base_tcp.rotation[:, 2]
     way_m = float((seen.T_base_tcp.translation - now.p_search_m) @ press_axis)
     limit_m = settings.lost_m if now.touched else settings.search_m
+    if now.touched and seen.limited[2] and not _began_free(now):
+        limit_m = min(limit_m, unproven.LIMIT_M)  # that it was lost may be a wrong axis
     if way_m <= limit_m:
         return None
     what = "contact was lost and not found again" if now.touched else "no contact"

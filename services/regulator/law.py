@@ -108,8 +108,8 @@ def step(state: LawState, sample: LawInput, gains: PiGains, settings: LawSetting
     if sample.mode != "orientation" and contact == "approach":
         faster_m_s = state.approach_m_s + settings.approach_accel_m_s2 * sample.dt_s
         approach_m_s = min(faster_m_s, settings.approach_m_s)
-        shift_m = approach_m_s * sample.dt_s * press_axis
-        speed_m_s = approach_m_s * press_axis
+        speed_m_s = _masked(approach_m_s * press_axis, sample, 0)
+        shift_m = speed_m_s * sample.dt_s
     elif sample.mode != "orientation":
         foreseen_N = error_N
         if sample.foreseen_N is not None:

@@ -2,13 +2,21 @@
 
 from typing import Any
 
+import numpy as np
+import pinocchio as pin
+
 from common.cell import Cell
 from common.endpoints import Reading
-from common.faults import refusal
-from common.messages import ArbiterStatus
+from common.faults import refusal, refused
+from common.frames import Array
+from common.limits import Limits, check_workspace
+from common.messages import ArbiterStatus, WrenchAtTcp
 from common.requests import ForceStartRequest, PathRequest, Reply
-from services.regulator.route import MOST_POINTS
+from services.regulator.route import MOST_POINTS, across
 from services.regulator.session import Session, mover
+
+LEAST_PRESS_SHARE = 0.7  # of the tool's axis, left by the axes that may move: 45 degrees
+AXIS_NAMES = ("x", "y", "z", "rx", "ry", "rz")  # as the command line says them
 
 
 def refused_start(
@@ -35,12 +43,52 @@ def refused_start(
     if arbiter is None or not arbiter.goes_on:
         state = "silent" if arbiter is None else arbiter.state
         return refusal("not_armed", f"the arbiter is {state}: arm first")
-    if arbiter.armed_for == "jog":
-        return refusal("not_armed", "armed for jog alone: hold, then arm for all")
+    if arbiter.armed_for != "all":
+        what = "jog" if arbiter.armed_for == "jog" else "backing off"
+        return refusal("not_armed", f"armed for {what} alone: hold, then arm for all")
     if who := mover(arbiter):
         text = f"the {who} commands the arm: wait for the move to end, or hold"
         return refusal("busy", text)
     return refusal(worse.code, worse.fault) if worse.fault else None
+
+
+def refused_axes(wanted: ForceStartRequest, R_base_tcp: Array) -> Reply | None:
+    """Return why a set point cannot be reached with these axes, None when it can.
+
+    It presses along the tool's z axis. Where that axis is held, nothing would regulate the force.
+
+    Args:
+        wanted: What is asked for.
+        R_base_tcp: Measured orientation of the tool, shape (3, 3).
+    """
+    if wanted.mode == "orientation" or wanted.setpoint_N <= 0.0:
+        return None
+    press_axis = np.array([0.0, 0.0, 1.0]) if wanted.frame == "tool" else R_base_tcp[:, 2]
+    share = float(np.linalg.norm(press_axis * np.array(wanted.axes[:3])))
+    if share >= LEAST_PRESS_SHARE:
+        return None
+    named = ",".join(name for name, free in zip(AXIS_NAMES, wanted.axes, strict=True) if free)
+    text = (
+        f"a set point of {wanted.setpoint_N:g} N presses along the tool's z axis, and the axes "
+        f"that may move ({named or 'none'}, frame {wanted.frame}) hold it: let that axis move, "
+        "or take set point 0"
+    )
+    return refusal("axes", text)
+
+
+def refused_guide(wanted: ForceStartRequest, wrench: WrenchAtTcp) -> Reply | None:
+    """Return why a hand cannot guide the tool yet, None when it can.
+
+    A wrong sign looks like a hand: nothing in the readings would tell them apart.
+    """
+    if wanted.law != "guide" or wrench.axes_checked:
+        return None
+    text = (
+        "law guide follows what the sensor reads, and nothing has shown yet that its axes and "
+        f"signs are right with calibration {wrench.calibration or 'none'}: run `forcemesh check "
+        "axes`, or with --push"
+    )
+    return refusal("axes_unproved", text)
 
 
 def refused_path(wanted: PathRequest, session: Session | None, cell: Cell) -> Reply | None:
@@ -63,6 +111,17 @@ def refused_path(wanted: PathRequest, session: Session | None, cell: Cell) -> Re
     count = ahead + len(wanted.points_m)
     if count > MOST_POINTS:
         return refusal("busy", "too many points ahead", value=count, limit=MOST_POINTS)
+    return _point_outside(wanted, session.law.T_base_tcp, cell)
+
+
+def _point_outside(wanted: PathRequest, T_base_tcp: pin.SE3, cell: Cell) -> Reply | None:
+    """Refuse a point outside the workspace; along the tool's axis the force has the say."""
+    limits, p, axis = Limits.of(cell), T_base_tcp.translation, T_base_tcp.rotation[:, 2]
+    for number, point in enumerate(wanted.points_m, start=1):
+        aim = p + across(np.array(point) - p, axis)
+        trip = check_workspace(limits, pin.SE3(T_base_tcp.rotation, aim))
+        if trip is not None:
+            return refused(trip.model_copy(update={"text": f"point {number}: {trip.text}"}))
     return None
 
 

@@ -1,6 +1,7 @@
 """The regulator on the bus: wrench and robot state in, proposed flange pose out."""
 
 from dataclasses import replace
+from math import inf
 from typing import Any
 
 import numpy as np
@@ -12,24 +13,40 @@ from common.clock import NS_PER_S
 from common.convert import pose_of, record_of, vec3
 from common.endpoints import Bus, Reading
 from common.faults import refusal
-from common.messages import Feedback, RegulatorTarget, RobotState, Trip, WrenchAtTcp
+from common.messages import (
+    Feedback,
+    Gains,
+    RegulatorTarget,
+    RobotState,
+    StartLaw,
+    Trip,
+    WrenchAtTcp,
+)
 from common.requests import ForceStartRequest, PathRequest, Reply
 from services.regulator import adaptive, guiding
 from services.regulator.adaptive import Adaptive
+from services.regulator.adaptive_map import remark, softest_N_m
 from services.regulator.control import (
     LawTools,
     Met,
     control,
     controller_gains,
+    forgotten,
     kept,
     masked,
     met,
     ramped,
 )
-from services.regulator.guards import GuardSettings, Watch, watch
-from services.regulator.guiding import GuideSettings
+from services.regulator.guards import GuardSettings, Watch, carried, proof_of, watch
+from services.regulator.guiding import Guide, GuideSettings
 from services.regulator.law import LawInput, LawState, put_back, start_at
-from services.regulator.refusals import refused_path, refused_start
+from services.regulator.link_lag import Commanded
+from services.regulator.refusals import (
+    refused_axes,
+    refused_guide,
+    refused_path,
+    refused_start,
+)
 from services.regulator.session import (
     Failure,
     Session,
@@ -44,6 +61,7 @@ from services.regulator.session import (
 )
 from services.regulator.settings import merged_gains, pi_gains
 from services.regulator.tuning import instability, tune
+from services.regulator.unproven import Motion, Proof, Yielding, checked_by, motion_between, origin
 
 STOPPED = "stopped"
 LONGEST_GAP_PERIODS = 3.0  # a longer gap between samples is not integrated over
@@ -60,6 +78,8 @@ class Regulator:
         self._tools, self._guards = LawTools.of(cell), GuardSettings.of(cell)
         self._guide = GuideSettings.of(cell)
         self._met: Met | None = None
+        self._proof = Proof()
+        self._yielded: tuple[int, Yielding] | None = None  # lease, and travel of its last session
         self._gains = tune(cell).gains
         self._T_flange_tcp = cell.tool.T_flange_tcp.pose
         self._session: Session | None = None
@@ -90,6 +110,8 @@ class Regulator:
 
     def _propose(self, wrench: Reading[WrenchAtTcp], robot: Reading[RobotState]) -> RegulatorTarget:
         session = self._session
+        if wrench.fresh is not None:
+            self._proof = checked_by(self._proof, wrench.fresh)
         if session is None:
             self._met = kept(self._met, wrench.fresh, self._tools)
             return RegulatorTarget(valid=False, reason=self._stop_reason)
@@ -110,6 +132,8 @@ class Regulator:
         return RegulatorTarget(
             mode=wanted.mode,
             host=wanted.host,
+            law=self._law_of(wanted),
+            setpoint_N=wanted.setpoint_N,
             pose=None if on_controller else record_of(T_base_flange),
             feedback=self._feedback(session) if on_controller else None,
             contact=law.contact,
@@ -144,7 +168,8 @@ class Regulator:
             return session, None
         dt_s = min(gap_s, LONGEST_GAP_PERIODS * self.period_s)
         report = (robot.header.epoch, robot.header.seq) if robot.header else None
-        setpoint_N = self._ramp(session.setpoint_N, session.wanted.setpoint_N, dt_s)
+        wanted_N = min(session.wanted.setpoint_N, self._approach_N(session))
+        setpoint_N = self._ramp(session.setpoint_N, wanted_N, dt_s)
         sample = LawInput(
             force_N=np.array(wrench.force_N),
             torque_Nm=np.array(wrench.torque_Nm),
@@ -156,23 +181,17 @@ class Regulator:
         before = self._follow_limits(session.law)
         sample = masked(sample, session.wanted, before.T_base_tcp.rotation)
         gains = ramped(session.gains, self._gains, dt_s)
-        law, memory, guide = before, session.memory, session.guide
-        if guide is None:
-            law, memory = control(
-                before, memory, sample, T_base_tcp, gains=pi_gains(gains), tools=self._tools
-            )
+        commanded = session.commanded or Commanded.of(self._cell)
+        commanded = commanded.after(self._let_through(before), dt_s)
+        law, memory, guide, way = before, session.memory, session.guide, session.route
+        if commanded.lag(self._sent(robot.fresh)):
+            law, memory, commanded = self._behind(session, before, commanded, T_base_tcp)
         else:
-            law, guide = guiding.advance(
-                before,
-                guide,
-                sample,
-                T_base_tcp,
-                gains=pi_gains(gains),
-                plain=self._tools.plain,
-                settings=self._guide,
-            )
-        most_m_s = self._cell.force.speed_max_m_s
-        law, way = along(before, law, session.route, dt_s=dt_s, speed_max_m_s=most_m_s)
+            law, memory, guide = self._law(session, before, sample, T_base_tcp, gains=gains)
+        motion = self._motion(session, law, T_base_tcp)
+        if law.T_base_tcp is not before.T_base_tcp:
+            most_m_s = self._cell.force.speed_max_m_s
+            law, way = along(before, law, way, dt_s=dt_s, speed_max_m_s=most_m_s)
         sent = None
         if memory is not None and session.wanted.host == "controller":
             sent = controller_gains(
@@ -182,10 +201,64 @@ class Regulator:
                 memory=memory,
                 tools=self._tools,
             )
-        watched, trip = watch(session.watch, seen_by(law, sample, T_base_tcp, memory), self._guards)
+        turns = session.wanted.mode != "position"
+        limited = self._proof.limited(wrench.calibration, turns=turns)
+        seen = seen_by(law, sample, T_base_tcp, memory, motion=motion, limited=limited)
+        watched, trip = watch(session.watch, seen, self._guards)
+        if trip is None and proof_of(watched, seen, self._guards):
+            self._proof = replace(self._proof, touched=origin(wrench.calibration))
         session = replace(session, law=law, memory=memory, guide=guide, setpoint_N=setpoint_N)
         session = replace(session, gains=gains, sent=sent, watch=watched, route=way)
+        session = replace(session, T_measured=T_base_tcp, commanded=commanded)
         return replace(session, last_sample_ns=stamp_ns, report=report), trip
+
+    def _behind(
+        self, session: Session, before: LawState, commanded: Commanded, T_measured: pin.SE3
+    ) -> tuple[LawState, Adaptive | None, Commanded]:
+        """Return what stands still behind a link that lags; without a path it goes back as well."""
+        if session.route is not None:  # it has gone on with what waits
+            return put_back(before, before.T_base_tcp), session.memory, commanded
+        law = put_back(before, commanded.oldest)
+        return law, forgotten(session.memory, law, T_measured, self._tools), commanded.anew()
+
+    def _law(
+        self,
+        session: Session,
+        before: LawState,
+        sample: LawInput,
+        T_measured: pin.SE3,
+        *,
+        gains: Gains,
+    ) -> tuple[LawState, Adaptive | None, Guide | None]:
+        """Return the next state and memories of whichever law runs."""
+        plain, pi = self._tools.plain, pi_gains(gains)
+        if (guide := session.guide) is not None:
+            law, guide = guiding.advance(
+                before, guide, sample, T_measured, gains=pi, plain=plain, settings=self._guide
+            )
+            return law, session.memory, guide
+        law, memory = control(
+            before, session.memory, sample, T_measured, gains=pi, tools=self._tools
+        )
+        return law, memory, None
+
+    def _sent(self, robot: RobotState | None) -> pin.SE3 | None:
+        """Return the pose of the TCP that left for the arm last, where the robot says it."""
+        if robot is None or robot.sent is None:
+            return None
+        return pose_of(robot.sent) * self._T_flange_tcp
+
+    def _let_through(self, law: LawState) -> pin.SE3:
+        """Return where the arbiter commands the TCP: its ramps lag behind the law and overshoot."""
+        command = self._command.read(self._now_ns).fresh
+        if command is None or command.pose is None:
+            return law.T_base_tcp
+        return pose_of(command.pose) * self._T_flange_tcp
+
+    @staticmethod
+    def _motion(session: Session, law: LawState, T_measured: pin.SE3) -> Motion:
+        """Return what the arm has moved: a command in flight has changed no force yet."""
+        return motion_between(session.T_measured or T_measured, T_measured, law.lever_m)
 
     def _follow_limits(self, law: LawState) -> LawState:
         """Back-calculate: where a limit was in the way, go on from what was let through."""
@@ -193,6 +266,18 @@ class Regulator:
         if command is None or not command.limited or command.pose is None:
             return law
         return put_back(law, pose_of(command.pose) * self._T_flange_tcp)
+
+    def _approach_N(self, session: Session) -> float:
+        """Return the largest set point while contact is sought.
+
+        The controller knows no approach: until its tool touches it goes as fast as gain times set
+        point, also while no wrench comes. It shall be no faster than the law on the PC would be.
+        """
+        if session.wanted.host != "controller" or session.law.contact != "approach":
+            return inf
+        gains, press_axis = session.sent or self._gains, session.law.T_base_tcp.rotation[:, 2]
+        gain = float((press_axis * press_axis) @ np.array(gains.force_i_m_per_Ns))
+        return self._tools.plain.approach_m_s / gain if gain > 0.0 else inf
 
     def _ramp(self, now_N: float, wanted_N: float, dt_s: float) -> float:
         step_N = self._cell.force.setpoint_ramp_N_s * dt_s
@@ -225,7 +310,8 @@ class Regulator:
             self._end(f"the {who} commands the arm")
 
     def _end(self, reason: str) -> None:
-        self._met = met(self._session.memory) if self._session else self._met
+        if (session := self._session) is not None:
+            self._met, self._yielded = met(session.memory), (session.lease, session.watch.yielding)
         self._session, self._stop_reason, self.fault = None, reason, ""
 
     def _serve(self, now_ns: int, wrench: Reading[WrenchAtTcp], robot: Reading[RobotState]) -> None:
@@ -253,25 +339,41 @@ class Regulator:
         refused = refused_start(wanted, self._cell, arbiter, worse)
         if refused is not None or robot.fresh is None or wrench.fresh is None or arbiter is None:
             return refused or refusal(worse.code, worse.fault)
+        T_measured = pose_of(robot.fresh) * self._T_flange_tcp
+        refused = refused_axes(wanted, T_measured.rotation) or refused_guide(wanted, wrench.fresh)
+        if refused is not None:
+            return refused
         if wanted.preset is not None:
             self._gains = tune(self._cell, wanted.preset).gains
-        T_measured = pose_of(robot.fresh) * self._T_flange_tcp
         guide = guiding.begin(T_measured) if wanted.law == "guide" else None
         running = self._session
         if running is not None and running.wanted.host == wanted.host and not running.failure:
             memory = self._memory(wanted, running.law.T_base_tcp, robot.fresh, running.memory)
-            running = replace(running, wanted=wanted, watch=Watch(), memory=memory)
+            running = replace(running, wanted=wanted, watch=carried(running.watch), memory=memory)
             guide = guide and (running.guide or guide)
             self._session = replace(running, guide=guide, route=None)
-            return Reply(accepted=True, text=in_words(wanted, wanted.law or self._cell.force.law))
+            return self._started(wanted)
         law = start_at(T_measured)
         stamp_ns = wrench.header.stamp_ns if wrench.header else now_ns
         memory = self._memory(wanted, law.T_base_tcp, robot.fresh, None)
         setpoint_N = first_setpoint_N(np.array(wrench.fresh.force_N), T_measured, wanted.setpoint_N)
+        goes_on = self._yielded is not None and self._yielded[0] == arbiter.lease
+        watched = Watch(yielding=self._yielded[1]) if self._yielded and goes_on else Watch()
         self._session = Session(
-            wanted, setpoint_N, law, stamp_ns, arbiter.lease, Watch(), self._gains, memory, guide
+            wanted, setpoint_N, law, stamp_ns, arbiter.lease, watched, self._gains, memory, guide
         )
-        return Reply(accepted=True, text=in_words(wanted, wanted.law or self._cell.force.law))
+        return self._started(wanted)
+
+    def _law_of(self, wanted: ForceStartRequest) -> StartLaw:
+        """Return the law that runs: the plain one where the adaptive one was never measured."""
+        law = wanted.law or self._cell.force.law
+        return "plain" if law == "adaptive" and softest_N_m(self._cell) is None else law
+
+    def _started(self, wanted: ForceStartRequest) -> Reply:
+        text = in_words(wanted, self._law_of(wanted))
+        asked_law = wanted.law or self._cell.force.law
+        remarks = remark(self._cell) if asked_law == "adaptive" else ""
+        return Reply(accepted=True, text=f"{text}; {remarks}" if remarks else text)
 
     def _follow_path(self, wanted: PathRequest) -> Reply:
         session = self._session
@@ -289,7 +391,7 @@ class Regulator:
         running: Adaptive | None,
     ) -> Adaptive | None:
         """Return what the adaptive law begins with, None for the plain law."""
-        if (wanted.law or self._cell.force.law) != "adaptive":
+        if self._law_of(wanted) != "adaptive":
             return None
         if running is not None:
             return running

@@ -11,10 +11,12 @@ from common.frames import Array
 from common.messages import ArbiterStatus, Gains, StartLaw
 from common.requests import ForceStartRequest, PathRequest
 from services.regulator.adaptive import Adaptive
-from services.regulator.guards import Seen, Watch
+from services.regulator.guards import Flags, Seen, Watch
 from services.regulator.guiding import Guide
 from services.regulator.law import LawInput, LawState
+from services.regulator.link_lag import Commanded
 from services.regulator.route import Route, go, left_m, routed
+from services.regulator.unproven import Motion
 
 MOVERS = ("operator", "program")  # while one of them moves the arm, nothing is proposed
 
@@ -42,6 +44,8 @@ class Session:
     route: Route | None = None  # across the tool's axis, if there is one
     sent: Gains | None = None  # to the controller, from the stiffness that is met
     report: tuple[int, int] | None = None  # the robot's last one: epoch and number
+    T_measured: pin.SE3 | None = None  # of the TCP, at the last sample
+    commanded: Commanded | None = None  # of late, where the PC commands the arm
     failure: Failure | None = None  # latched: an input failed, or a guard gave up
 
 
@@ -73,7 +77,13 @@ def mover(arbiter: ArbiterStatus) -> str:
 
 
 def seen_by(
-    law: LawState, sample: LawInput, T_base_tcp: pin.SE3, memory: Adaptive | None = None
+    law: LawState,
+    sample: LawInput,
+    T_base_tcp: pin.SE3,
+    memory: Adaptive | None,
+    *,
+    motion: Motion,
+    limited: Flags,
 ) -> Seen:
     """Return what the guards watch of one sample; no contact is sought in mode orientation."""
     error_N = _free(law.error_force_N, sample, 0)
@@ -88,6 +98,10 @@ def seen_by(
         turns=turns,
         dt_s=sample.dt_s,
         follows=memory is not None and memory.follow.near,
+        presses=moves and sample.setpoint_N > 0.0,
+        motion=motion,
+        limited=limited,
+        setpoint_N=sample.setpoint_N,
     )
 
 

@@ -5,6 +5,7 @@ is common, and a torque a thousand times too large is what comes of overlooking 
 Source: ATI 9610-05-Ethernet Axia chapter 11, unit codes in section 10.5.
 """
 
+import math
 import re
 from dataclasses import dataclass
 
@@ -15,6 +16,7 @@ from services.sensor.rdt import Scale
 
 PATH = "/netftapi2.xml"
 SAME = 1e-3  # of two scales, as a share: more is no rounding
+RATINGS = re.compile(r"[;,\s]+")  # between one axis and the next
 ELEMENT = re.compile(r"<([A-Za-z0-9_]+)>([^<]*)</\1>")
 
 LBF_N, INCH_M, KGF_N = 4.4482216152605, 0.0254, 9.80665
@@ -54,10 +56,8 @@ def parse(text: str) -> Page:
     found = {name.lower(): value.strip() for name, value in ELEMENT.findall(text)}
     force_unit, in_N = _unit(found, "fu", FORCE_UNITS, FORCE_CODES)
     torque_unit, in_Nm = _unit(found, "tu", TORQUE_UNITS, TORQUE_CODES)
-    ratings = [
-        float(part) for part in re.findall(r"[0-9.]+(?:[eE][-+]?[0-9]+)?", found.get("cfgmr", ""))
-    ]
-    is_whole = len(ratings) == 6 and min(ratings) > 0.0
+    ratings = [_rating(part) for part in RATINGS.split(found.get("cfgmr", ""))]
+    is_whole = len(ratings) == 6 and all(0.0 < rating < math.inf for rating in ratings)
     return Page(
         counts_per_N=_counts(found, "cfgcpf") / in_N,
         counts_per_Nm=_counts(found, "cfgcpt") / in_Nm,
@@ -120,6 +120,14 @@ def info_of(sensor: SensorSection, page: Page | None) -> Info:
     )
 
 
+def _rating(text: str) -> float:
+    """Return an axis' range in the page's unit, 0 where the page has no number."""
+    try:
+        return float(text)
+    except ValueError:
+        return 0.0
+
+
 def _counts(found: dict[str, str], name: str) -> float:
     try:
         counts = float(found[name])
@@ -136,7 +144,7 @@ def _unit(
     """Return a unit and what one of it is in SI; the page's word goes before its number."""
     word = found.get(f"scfg{which}", "")
     number = found.get(f"cfg{which}", "")
-    name = word or codes.get(int(number) if number.isdigit() else 0, "")
+    name = word or codes.get(int(number) if number.isascii() and number.isdigit() else 0, "")
     factor = units.get(re.sub(r"[^a-z]", "", name.lower()))
     if factor is None:
         said = word or number or "missing"

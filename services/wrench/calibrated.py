@@ -1,7 +1,9 @@
 """Which calibration is in use, and whether force feedback may rely on it. Pure."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from math import degrees
+from typing import Any
 
 import numpy as np
 from pydantic import ValidationError
@@ -16,6 +18,7 @@ from common.payload import Payload
 SAME_M, SAME_DEG = 1e-4, 0.1  # a pose that was typed once more is the same one
 HEAVIER = 1.1  # than `contact.inertia_kg`: less than the adaptive law's own margin (bench.force)
 OF_THE_CELL_FILE = "cell file"
+LARGEST = 1e6  # of any number of a calibration
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,6 +30,7 @@ class InUse:
     sensor: str = ""  # serial number that it was made with, empty when not known
     objection: str = ""  # why it does not hold in this cell
     tared: bool = False
+    axes_checked: bool = False  # axes and signs were found right while it was in use
 
     @property
     def name(self) -> str:
@@ -70,10 +74,25 @@ def of_calibration(found: CalibrationSection, cell: Cell) -> InUse:
 def parsed(text: str) -> CalibrationSection:
     """Return the calibration that came over the bus. Raises DataError with what is wrong."""
     try:
-        return CalibrationSection.model_validate_json(text)
+        found = CalibrationSection.model_validate_json(text)
     except ValidationError as error:
         first = first_mistake(error)
         raise DataError(f"{first.where or 'calibration'}: {first.what}") from error
+    told = found.model_dump(mode="json", exclude={"payload": {"drift"}})
+    for where, number in _numbers(told, ""):
+        if abs(number) > LARGEST:
+            raise DataError(f"{where}: {number:g} is beyond {LARGEST:g}: no calibration is so")
+    _ = found.payload.payload  # raises DataError where there cannot be such a payload
+    return found
+
+
+def _numbers(value: Any, where: str) -> Iterator[tuple[str, float]]:
+    """Yield every number of a tree with its dotted place."""
+    if isinstance(value, dict | list):
+        for key, part in value.items() if isinstance(value, dict) else enumerate(value):
+            yield from _numbers(part, f"{where}.{key}" if where else str(key))
+    elif isinstance(value, int | float):
+        yield where, value
 
 
 def _objection(found: CalibrationSection, cell: Cell) -> str:
@@ -93,7 +112,21 @@ def _objection(found: CalibrationSection, cell: Cell) -> str:
         apart = _apart(then, now)
         if apart:
             return f"{what} was {apart} away when {name} was made: calibrate again"
-    return _too_heavy(found.payload.payload.mass_kg, cell)
+    return _unverified(found, cell) or _too_heavy(found.payload.payload.mass_kg, cell)
+
+
+def _unverified(found: CalibrationSection, cell: Cell) -> str:
+    """Say when no fresh pose has proved a fit, or when one has disproved it."""
+    name, left = f"calibration {found.revision}", found.verified
+    if left is None:
+        return f"{name} was not verified on fresh poses: run `forcemesh calibrate`"
+    force_N, torque_Nm = cell.force.idle_max_N, cell.force.idle_max_Nm
+    if left.force_max_N <= force_N and left.torque_max_Nm <= torque_Nm:
+        return ""
+    return (
+        f"{name} left {left.force_max_N:.2f} N and {left.torque_max_Nm:.3f} N m at a fresh pose, "
+        f"the limits are {force_N:g} N and {torque_Nm:g} N m: run `forcemesh calibrate`"
+    )
 
 
 def _too_heavy(mass_kg: float, cell: Cell) -> str:

@@ -4,6 +4,7 @@ Both are taken at rest only, not while force feedback runs, and not where they w
 """
 
 from collections import deque
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -14,7 +15,7 @@ from common.errors import DataError
 from common.faults import refusal
 from common.frames import Array, rotation_between
 from common.messages import RobotState
-from common.payload import residual
+from common.payload import Payload, residual
 from common.requests import Reply
 from services.wrench.calibrated import InUse, of_calibration, of_cell, parsed
 from services.wrench.compensation import Mounting
@@ -41,7 +42,7 @@ class Desk:
         """Begin with what the cell file and its calibration say."""
         self.in_use: InUse = of_cell(cell)
         self._cell = cell
-        self._T_flange_sensor = mounting.T_flange_sensor
+        self._mounting = mounting
         self._limits = TareLimits(cell.force.tare_max_N, cell.force.tare_max_Nm)
         window = round(WINDOW_S * cell.rates.sensor_hz)
         self._recent: deque[tuple[Array, RobotState]] = deque(maxlen=window)
@@ -85,19 +86,45 @@ class Desk:
         refused = self._refusal(moment)
         if refused is not None or robot is None:
             return refused or refusal("invalid", "no pose")
-        mean = np.mean([reading for reading, _ in self._recent], axis=0)
-        left_N, left_Nm = residual(
-            new.payload, self._R_base_sensor(robot), force_N=mean[:3], torque_Nm=mean[3:]
-        )
-        force_N, limit_N = float(np.linalg.norm(left_N)), self._cell.force.idle_max_N
-        torque_Nm = float(np.linalg.norm(left_Nm))
-        if force_N > limit_N:
-            text = f"calibration {found.revision} leaves {force_N:.1f} N of the present reading"
-            text += ": is the tool in contact, or another one on the arm?"
-            return refusal("contact", text, value=force_N, limit=limit_N)
+        force_N, torque_Nm = self._left(new.payload, robot)
+        if (refused := self._too_much(found.revision, force_N, torque_Nm)) is not None:
+            return refused
         self.in_use = new
         text = f"calibration {found.revision} is in use: it leaves {force_N:.2f} N and "
         return Reply(accepted=True, text=f"{text}{torque_Nm:.3f} N m of the present reading")
+
+    def _left(self, payload: Payload, robot: RobotState) -> tuple[float, float]:
+        """Return force [N] and torque about the TCP [N m] that a payload leaves of the reading."""
+        mean = np.mean([reading for reading, _ in self._recent], axis=0)
+        left_N, left_Nm = residual(
+            payload, self._R_base_sensor(robot), force_N=mean[:3], torque_Nm=mean[3:]
+        )
+        about_tcp_Nm = left_Nm - np.cross(self._mounting.p_sensor_tcp_in_sensor, left_N)
+        return float(np.linalg.norm(left_N)), float(np.linalg.norm(about_tcp_Nm))
+
+    def _too_much(self, revision: str, force_N: float, torque_Nm: float) -> Reply | None:
+        """Refuse a payload that leaves more than the preflight lets pass in free space."""
+        most_N, most_Nm = self._cell.force.idle_max_N, self._cell.force.idle_max_Nm
+        if force_N <= most_N and torque_Nm <= most_Nm:
+            return None
+        text = (
+            f"calibration {revision} leaves {force_N:.1f} N and {torque_Nm:.2f} N m about the TCP "
+            "of the present reading: is the tool in contact, or another one on the arm?"
+        )
+        value, limit = (force_N, most_N) if force_N > most_N else (torque_Nm, most_Nm)
+        return refusal("contact", text, value=value, limit=limit)
+
+    def axes_checked(self, calibration: str) -> Reply:
+        """Take note that axes and signs were found right while a calibration was in use."""
+        if calibration != self.in_use.name:
+            text = (
+                f"axes were checked with calibration {calibration!r}, and {self.in_use.name!r} is "
+                "in use: check them again"
+            )
+            return refusal("payload", text)
+        self.in_use = replace(self.in_use, axes_checked=True)
+        text = f"axes and signs are proved for calibration {self.in_use.name}"
+        return Reply(accepted=True, text=text)
 
     def _refusal(self, moment: Moment) -> Reply | None:
         if moment.complaint != FINE or moment.robot is None:
@@ -126,4 +153,4 @@ class Desk:
         return refusal("moving", text, value=value, limit=limit)
 
     def _R_base_sensor(self, robot: RobotState) -> Array:
-        return np.asarray((pose_of(robot) * self._T_flange_sensor).rotation)
+        return np.asarray((pose_of(robot) * self._mounting.T_flange_sensor).rotation)

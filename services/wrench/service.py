@@ -38,6 +38,8 @@ class WrenchService:
         inertial = cell.filter.inertial
         self._acceleration = Acceleration(cell, self._mounting) if inertial else None
         self._last_stamp_ns = 0
+        # A process that begins anew has an old zero again: how old nobody knows, so from here on.
+        self._tared_ns = bus.clock.now_ns()
         self._next_put_ns = 0
         self._sensor = bus.reader(topics.SENSOR_WRENCH)
         self._robot = bus.reader(topics.ROBOT_STATE)
@@ -45,6 +47,7 @@ class WrenchService:
         self._out = bus.publisher(topics.WRENCH)
         self._tares = bus.inbox(topics.TARE)
         self._calibrations = bus.inbox(topics.CALIBRATE)
+        self._axes = bus.inbox(topics.AXES)
         self.trigger = self._sensor
 
     def counters(self) -> dict[str, int]:
@@ -57,9 +60,9 @@ class WrenchService:
         }
 
     def numbers(self, now_ns: int) -> dict[str, float]:
-        """Return by how much the filter delays the wrench."""
-        del now_ns
-        return {"filter_delay_s": self._filter_delay_s}
+        """Return by how much the filter delays the wrench, and how old its zero is."""
+        age_h = (now_ns - self._tared_ns) / NS_PER_S / 3600.0
+        return {"filter_delay_s": self._filter_delay_s, "tare_age_h": age_h}
 
     def step(self, now_ns: int) -> None:
         """Filter the newest sample; at the control rate, or when a fault begins, publish."""
@@ -78,9 +81,15 @@ class WrenchService:
         feedback_runs = target is not None and target.valid
         moment = Moment(self._complaint, robot.fresh, feedback_runs)
         for tare in self._tares.take_all():
-            tare.reply(self._desk.tare(moment))
+            reply = self._desk.tare(moment)
+            self._tared_ns = now_ns if reply.accepted else self._tared_ns
+            tare.reply(reply)
         for other in self._calibrations.take_all():
-            other.reply(self._desk.calibrate(moment, other.request.calibration_json))
+            reply = self._desk.calibrate(moment, other.request.calibration_json)
+            self._tared_ns = now_ns if reply.accepted else self._tared_ns  # its bias is as new
+            other.reply(reply)
+        for axes in self._axes.take_all():
+            axes.reply(self._desk.axes_checked(axes.request.calibration))
 
     def _take(self, sensor: Reading[SensorWrench], robot: Reading[RobotState]) -> Complaint:
         """Feed a sample that is new and good; after a gap or a fault the filter starts anew."""
@@ -151,6 +160,7 @@ class WrenchService:
             calibration=self._desk.in_use.name,
             calibrated=not calibration_fault,
             calibration_fault=calibration_fault,
+            axes_checked=self._desk.in_use.axes_checked,
         )
         header = sensor.header
         self._out.put(message, None if header is None else Origin(header.stamp_ns, header.seq))

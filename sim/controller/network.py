@@ -251,12 +251,15 @@ class MemoryNetwork:
         stream.peer = peer
         return stream
 
-    def dial(self, port: int) -> MemoryStream:
-        """Connect to a port of the controller, as a client. Raises OSError if nobody listens."""
+    def dial(self, port: int, peer: Octets = LOOPBACK) -> MemoryStream:
+        """Connect to a port of the controller, as a client. Raises OSError if nobody listens.
+
+        `peer` is the address that the controller is told.
+        """
         listener = self.listeners.get(port)
         if listener is None:
             raise ConnectionRefusedError(f"nobody listens on port {port}")
-        near, far = MemoryStream(), MemoryStream()
+        near, far = MemoryStream(), MemoryStream(peer)
         near.partner, far.partner = far, near
         listener.waiting.append(far)
         return near

@@ -16,7 +16,8 @@ from sim.robot.contact import lift_off_m
 from sim.robot.engine import mujoco
 from sim.robot.ft_sensor import FtSample, FtSensor
 from sim.robot.kinematics import JOINTS, ArmKinematics
-from sim.robot.scene import build_model, home_rad, plate_at_rest
+from sim.robot.plate_contact import PlateContact
+from sim.robot.scene import build_model, home_rad
 from sim.robot.set_points import SetPointLine
 from sim.robot.settings import TICK_S, SimSettings
 
@@ -64,7 +65,7 @@ class SimArm:
         self.kinematics = ArmKinematics()
         self.model = build_model(settings)
         self.data = mujoco.MjData(self.model)
-        self.plate = plate_at_rest(settings)
+        self.plate = PlateContact(self.model, self.data, settings)
         self.ft_sensor = FtSensor(settings.sensor, seed=seed)
         self.ticks = 0
         home = home_rad(settings)
@@ -76,8 +77,8 @@ class SimArm:
             home, delay_ticks=settings.delay_ticks, smoothing_ticks=settings.smoothing_ticks
         )
         self._T_flange_tcp = settings.T_flange_sensor * settings.T_sensor_tcp
-        self._tool = self.model.body("tool").id
-        self._plate_geom = self.model.geom("plate").id
+        self._tool, self._disc = self.model.body("tool").id, self.model.body("disc").id
+        self._tcp = self.model.site("tcp").id
         self.data.qpos[:JOINTS] = home
         self.data.ctrl[:] = home
         mujoco.mj_forward(self.model, self.data)
@@ -139,9 +140,15 @@ class SimArm:
     def step(self) -> None:
         """Advance one millisecond. Raises SimulationError if the physics diverged."""
         self.data.ctrl[:] = self._line.push(self._command)
-        mujoco.mj_step(self.model, self.data)
+        self.advance()
         self.ticks += 1
         self._check()
+
+    def advance(self) -> None:
+        """Make one step of the model's own length, without new set points."""
+        mujoco.mj_step1(self.model, self.data)
+        self.plate.act()
+        mujoco.mj_step2(self.model, self.data)
 
     def sample_ft(self) -> FtSample:
         """Return a new reading of the force/torque sensor, for the step just made."""
@@ -150,20 +157,10 @@ class SimArm:
 
     def true_wrench(self) -> TrueWrench:
         """Return the plate's (and any applied) wrench on the tool, for the step just made."""
-        data, tcp = self.data, self.data.site("tcp").xpos
-        pushed = data.xfrc_applied[self._tool]
-        force, torque = pushed[:3].copy(), pushed[3:].copy()
-        torque += np.cross(data.xipos[self._tool] - tcp, force)
-        in_contact = np.zeros(6)
-        for index in range(data.ncon):
-            contact = data.contact[index]
-            mujoco.mj_contactForce(self.model, data, index, in_contact)
-            # Rows of the frame are its axes in base; the force acts on the second geom.
-            on_second = contact.frame.reshape(3, 3).T @ in_contact[:3]
-            on_tool = on_second if contact.geom[0] == self._plate_geom else -on_second
-            force += on_tool
-            torque += np.cross(contact.pos - tcp, on_tool)
-        return TrueWrench(force_N=force, torque_Nm=torque)
+        data, tcp = self.data, self.data.site_xpos[self._tcp]
+        plate, pushed = data.xfrc_applied[self._disc], data.xfrc_applied[self._tool]
+        torque = plate[3:] + pushed[3:] + np.cross(data.xipos[self._tool] - tcp, pushed[:3])
+        return TrueWrench(force_N=plate[:3] + pushed[:3], torque_Nm=torque)
 
     def _check(self) -> None:
         kinds = mujoco.mjtWarning

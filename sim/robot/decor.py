@@ -12,11 +12,13 @@ from sim.robot.settings import PLATE_CORNER_M
 FLOOR_Z_M = -0.36  # the arm's foot stands on it; the base frame is at joint 2
 SENSOR_RADIUS_M = 0.040
 STAND_TOP_BELOW_PLATE_M = 0.085
+PLATE_THICKNESS_M = 0.016
 
 _BLUE = [0.10, 0.36, 0.80, 1.0]
 _STEEL = [0.72, 0.74, 0.77, 1.0]
 _DARK = [0.17, 0.18, 0.20, 1.0]
 _GREEN = [0.14, 0.45, 0.26, 1.0]
+_LIGHT_GREEN = [0.20, 0.58, 0.34, 1.0]
 _CYLINDER = mujoco.mjtGeom.mjGEOM_CYLINDER
 _BOX = mujoco.mjtGeom.mjGEOM_BOX
 
@@ -54,7 +56,9 @@ def draw_tool(tool: mujoco.MjsBody, T_sensor_tcp: pin.SE3, disc_radius_m: float)
 
 
 def draw_plate(plate: mujoco.MjsBody, half_side_m: float) -> None:
-    """Draw the darker frame below the plate."""
+    """Draw the plate and the darker frame below it; the body's origin is in its upper face."""
+    half = [half_side_m, half_side_m, PLATE_THICKNESS_M / 2]
+    _show(plate, _BOX, half, pos=[0, 0, -PLATE_THICKNESS_M / 2], rgba=_LIGHT_GREEN)
     size = [half_side_m - 0.008, half_side_m - 0.008, 0.003]
     _show(plate, _BOX, size, pos=[0, 0, -0.019], rgba=_GREEN)
 

@@ -36,6 +36,12 @@ class SimDriver:
         self._lease: tuple[int, int] | None = None  # arbiter's epoch, lease
         self._streaming = False
         self._seeded = True
+        self._sent: pin.SE3 | None = None  # last set point of the stream
+
+    @property
+    def sent(self) -> pin.SE3 | None:
+        """Set point that left for the arm last, flange in base; None: no stream."""
+        return self._sent if self._streaming else None
 
     def hold(self, reason: str) -> None:
         """Brake; once at rest, command the measured pose, so that nothing is left to be done."""
@@ -64,8 +70,9 @@ class SimDriver:
                 # Another arbiter counts its goals anew: its first one is not one that was done.
                 self.goal = GoalReport()
             self._lease = lease
-            self._guard.start(T_measured)
-        trip = self._guard.wrench(wrench)
+            purpose = "all" if command.permission is None else command.permission.purpose
+            self._guard.start(T_measured, now_ns, purpose)
+        trip = self._guard.wrench(wrench, in_move=command.kind == "goal")
         if trip is not None:
             return trip
         self._seeded = False
@@ -94,7 +101,7 @@ class SimDriver:
             if trip is not None:
                 return trip
             self._tracking.stream(T_measured, now_ns)
-            self._streaming = True
+            self._streaming, self._sent = True, None
         T_wanted = pose_of(command.pose)
         trip = self._guard.setpoint(T_wanted, T_measured, now_ns)
         if trip is not None:
@@ -103,6 +110,7 @@ class SimDriver:
         if reason:
             return tripped("robot_refuses", reason)
         self._tracking.stream(T_wanted, now_ns)
+        self._sent = T_wanted
         return None
 
     def _idle(self, T_measured: pin.SE3) -> None:

@@ -66,9 +66,8 @@ def render_png(
     """
     tcp_m, pushed_m = _tcp_and_plate(settings, q)
     job = {
-        "xml": _described(settings),
-        "joints": {f"joint{k}": float(angle) for k, angle in enumerate(q, 1)}
-        | {"plate_slide": pushed_m},
+        "xml": _described(settings, pushed_m),
+        "joints": {f"joint{k}": float(angle) for k, angle in enumerate(q, 1)},
         "tcp_m": tcp_m,
         "force_N": [0.0, 0.0, 0.0] if force_N is None else [float(f) for f in force_N],
         "view": asdict(view),
@@ -92,8 +91,8 @@ def render_png(
         raise RenderUnavailable(_explain(environment, _last_line(done)))
 
 
-def _described(settings: SimSettings) -> str:
-    spec = build_spec(settings)
+def _described(settings: SimSettings, pushed_m: float) -> str:
+    spec = build_spec(settings, pushed_m=pushed_m)
     spec.compile()  # MuJoCo writes only what it has compiled
     return str(spec.to_xml())
 
@@ -109,7 +108,7 @@ def _tcp_and_plate(settings: SimSettings, q: Array) -> tuple[list[float], float]
         plate_normal=plate.normal,
         disc_radius_m=settings.disc_radius_m,
     )
-    return [float(x) for x in T_base_tcp.translation], min(0.0, lift_m)
+    return [float(x) for x in T_base_tcp.translation], max(0.0, -lift_m)
 
 
 def _last_line(done: subprocess.CompletedProcess[str]) -> str:

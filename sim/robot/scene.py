@@ -1,4 +1,4 @@
-"""Builds the physics of the cell: arm, sensor, off-centre disc tool and compliant plate.
+"""Builds the physics of the cell: arm, sensor, off-centre disc tool, and the plate as a picture.
 
 The world of the model is the controller's base frame. Bodies added to the arm have explicit
 inertias, and gravity is compensated everywhere, so the servos do not sag; the sensor still
@@ -16,15 +16,8 @@ from sim.robot.contact import plate_point_under
 from sim.robot.decor import add_decor, draw_plate, draw_sensor, draw_tool
 from sim.robot.engine import mujoco
 from sim.robot.kinematics import JOINTS, MODEL_PATH, ArmKinematics
+from sim.robot.plate import HALF_SIDE_M
 from sim.robot.settings import TICK_S, SimSettings
-
-PLATE_THICKNESS_M = 0.016
-PLATE_HALF_SIDE_M = 0.08
-PLATE_TILT_DAMPING_RATIO = 1.0
-RIM_POINTS = 24  # contact points on the disc's rim; one lies at the TCP frame's +x
-RIM_BALL_M = 1e-5  # as good as a sharp edge: the truth about lift-off is 1 um exact
-SOLREF = (0.002, 1.0)  # contact far stiffer than any plate: time constant 2 ms, damping ratio 1
-SOLIMP = (0.98, 0.995, 0.001, 0.5, 2.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +25,12 @@ class Plate:
     """The plate's upper face while nothing presses on it, in base."""
 
     point_m: Array
-    normal: Array
+    R_base_plate: Array
+
+    @property
+    def normal(self) -> Array:
+        """Unit normal of the face, upwards. Shape (3,)."""
+        return self.R_base_plate[:, 2]
 
 
 def home_rad(settings: SimSettings) -> Array:
@@ -44,19 +42,18 @@ def plate_at_rest(settings: SimSettings) -> Plate:
     """Return where the plate lies: below the TCP's home, tilted about base x."""
     T_flange_tcp = settings.T_flange_sensor * settings.T_sensor_tcp
     T_base_tcp = ArmKinematics().flange_pose(home_rad(settings)) * T_flange_tcp
-    tilt = math.radians(settings.tilt_deg)
-    normal = np.array([0.0, -math.sin(tilt), math.cos(tilt)])
+    R_base_plate = pin.utils.rotate("x", math.radians(settings.tilt_deg))
     point = plate_point_under(
         T_base_tcp,
-        plate_normal=normal,
+        plate_normal=R_base_plate[:, 2],
         disc_radius_m=settings.disc_radius_m,
         gap_m=settings.gap_m,
     )
-    return Plate(point_m=point, normal=normal)
+    return Plate(point_m=point, R_base_plate=R_base_plate)
 
 
-def build_spec(settings: SimSettings) -> mujoco.MjSpec:
-    """Return the editable model of the whole cell."""
+def build_spec(settings: SimSettings, *, pushed_m: float = 0.0) -> mujoco.MjSpec:
+    """Return the editable model of the whole cell, the plate drawn as pushed in by `pushed_m`."""
     spec = mujoco.MjSpec.from_file(str(MODEL_PATH))
     spec.modelname = "forcemesh cell"
     spec.option.timestep = TICK_S
@@ -66,7 +63,7 @@ def build_spec(settings: SimSettings) -> mujoco.MjSpec:
     plate = plate_at_rest(settings)
     add_decor(spec, plate_point_m=plate.point_m, plate_normal=plate.normal)
     _add_tool(spec, settings)
-    _add_plate(spec, settings, plate)
+    _add_plate(spec, plate, pushed_m)
     return spec
 
 
@@ -107,7 +104,9 @@ def _add_tool(spec: mujoco.MjSpec, settings: SimSettings) -> None:
         size=[0.002, 0.002, 0.002],
         rgba=[0, 0, 0, 0],
     )
-    _add_rim(tool, settings)
+    # Massless: what pushes on it pushes the tool, about the TCP.
+    disc = tool.add_body(name="disc", pos=T_st.translation, explicitinertial=True, mass=0.0)
+    disc.ipos = [0.0, 0.0, 0.0]
     for name, kind in (("force", "mjSENS_FORCE"), ("torque", "mjSENS_TORQUE")):
         spec.add_sensor(
             name=name,
@@ -117,87 +116,14 @@ def _add_tool(spec: mujoco.MjSpec, settings: SimSettings) -> None:
         )
 
 
-def _add_rim(tool: mujoco.MjsBody, settings: SimSettings) -> None:
-    """Put small balls on the disc's rim: ball against box is exact, cylinder against box is not.
-
-    Their lowest points are the rim itself when the disc lies flat.
-    """
-    T_st = settings.T_sensor_tcp
-    for k in range(RIM_POINTS):
-        angle = math.tau * k / RIM_POINTS
-        rim = settings.disc_radius_m * np.array([math.cos(angle), math.sin(angle), 0.0])
-        tool.add_geom(
-            name=f"rim{k}",
-            type=mujoco.mjtGeom.mjGEOM_SPHERE,
-            size=[RIM_BALL_M, 0.0, 0.0],
-            pos=T_st.act(rim - np.array([0.0, 0.0, RIM_BALL_M])),
-            contype=1,
-            conaffinity=0,
-            group=4,
-            rgba=[0, 0, 0, 0],
-            friction=[settings.friction, 0.0, 0.0],
-            solref=list(SOLREF),
-            solimp=list(SOLIMP),
-        )
-
-
-def _add_plate(spec: mujoco.MjSpec, settings: SimSettings, plate: Plate) -> None:
-    """A box on three slides and three hinges in its upper face, all with springs.
-
-    It gives way within its plane as along its normal: a rigid grip would have friction and the
-    force loop chase each other sideways, which is no property of a sprung plate.
-    """
-    mass, k = settings.plate_mass_kg, settings.stiffness_N_m
-    k_tilt, half = settings.plate_tilt_stiffness_Nm_rad, PLATE_HALF_SIDE_M
-    tilt = math.radians(settings.tilt_deg)
+def _add_plate(spec: mujoco.MjSpec, plate: Plate, pushed_m: float) -> None:
+    """Draw the plate. Its springs are in sim.robot.plate: MuJoCo knows nothing of the contact."""
     body = spec.worldbody.add_body(
         name="plate",
-        pos=plate.point_m,
-        quat=[math.cos(tilt / 2), math.sin(tilt / 2), 0.0, 0.0],
-        gravcomp=1.0,
+        pos=plate.point_m - pushed_m * plate.normal,
+        quat=_quaternion(plate.R_base_plate),
     )
-    extent = (half, half, PLATE_THICKNESS_M / 2)
-    inertia = _set_inertia(body, mass, (0.0, 0.0, -PLATE_THICKNESS_M / 2), extent)
-    for name, axis in (
-        ("plate_slide_x", [1.0, 0.0, 0.0]),
-        ("plate_slide_y", [0.0, 1.0, 0.0]),
-        ("plate_slide", [0.0, 0.0, 1.0]),
-    ):
-        damping = 2.0 * settings.plate_damping_ratio * math.sqrt(k * mass)
-        body.add_joint(
-            name=name,
-            type=mujoco.mjtJoint.mjJNT_SLIDE,
-            axis=axis,
-            stiffness=[k, 0.0, 0.0],
-            damping=[damping, 0.0, 0.0],
-        )
-    for name, axis in (
-        ("plate_tilt_x", [1.0, 0.0, 0.0]),
-        ("plate_tilt_y", [0.0, 1.0, 0.0]),
-        ("plate_twist", [0.0, 0.0, 1.0]),
-    ):
-        damping = 2.0 * PLATE_TILT_DAMPING_RATIO * math.sqrt(k_tilt * inertia)
-        body.add_joint(
-            name=name,
-            type=mujoco.mjtJoint.mjJNT_HINGE,
-            axis=axis,
-            stiffness=[k_tilt, 0.0, 0.0],
-            damping=[damping, 0.0, 0.0],
-        )
-    body.add_geom(
-        name="plate",
-        type=mujoco.mjtGeom.mjGEOM_BOX,
-        size=[half, half, PLATE_THICKNESS_M / 2],
-        pos=[0.0, 0.0, -PLATE_THICKNESS_M / 2],
-        contype=0,
-        conaffinity=1,
-        group=1,
-        rgba=[0.20, 0.58, 0.34, 1.0],
-        friction=[settings.friction, 0.0, 0.0],
-        solref=list(SOLREF),
-        solimp=list(SOLIMP),
-    )
-    draw_plate(body, half)
+    draw_plate(body, HALF_SIDE_M)
 
 
 def _set_inertia(
@@ -205,15 +131,14 @@ def _set_inertia(
     mass_kg: float,
     com_m: Array | tuple[float, float, float],
     half_extent_m: tuple[float, float, float],
-) -> float:
-    """Give a body the inertia of a box about its centre; return the one about x [kg m^2]."""
+) -> None:
+    """Give a body the inertia of a box about its centre."""
     x, y, z = half_extent_m
     inertia = [mass_kg / 3 * (y * y + z * z), mass_kg / 3 * (x * x + z * z)]
     body.explicitinertial = True
     body.mass = mass_kg
     body.ipos = list(com_m)
     body.inertia = [*inertia, mass_kg / 3 * (x * x + y * y)]
-    return inertia[0]
 
 
 def _quaternion(R: Array) -> list[float]:

@@ -139,6 +139,7 @@ class SimRobot:
                 status=status,
                 goal=self._driver.goal,
                 accepted=self._verdict.accepted,
+                sent=None if self._driver.sent is None else record_of(self._driver.sent),
                 hold_reason=hold_reason,
                 hold_code=self._verdict.hold_code,
                 link=LinkHealth(connected=True, round_trip_s=0.0),

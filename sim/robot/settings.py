@@ -10,6 +10,7 @@ import pinocchio as pin
 from common.errors import SimulationError
 
 TICK_S = 0.001  # of physics and set-point generator; delays and smoothing are whole ticks
+DAMPED_MASS_KG = 0.3  # of the plate, for its damping alone
 PLATE_CORNER_M = 0.025  # the plate rests on four springs at (+-25, +-25) mm
 
 Vector3 = tuple[float, float, float]
@@ -71,8 +72,7 @@ class SimSettings:
     tilt_stiffness_Nm_rad: float | None = None  # None: springs of that stiffness at the corners
     tilt_deg: float = 0.0  # of the plate about base x, through the point under the tool
     gap_m: float = 0.005  # at home, vertically from the disc's lowest edge
-    plate_mass_kg: float = 0.3
-    plate_damping_ratio: float = 0.4
+    plate_damping_ratio: float = 0.4  # as if it weighed DAMPED_MASS_KG; it has no mass
     friction: float = 0.3
 
     sensor: SensorSettings = field(default_factory=SensorSettings)
@@ -94,7 +94,6 @@ class SimSettings:
             _outside("tilt_stiffness_Nm_rad", self.plate_tilt_stiffness_Nm_rad, 0.1, 1e5),
             _outside("tilt_deg", self.tilt_deg, 0.0, 20.0),
             _outside("gap_m", self.gap_m, 0.0, 0.1),
-            _outside("plate_mass_kg", self.plate_mass_kg, 0.05, 5.0),
             _outside("plate_damping_ratio", self.plate_damping_ratio, 0.05, 5.0),
             _outside("friction", self.friction, 0.0, 2.0),
         )
@@ -105,6 +104,11 @@ class SimSettings:
         if self.tilt_stiffness_Nm_rad is not None:
             return self.tilt_stiffness_Nm_rad
         return self.stiffness_N_m * PLATE_CORNER_M**2
+
+    @property
+    def plate_relaxation_s(self) -> float:
+        """Damping over stiffness of the plate's springs: 3 ms at 2e4 N/m."""
+        return 2.0 * self.plate_damping_ratio * math.sqrt(DAMPED_MASS_KG / self.stiffness_N_m)
 
     @property
     def delay_ticks(self) -> int:

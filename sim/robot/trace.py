@@ -26,6 +26,8 @@ class ArmTrace:
         """Open the file. Raises OSError where it cannot be written."""
         self._arm, self._clock = arm, clock
         self._file = path.open("ab", buffering=0)
+        # A process that was killed in the middle of a record would shift all that follow.
+        self._file.truncate(self._file.tell() // RECORD.itemsize * RECORD.itemsize)
         self._record: Records = np.zeros((), RECORD)
 
     def ticked(self) -> None:

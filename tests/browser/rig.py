@@ -11,11 +11,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from playwright.sync_api import Error as PlaywrightError
 from playwright.sync_api import Locator, Page
 from playwright.sync_api import TimeoutError as PlaywrightTimeout
 
 ROOT = Path(__file__).parents[2]
-TRIES, HIT_WITHIN_S = 3, 20.0
+TRIES, HIT_WITHIN_S, LOOKS = 3, 20.0, 5
 PATIENCE_S = 90.0  # of the test, not of the cell: drawing without a graphics card is slow
 # The scene is drawn for pictures only: software WebGL would take the processor from the cell.
 SPARE = """
@@ -28,6 +29,7 @@ for (const name of [...kinds, ...kinds.slice(0, 2).map((kind) => kind + 'Instanc
   };
 }
 window.requestAnimationFrame = (frame) => setTimeout(() => frame(performance.now()), 150);
+window.cancelAnimationFrame = clearTimeout; // a frame that is called off stays away
 """
 DRAW_ONCE = (
     "new Promise(done => { window.__draw = true;"
@@ -68,6 +70,21 @@ class Cockpit:
         """Click a button."""
         self.clicks += 1
         hit(self.button(label))
+
+    def cancel(self) -> None:
+        """Say no to the open question, or see that it is gone: it goes away by itself."""
+
+        def gone() -> bool:
+            no = self.button("Cancel")
+            if no.count():
+                with suppress(PlaywrightTimeout, PlaywrightError, AssertionError):
+                    found = no.evaluate(WHERE, timeout=2e3)
+                    if not found["covered"]:
+                        self.page.mouse.click(found["x"], found["y"])
+            return no.count() == 0
+
+        self.clicks += 1
+        wait_until(gone)
 
     def tab(self, label: str) -> None:
         """Go to a tab."""
@@ -129,6 +146,7 @@ class Cockpit:
 
 WHERE = """e => { e.scrollIntoView({block: 'nearest'});
   const box = e.getBoundingClientRect(), x = box.x + box.width / 2, y = box.y + box.height / 2;
+  if (!box.width || !box.height) return {x, y, covered: 'not there any more'};
   const top = document.elementFromPoint(x, y);
   return {x, y, covered: e.contains(top) ? '' : top ? top.outerHTML.slice(0, 200) : 'nothing'}; }"""
 
@@ -139,12 +157,14 @@ def hit(target: Locator) -> None:
     The page is not drawn here, so the library's own wait for it to be still would be long.
     """
     target.wait_for()
-    give_up_s, before = time.monotonic() + HIT_WITHIN_S, None
+    give_up_s, before, looks = time.monotonic() + HIT_WITHIN_S, None, 0
     while True:
         found = target.evaluate(WHERE)
+        looks += 1
         if not found["covered"] and found == before:
             break
-        assert time.monotonic() < give_up_s, found
+        # One look may take longer than all of the time on a machine that stands still.
+        assert time.monotonic() < give_up_s or looks < LOOKS, found
         before = found
         time.sleep(0.15)
     target.page.mouse.click(found["x"], found["y"])

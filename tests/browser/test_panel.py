@@ -1,10 +1,12 @@
 """The panel in a real browser, in front of the simulated cell: what a person can do, and cannot."""
 
 import os
+import re
 import signal
 from pathlib import Path
 
 import pytest
+from playwright.sync_api import expect
 
 from cli.runfile import Run
 from common.config import load_cell
@@ -26,7 +28,7 @@ def test_a_person_presses_and_the_force_follows_the_set_point(ready, address, co
     page.click("Arm")
     page.button("Arm now").wait_for()
     assert ready.status().state == "IDLE"  # one click moves nothing
-    page.click("Cancel")
+    page.cancel()
     page.arm()
     page.fill("Set point [N]", 15.0)
     page.click("Start pressing")
@@ -71,7 +73,7 @@ def test_stop_motion_holds_even_over_an_open_question(ready, address, cockpit, w
     wait_until(lambda: ready.status().state == "HOLDING")
     assert "Stop motion was pressed in the panel" in ready.status().trips[0].text
     page.until_state("HOLDING")
-    page.click("Cancel")
+    page.cancel()
     page.tab("Faults")
     page.until_said("Stop motion was pressed in the panel")
     page.until_said("arm again when the way is free")
@@ -101,19 +103,51 @@ def test_a_fault_is_told_with_its_remedy_and_recovered_from(ready, cell_file, ad
     page.arm()
 
 
+def test_an_arm_without_a_wrench_backs_off_by_5_mm_after_a_second_question(
+    ready, cell_file, address, cockpit
+):
+    """No force can be followed: the first yes moves nothing, the second one 5 mm up, no farther."""
+    page = cockpit().open(address)
+    run = Run.model_validate_json(next(cell_file.parent.glob("panel-*.json")).read_text())
+    wrench = run.entry("wrench")
+    assert wrench is not None
+    page.tab("Move")
+    z_mm = 1e3 * ready.state().position_m[2]
+    os.kill(wrench.pid, signal.SIGSTOP)
+    try:
+        wait_until(lambda: "wrench" in ready.silent())
+        page.click("Back off")
+        page.click("Back off now")
+        page.until_said("no force can be followed")
+        page.button("Go 5 mm back").wait_for()
+        assert abs(1e3 * ready.state().position_m[2] - z_mm) < 0.1
+        page.picture("panel-back-off")
+        page.click("Go 5 mm back")
+        page.until_said("went its whole way: 5.0 mm")
+    finally:
+        os.kill(wrench.pid, signal.SIGCONT)
+    assert abs(1e3 * ready.state().position_m[2] - z_mm - 5.0) < 0.5
+
+
 def test_two_people_do_not_disturb_each_other(ready, address, cockpit):
-    """A question is only for who clicked, a form is everybody's own, and anybody may stop."""
+    """A question is for who clicked, forms show the cell and keep what is typed, anybody stops."""
     one, other = cockpit().open(address), cockpit().open(address)
     one.click("Arm")
     one.button("Arm now").wait_for()
     assert other.page.get_by_text("Arm now").count() == 0
-    one.click("Cancel")
+    one.cancel()
     one.arm()
     other.until_state("ARMED")
     one.fill("Set point [N]", 7.0)
     one.press()
     wait_until(lambda: ready.force.pressed_N() > 6.0)
-    assert "15" in other.page.locator("input[inputmode]:visible").first.input_value()
+    shown = other.page.locator("input[inputmode]:visible").first
+    expect(shown).to_have_value(
+        re.compile(r"^7(\.0)?\b")
+    )  # the cell's, not the other's own default
+    other.fill("Set point [N]", 9.0)
+    other.page.get_by_text("set point 7 N").wait_for()  # what is typed stays, and changes nothing
+    expect(shown).to_have_value(re.compile(r"^9(\.0)?\b"))
     other.page.keyboard.press("Shift+S")
     one.until_state("HOLDING")
 

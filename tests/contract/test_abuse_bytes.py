@@ -26,7 +26,8 @@ from tests.fakes.hostile_cell import QUICK, Accepted, watch_program
 WELL_FORMED = re.compile(rb"[5-9][0-9]{5} (?:(?:-[0-9]{5}|[0-4][0-9]{5}) ){8}")
 NO_VECTOR = {Com.FEEDBACK, Com.HOLD, Com.HEARTBEAT}
 OURS = {com for com in TABLE if com < Com.POSE}
-HELLO = Packet(700_700, Com.HELLO, 1, (50, 500, 250, 100, 1000, 10))
+HELLO_PARAM = 2001  # version 2, arm 1
+HELLO = Packet(700_700, Com.HELLO, HELLO_PARAM, (50, 500, 250, 100, 1000, 10))
 TALK = (
     HELLO,
     Packet(700_701, Com.HOLD),
@@ -50,7 +51,7 @@ def believable(stream: bytes) -> list[str]:
             break
         frames = [int(frame) for frame in chars.split()]
         if not taken:
-            good = frames[1] == Com.HELLO and frames[2] == 1
+            good = frames[1] == Com.HELLO and frames[2] == HELLO_PARAM
             good = good and chars.count(b"-") == 0
         else:
             com, param = frames[1], frames[2]
@@ -66,7 +67,8 @@ def believable(stream: bytes) -> list[str]:
 
 
 def _params(com: int) -> range:
-    return {Com.GAINS: range(2), Com.FEEDBACK: range(3)}.get(Com(com), range(1))
+    spans = {Com.GAINS: 2, Com.FEEDBACK: 3, Com.LIMITS: 4, Com.TCP: 2}
+    return range(spans.get(Com(com), 1))
 
 
 class Ear:

@@ -17,6 +17,7 @@ from common.packet import Packet, encode
 from common.packet_table import ID_FIRST, Com
 from tests.contract.robots import PORT
 from tests.contract.test_abuse_wire import BREAKING, DOWN, MOTIONS, UP
+from tests.fakes.controller_talk import HELLO_PARAM
 from tests.fakes.hostile_cell import LoneController, SocketCell
 from tests.fakes.hostile_stream import Abuse, Chop, Freeze, Gather
 
@@ -91,7 +92,7 @@ def test_a_gateway_that_vanishes_without_closing_is_missed_and_the_next_one_serv
 
 def test_a_second_client_is_not_heard_while_the_gateway_is_connected() -> None:
     """Hello and hold of a stranger wait in the backlog; nothing comes back, the goal is done."""
-    hello = encode(Packet(ID_FIRST, Com.HELLO, 1, (50, 500, 250, 100, 1000, 10)))
+    hello = encode(Packet(ID_FIRST, Com.HELLO, HELLO_PARAM, (50, 500, 250, 100, 1000, 10)))
     with ExitStack() as stack:
         cell = SocketCell(stack)
         cell.begin("goal")

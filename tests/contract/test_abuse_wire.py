@@ -145,7 +145,7 @@ def test_one_byte_at_a_time_is_understood_by_the_program() -> None:
     cell.rig.connect()
     abuse = cell.network.strike(UP, Chop(size=1))
     cell.assert_obeys_after_arming()
-    assert abuse.bites > 5 * PACKET_CHARS
+    assert abuse.bites >= 5 * PACKET_CHARS
     cell.assert_nothing_misread()
 
 

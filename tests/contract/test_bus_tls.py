@@ -1,5 +1,6 @@
 """A bus with certificates, with real hubs and clients: who gets in, who is heard."""
 
+import datetime as dt
 import json
 import socket
 import threading
@@ -21,9 +22,11 @@ from common.cell import Cell
 from common.config import dump_cell, load_cell
 from common.errors import BusError
 from common.messages import Health, WrenchAtTcp
+from common.pki import copy_certificate, make_certificate, read_authority, write_pair
 from common.requests import HoldRequest, Reply
 from common.tls import FOLDER_VARIABLE, NAME_VARIABLE, NAMES, Identity
 from common.topics import HEALTH, REQUESTS, TOPICS
+from services.hub.service import MOST_LINKS, Hub
 
 pytestmark = pytest.mark.realtime
 
@@ -127,6 +130,58 @@ def test_every_name_is_heard_on_its_own_keys_and_on_no_other(
     listening.undeclare()
     # What a session says it also hears itself, without the hub.
     assert {pair for pair in heard if pair[0] != "monitor"} == expected
+
+
+@pytest.mark.parametrize("false_hub", [name for name in NAMES if name != "hub"])
+def test_a_certificate_of_another_name_is_no_hub(
+    cell: Cell, false_hub: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A hub that shows what a monitor, a sensor or anybody else has: every role turns away."""
+    folder = Path(cell.bus.tls.folder if cell.bus.tls else "")
+    settings = hub_settings(cell, cell.bus.endpoint)
+    settings["transport"]["link"]["tls"] = Identity(false_hub, folder).settings()
+    with zenoh.open(zenoh.Config.from_json5(json.dumps(settings))):
+        for name in NAMES:
+            own = client_settings(cell.bus.endpoint, name, Identity(name, folder).settings())
+            with pytest.raises(zenoh.ZError):
+                zenoh.open(zenoh.Config.from_json5(json.dumps(own))).close()
+    with open_hub(cell):  # and all of them are welcome on the right one
+        for name in set(NAMES) - {"hub"}:
+            session_of(cell, name).close()
+
+
+def test_the_hub_of_another_cell_is_not_this_cells_hub(cell: Cell, tmp_path: Path) -> None:
+    """One authority for two cells: TLS takes the other's hub, and every role turns away from it."""
+    folder = Path(cell.bus.tls.folder if cell.bus.tls else "")
+    authority, now = read_authority(folder), dt.datetime.now(dt.UTC)
+    hosts = ["localhost", "127.0.0.1"]
+    pair = make_certificate(authority, "hub", "other", hosts=hosts, days=1, now=now)
+    write_pair(tmp_path, "hub", pair, owner=None)
+    copy_certificate(folder, tmp_path, "ca", owner=None)
+    settings = hub_settings(cell, cell.bus.endpoint)
+    settings["transport"]["link"]["tls"] = Identity("hub", tmp_path).settings()
+    with zenoh.open(zenoh.Config.from_json5(json.dumps(settings))):
+        for role in ("arbiter", "robot", "client"):
+            with (
+                pytest.raises(BusError, match=r"shows the certificate of hub\.other.* hub\.tls"),
+                open_bus(cell, role, patience_s=PATIENCE_S),
+            ):
+                pass
+
+
+def test_the_hub_names_who_has_too_many_links(cell: Cell) -> None:
+    """By the name in the certificate, in its health; who has few is not named."""
+    with open_hub(cell) as bus:
+        hub = Hub(bus, cell)
+        few = [session_of(cell, "operator")]
+        assert hub.fault == ""
+        many = [session_of(cell, "monitor") for _ in range(MOST_LINKS + 1)]
+        give_up_s = time.monotonic() + PATIENCE_S
+        while not hub.fault and time.monotonic() < give_up_s:
+            time.sleep(0.05)
+        assert hub.fault.startswith(f"monitor.tls has {MOST_LINKS + 1} links; more than")
+        for session in [*few, *many]:
+            session.close()
 
 
 def test_only_people_are_answered(cell: Cell, sessions: dict[str, zenoh.Session]) -> None:

@@ -185,9 +185,9 @@ def test_a_malformed_request_is_refused_and_never_reaches_the_service(cell: Cell
     with (
         open_bus(cell, "arbiter") as arbiter,
         open_bus(cell, topics.CLIENT) as client,
-        answering(arbiter, topics.HOLD, lambda _: Reply(accepted=True)) as taken,
+        answering(arbiter, topics.ARM, lambda _: Reply(accepted=True)) as taken,
     ):
-        data = client.transport.ask("zenoh/request/hold", b"\xff not a map", PATIENCE_S)
+        data = client.transport.ask("zenoh/request/arm", b"\xff not a map", PATIENCE_S)
         assert data is not None
         assert b"malformed" in data
         assert taken == []

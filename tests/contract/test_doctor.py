@@ -10,7 +10,7 @@ import pytest
 
 from cli.doctor_link import Patience, Visit, visit
 from common.packet import Packet, encode
-from common.packet_table import ID_FIRST, Com, Status
+from common.packet_table import ID_FIRST, Com, Status, greeting
 from services.gateway.scales import Scales
 from tests.fakes.controller import FakeController
 
@@ -143,13 +143,13 @@ def test_version_and_scales_are_told_although_they_end_the_visit() -> None:
     """The hello is kept for the lines; nothing more is sent."""
     other = (60, 500, 250, 100, 1000, 10)
     with FakeController() as controller:
-        controller.tantrums.version = 2
+        controller.tantrums.greeting = 3001
         found = see(controller.port)
         assert (found.greeted, found.heard) == ("answered", None)
         assert found.hello is not None
-        assert found.hello.param == 2
+        assert found.hello.param == 3001
         assert controller.wait_for(lambda: len(controller.errors) == 1)
-        controller.tantrums.version, controller.tantrums.scales = 1, other
+        controller.tantrums.greeting, controller.tantrums.scales = greeting(1), other
         found = see(controller.port)
         assert found.hello is not None
         assert (found.hello.vec, found.heard) == (other, None)
@@ -162,7 +162,7 @@ def test_a_controller_that_greets_and_reports_nothing_has_no_rate() -> None:
     def greet() -> None:
         client, _ = listener.accept()
         with client:
-            client.sendall(encode(Packet(ID_FIRST, Com.HELLO, 1, SCALES.vec)))
+            client.sendall(encode(Packet(ID_FIRST, Com.HELLO, greeting(1), SCALES.vec)))
             while client.recv(1000):
                 pass
 

@@ -18,7 +18,7 @@ pytestmark = pytest.mark.realtime
 FRAMED = {"framed_round_trip_p50_s", "framed_round_trip_p99_s"}
 TAKEN = {"taken_round_trip_p50_s", "taken_round_trip_p99_s"}
 RATES = {"program_loop_hz", "sender_hz"}
-FROM_103 = {"monitor_speed_fraction"}
+FROM_103 = {"monitor_speed_fraction", "any_peer_may_connect"}
 
 
 class Listener:
@@ -46,6 +46,7 @@ def test_the_gateway_measures_the_controller_on_a_socket() -> None:
         assert 0.0 < numbers["sender_hz"] <= 101.0
         assert numbers["program_loop_hz"] == pytest.approx(numbers["sender_hz"], rel=0.2)
         assert numbers["monitor_speed_fraction"] == 1.0
+        assert numbers["any_peer_may_connect"] == 1.0
         assert 0.0 < numbers["framed_round_trip_p50_s"] <= numbers["framed_round_trip_p99_s"]
         assert 0.0 < numbers["taken_round_trip_p50_s"] <= numbers["taken_round_trip_p99_s"]
 
@@ -97,6 +98,7 @@ def test_the_gateway_measures_the_program_that_ships() -> None:
     numbers = gateway.numbers(rig.clock.now_ns())
     assert set(numbers) == RATES | FRAMED | TAKEN | FROM_103
     assert all(isfinite(number) and number > 0.0 for number in numbers.values())
+    assert numbers["any_peer_may_connect"] == 1.0  # fm.peer as it ships
     assert numbers["sender_hz"] == pytest.approx(samples_hz, abs=0.8)
     assert numbers["program_loop_hz"] == pytest.approx(loops_hz, abs=0.8)
     period_s = 1.0 / numbers["sender_hz"]

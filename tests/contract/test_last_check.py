@@ -74,6 +74,7 @@ def test_what_a_person_does_at_the_pendant_stops_the_arm_under_its_own_code(
     pendant.motor_power(on=True)
     pendant.repeat()
     pendant.teach_lock(on=False)
+    cell.rig.advance(BRAKE_S)  # it may be named before the servos have settled
     q = cell.joints[-1]
     cell.rig.advance(1.0)
     assert np.abs(cell.joints[-1] - q).max() <= ARM_STILL_RAD
@@ -194,8 +195,11 @@ def test_a_line_on_which_a_hold_would_be_late_is_given_up(bytes_per_s: int) -> N
     assert cell.rig.cell.gateway is not None
     watchdog_s = cell.rig.cell.gateway.watchdog_s
     cell.rig.until(lambda: cell.rig.state.hold_code, 0.1 + watchdog_s)
-    assert cell.rig.state.hold_code == "link_slow"
-    assert "on its way" in cell.rig.state.hold_reason
+    # Where less than a packet comes in its time the controller's own watchdog may be first.
+    is_mute = PACKET_CHARS / bytes_per_s > watchdog_s
+    assert cell.rig.state.hold_code in {"link_slow", "robot_link" if is_mute else "link_slow"}
+    reasons = {"link_slow": "on its way", "robot_link": "closed by the controller"}
+    assert reasons[cell.rig.state.hold_code] in cell.rig.state.hold_reason
     assert PACKET_CHARS * 2 / bytes_per_s > watchdog_s, "this line would have been quick enough"
     cell.rig.advance(2.0)
     cell.assert_stays(0.5)
@@ -216,12 +220,12 @@ def test_after_a_reset_at_any_byte_the_first_set_point_is_the_measured_pose(seed
     cell.rig.connect()
     cell.assert_stays(0.3)
     sent = packets_of(cell.hops[-1].to_controller.sent)
-    assert {com for com, _ in sent} == {9, 8, 10}, "hello, hold, limits"
+    assert {com for com, _ in sent} == {9, 8, 10, 11}, "hello, hold, limits, TCP"
     cell.rig.arm()
     measured = packets_of(cell.hops[-1].to_gateway.sent)
     cell.rig.say("setpoint", pose=record_of(shifted(cell.rig.T, z_m=0.002)))
     cell.rig.advance(0.1)
-    motions = [vec for com, vec in packets_of(cell.hops[-1].to_controller.sent) if com == 1]
+    motions = [vec for com, vec in packets_of(cell.hops[-1].to_controller.sent) if com == 13]
     first, seen = (
         [int(frame) for frame in vec.split()]
         for vec in (motions[0], [vec for com, vec in measured if com == 101][-1])

@@ -79,9 +79,12 @@ class Arm:
     def start_at(self, joints_deg: tuple[float, ...]) -> pin.SE3:
         """Bring the arm to joint angles, and let it come to rest."""
         self.rig.arm()
-        if not np.allclose(np.degrees(self.rig.joint_rad), joints_deg, atol=0.01):
-            self.go(joint_rad=tuple(math.radians(angle) for angle in joints_deg))
-            assert self.rig.is_at_rest()
+        begin, end = self.rig.joint_rad, np.radians(joints_deg)
+        if not np.allclose(begin, end, atol=2e-4):
+            for q in (0.5 * (begin + end), end):  # the tool turns by more than the tether in all
+                self.go(joint_rad=tuple(q.tolist()))
+                assert self.rig.is_at_rest()
+                self.rig.arm()
         return pin.SE3(self.rig.T)
 
 

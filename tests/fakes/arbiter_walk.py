@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
+from common.back_off import LONGEST_S
 from common.clock import NS_PER_S
 from common.messages import MAY_MOVE
 from common.requests import MoveRequest, Reply
@@ -48,6 +49,14 @@ def arm(product: Product, inputs: Inputs, purpose: Any = "all") -> Reply:
     return reply
 
 
+def back_off(product: Product, inputs: Inputs) -> Reply:
+    """Ask to free the arm, as a person who is sure."""
+    before = product.core.status().lease
+    reply = product.core.back_off(inputs, confirmed=True)
+    product.armed += product.core.status().lease - before
+    return reply
+
+
 def move(product: Product, inputs: Inputs, wish: MoveRequest, who: str) -> Reply:
     """Ask for a move."""
     return product.core.move(wish.model_copy(update={"commander": who}), inputs)
@@ -56,6 +65,7 @@ def move(product: Product, inputs: Inputs, wish: MoveRequest, who: str) -> Reply
 ASKS: dict[str, Ask] = {
     "arm all": arm,
     "arm jog": partial(arm, purpose="jog"),
+    "back off": back_off,
     "hold": lambda product, _: product.core.hold("somebody"),
     "clear": lambda product, inputs: product.core.clear(inputs),
     "operator moves": partial(move, wish=MOVE_DOWN, who="operator"),
@@ -190,6 +200,7 @@ def key_of(product: Product) -> Key:
     moves = core.state in MAY_MOVE
     motion = (
         core._armed_for,
+        _freeing_key(product),
         commanders._regulator_rested,
         _over(core._lease_since_ns, now_ns, ROBOT_ANSWERS_WITHIN_S),
         product.verdict.hold_code in OWN_HOLDS,
@@ -206,6 +217,7 @@ def key_of(product: Product) -> Key:
         None if stopping is None else _over(stopping.since_ns, now_ns, RETREAT_WITHIN_S),
         _over(commanders._rest.since_ns, now_ns, REST_S),
         _over(core._good_since_ns, now_ns, PREFLIGHT_S),
+        _over(core._blind_since_ns, now_ns, PREFLIGHT_S),
         motion if moves else (),
     )
     wish = product.wish
@@ -213,6 +225,15 @@ def key_of(product: Product) -> Key:
         wish = "stopped"
     here = (product.trouble, wish, product.moving, product.goal.state == "running")
     return (*arbiter, *_gate_key(product), *here)
+
+
+def _freeing_key(product: Product) -> Key:
+    freeing = product.core._freeing
+    if freeing is None:
+        return ()
+    run = freeing.run
+    late = _over(run.since_ns, product.now_ns, LONGEST_S)
+    return (freeing.blind, freeing.plan.kind, run.load.lowest_N, run.load.first_N, late)
 
 
 def _gate_key(product: Product) -> Key:
@@ -224,7 +245,7 @@ def _gate_key(product: Product) -> Key:
     if not product.may_move:
         return (live, obeys, obeys and echo)
     old = None if product.before is None else product.before[0].epoch == product.epoch
-    return (live, obeys, echo, gate._dead_lease == lease, gate._newest == (*lease, turn), old)
+    return (live, obeys, echo, lease in gate._dead, gate._newest == (*lease, turn), old)
 
 
 # --- the walk -------------------------------------------------------------------------------------

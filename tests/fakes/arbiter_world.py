@@ -93,7 +93,9 @@ class World:
         if name in self.silent:
             return Reading(message, header, 0.123, f"{name} {SPOILED}", silent=True, code="stale")
         fault = "" if message.valid else f"{name} invalid: {message.reason}"
-        return Reading(message, header, 0.0, fault, code="invalid" if fault else "")
+        return Reading(
+            message, header, 0.0, fault, code=(message.code or "invalid") if fault else ""
+        )
 
     def inputs(self) -> Inputs:
         """Take the snapshot that the arbiter is given."""
@@ -135,8 +137,11 @@ class World:
         return self
 
     def make_active(self, commander: str) -> "World":
-        """Let somebody command."""
-        self.make_armed()
+        """Arm, and let somebody command."""
+        return self.make_armed().activate(commander)
+
+    def activate(self, commander: str) -> "World":
+        """Let somebody command an arm that is armed."""
         if commander == "operator":
             assert self.core.move(MOVE_DOWN, self.inputs()).accepted
         else:

@@ -28,6 +28,8 @@ SAY = [f"{word}-cell" for word in CELL_OF]
 RUN = [name for name in SERVICES if name not in SAY]
 ON_THE_BUS = [name for name in SERVICES if PLAYS.get(name, {name})]
 PROFILES = tuple(CELL_OF)
+# In no profile, and there only to stand back while another one is used.
+STANDS_BACK = {"sim-cell", "robot-sim"}
 
 
 def roles_of(name: str) -> set[str]:
@@ -36,8 +38,9 @@ def roles_of(name: str) -> set[str]:
 
 
 def profile(word: str) -> set[str]:
-    """Return the containers that `docker compose --profile WORD up` starts."""
-    return {name for name, entry in SERVICES.items() if word in entry.get("profiles", [word])}
+    """Return the containers that run in a profile; `sim` is what `docker compose up` starts."""
+    started = {name for name, entry in SERVICES.items() if word in entry.get("profiles", [word])}
+    return started if word == "sim" else started - STANDS_BACK
 
 
 def variables(tree: Any) -> set[str]:

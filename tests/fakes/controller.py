@@ -25,10 +25,10 @@ from common.packet_table import (
     FEEDBACK_BITS,
     ID_FIRST,
     NO_ID,
-    PROTOCOL_VERSION,
     Com,
     FeedbackSwitch,
     Status,
+    greeting,
     known,
     next_id,
     pack_status,
@@ -55,7 +55,8 @@ class Tantrums:
     frozen: bool = False  # neither read nor write
     mute: bool = False  # read, but write nothing
     stalled: bool = False  # the robot program takes nothing from the ring
-    version: int = PROTOCOL_VERSION
+    greeting: int = greeting(1)  # Param of its hello
+    any_peer: bool = True
     scales: VecInt | None = None  # set others than it was asked for
     greet: bool = True  # answer hello
 
@@ -193,8 +194,11 @@ class FakeController:
             self._armed |= com not in SETTINGS
             if com == Com.WRENCH:
                 robot.wrench = packet
+            elif com == Com.FORCE_SET_POINT:
+                robot.setpoint = packet
             elif com == Com.FEEDBACK and packet.param == FeedbackSwitch.STOP:
                 robot.status &= ~FEEDBACK_BITS
+                robot.setpoint = None
             elif com != Com.HEARTBEAT:
                 robot.ring.append(packet)
 
@@ -202,11 +206,12 @@ class FakeController:
         robot, tantrums = self.robot, self.tantrums
         robot.status &= ~Status.WATCHDOG_LATCHED
         robot.taken_id, robot.held_id, self._armed = packet.id, packet.id, False
+        robot.set_up, robot.setpoint = set(), None
         robot.scales = tantrums.scales or packet.vec
         self._said_hello = True
         if tantrums.greet:
             self._greeted = True
-            self._write(encode(Packet(packet.id, Com.HELLO, tantrums.version, robot.scales)))
+            self._write(encode(Packet(packet.id, Com.HELLO, tantrums.greeting, robot.scales)))
 
     def _hold(self) -> None:
         """After a hold nothing moves, so the watchdog has nothing to watch."""
@@ -236,7 +241,8 @@ class FakeController:
         self._outbox += encode(Packet(self._framed_id, Com.JOINTS, param, robot.joint_vec()))
         if self._samples % self._health_every == 0:
             held = robot.held_id - ID_FIRST
-            vec = (self._samples % ID_FIRST, 0, len(robot.ring), 10_000, held, 0)
+            any_peer = int(self.tantrums.any_peer)
+            vec = (self._samples % ID_FIRST, 0, len(robot.ring), 10_000, held, any_peer)
             self._outbox += encode(Packet(robot.taken_id, Com.HEALTH, 0, vec))
         if self._samples % self.tantrums.merge == 0:
             data, self._outbox = self._outbox, b""

@@ -1,5 +1,6 @@
 """A client of the program that ships: packets over a wire in memory, all on the virtual clock."""
 
+import re
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -15,15 +16,17 @@ from common.packet_table import (
     ID_FIRST,
     ID_LAST,
     NO_ID,
-    PROTOCOL_VERSION,
+    Bank,
     Com,
+    Point,
     Status,
+    greeting,
     next_id,
     unpack_status,
 )
 from sim.controller.behaviour import Behaviour
 from sim.controller.machine import Machine
-from sim.controller.network import MemoryNetwork, MemoryStream
+from sim.controller.network import LOOPBACK, MemoryNetwork, MemoryStream, Octets
 from sim.controller.parser import parse
 from sim.controller.robot import Robot
 from sim.controller.syntax import SourceFile
@@ -35,6 +38,14 @@ PORT = 49152
 QUICK = Behaviour(step_s=1e-4)
 SCALES: VecInt = (50, 500, 250, 100, 1000, 10)  # per mm, degree, degree of a joint, N, N m, mm/s
 LIMITS: VecInt = (50, 1000, 500, 10_000, 5_000, 250)  # 1 mm, 2 deg, 50 mm/s, 200 mm, 50 N, 250 ms
+ARM = 1  # fm.num as it ships
+HELLO_PARAM = greeting(ARM)
+# 175 deg since a hold, 100 N m, 20 mm and 10 deg from one set point to the next, 1000 mm/s.
+MOTION: VecInt = (87_500, 100_000, 1_000, 5_000, 10_000, 0)
+LOWER: VecInt = (-99_999, -99_999, -99_999, 0, 0, 0)  # no walls
+UPPER: VecInt = (499_999, 499_999, 499_999, 0, 0, 0)
+NO_TCP: VecInt = ZERO_VEC  # the flange itself
+SET_UP = ((Bank.MOTION, MOTION), (Bank.LOWER_CORNER, LOWER), (Bank.UPPER_CORNER, UPPER))
 BEAT_S = 0.04
 TICK_NS = 1_000_000
 CHUNK = 65_536
@@ -47,16 +58,38 @@ def parsed(text: str) -> SourceFile:
     return parse(text)
 
 
+def with_peer(a: int, b: int, c: int, d: int) -> str:
+    """Return the program with the address of its PC in fm.config."""
+    text = TEXT
+    for k, octet in enumerate((a, b, c, d), start=1):
+        assert text.count(f"fm.peer[{k}]=0") == 1
+        text = text.replace(f"fm.peer[{k}]=0", f"fm.peer[{k}]={octet}")
+    return text
+
+
+def codes_of(text: str) -> set[int]:
+    """Return every fault code that the program can report: of holds, and of refused targets."""
+    refusals = {int(code) for code in re.findall(r"(?:fm\.refd|\.bad)=(\d+)", text)}
+    return {int(code) for code in re.findall(r"fm\.fault=(\d+)", text)} - {0} | refusals - {0, 1}
+
+
 class Talk:
     """A controller with `fm.main` started, and one client that may say anything to it."""
 
     def __init__(
-        self, behaviour: Behaviour = QUICK, *, prepare: Callable[[Machine], None] | None = None
+        self,
+        behaviour: Behaviour = QUICK,
+        *,
+        prepare: Callable[[Machine], None] | None = None,
+        text: str = TEXT,
     ) -> None:
-        """Switch on, load, full monitor speed, EXECUTE; `prepare` comes right before EXECUTE."""
+        """Switch on, load, full monitor speed, EXECUTE.
+
+        `prepare` comes right before EXECUTE; `text` is the program, with other settings perhaps.
+        """
         self.network = MemoryNetwork()
         self.machine = Machine(SimArm(FREE, seed=0), self.network, behaviour=behaviour)
-        self.machine.load(parsed(TEXT))
+        self.machine.load(parsed(text))
         self.pendant = self.machine.pendant
         self.pendant.monitor_speed(100.0)
         if prepare is not None:
@@ -105,10 +138,10 @@ class Talk:
 
     # --- the wire ---------------------------------------------------------------------------------
 
-    def dial(self) -> None:
+    def dial(self, peer: Octets = LOOPBACK) -> None:
         """Connect, as soon as the program listens."""
         self.wait(lambda: PORT in self.network.listeners, beat=False)
-        self.stream = self.network.dial(PORT)
+        self.stream = self.network.dial(PORT, peer)
         self.closed, self.inbox, self._reader = False, [], PacketReader()
 
     def write(self, data: bytes) -> None:
@@ -131,21 +164,43 @@ class Talk:
         self.closed = True
 
     def greet(
-        self, *, id_: int = ID_FIRST, version: int = PROTOCOL_VERSION, scales: VecInt = SCALES
+        self, *, id_: int = ID_FIRST, param: int = HELLO_PARAM, scales: VecInt = SCALES
     ) -> None:
         """Connect and say hello; wait for nothing."""
         self.dial()
         self.id = id_
-        self.write(encode(Packet(id_, Com.HELLO, version, scales)))
+        self.write(encode(Packet(id_, Com.HELLO, param, scales)))
 
     def hello(
-        self, *, limits: VecInt | None = LIMITS, id_: int = ID_FIRST, scales: VecInt = SCALES
+        self,
+        *,
+        limits: VecInt | None = LIMITS,
+        id_: int = ID_FIRST,
+        scales: VecInt = SCALES,
+        motion: VecInt = MOTION,
+        lower: VecInt = LOWER,
+        upper: VecInt = UPPER,
+        tcp: VecInt = NO_TCP,
     ) -> None:
-        """Connect, say hello, wait for the stream of reports, set the limits."""
+        """Connect, say hello, wait for the stream of reports, `set_up`."""
         self.greet(id_=id_, scales=scales)
         self.wait(lambda: self.heard(Com.HEALTH), beat=False)
         if limits is not None:
-            self.do(Com.LIMITS, 0, limits)
+            self.set_up(limits, motion=motion, lower=lower, upper=upper, tcp=tcp)
+
+    def set_up(
+        self,
+        limits: VecInt = LIMITS,
+        *,
+        motion: VecInt = MOTION,
+        lower: VecInt = LOWER,
+        upper: VecInt = UPPER,
+        tcp: VecInt = NO_TCP,
+    ) -> None:
+        """Send all that has to come, once, before anything moves; wait until it is taken."""
+        for bank, vec in enumerate((limits, motion, lower, upper)):
+            self.send(Com.LIMITS, bank, vec)
+        self.do(Com.TCP, Point.TCP, tcp)
 
     def do(self, com: int, param: int = 0, vec: VecInt = ZERO_VEC, limit_s: float = 5.0) -> float:
         """Send a command for the robot program and wait until it is taken; return how long."""

@@ -15,11 +15,15 @@ MS = NS_PER_S // 1000
 SCALES = Scales()
 GAINS = Gains(force_p_m_per_N=(1e-6, 1e-6, 1e-6))
 KEPT = ControllerLimits(
-    step_m=0.002, step_rad=0.02, speed_m_s=0.05, travel_m=0.1, force_N=60.0, watchdog_s=0.25
-)
+    step_m=0.002, step_rad=0.02, speed_m_s=0.05, travel_m=0.1, force_N=60.0, watchdog_s=0.25,
+    turn_rad=2.0, torque_Nm=10.0, set_point_m=0.02, set_point_rad=0.1, fastest_m_s=0.25,
+    lower_m=(-0.5, 0.0, -0.1), upper_m=(0.5, 1.0, 0.9),
+    T_flange_tcp=pin.SE3(np.eye(3), np.array([0.0, 0.0, 0.16])),
+)  # fmt: skip
 JOINTS = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5)
 SPEED = Speed()
 QUIET = Status(0)
+NONE = (0.0, 0.0, 0.0)  # no torque, no set point
 
 
 def packets(data: bytes) -> list[Packet]:
@@ -59,7 +63,7 @@ def greeted(pacing: Pacing | None = None, last_id: int = ID_LAST) -> Dialogue:
 def in_feedback() -> Dialogue:
     """A dialogue whose controller runs position feedback."""
     dialogue = greeted()
-    dialogue.start_feedback("position", GAINS, KEPT, permitted=True, now_ns=0)
+    dialogue.start_feedback("position", GAINS, permitted=True, now_ns=0)
     dialogue.feed(pose_report(dialogue.last_id, Status.POSITION_FEEDBACK), 0)
     dialogue.feed(joint_report(dialogue.last_id), 0)
     return dialogue

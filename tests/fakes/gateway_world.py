@@ -16,7 +16,7 @@ from common.memory import MemoryTransport
 from common.messages import Permission, RobotCommand, Speed, WrenchAtTcp
 from common.packet import Packet, PacketReader
 from common.packet_table import NO_ID, Com, FeedbackSwitch, Status, next_id
-from fuzz.yes_man import YesMan, pose_of_vec
+from fuzz.yes_man import MOTIONS, YesMan, pose_of_vec
 from services.gateway.link import News
 from services.gateway.service import Gateway
 from tests.contract.rig import DEADLINE_S, gateway_cell
@@ -25,7 +25,7 @@ PAUSE_NS = 100_000_000
 STEP_NS = 2_000_000
 HOME_RAD = (0.0, 0.0, -np.pi / 2, 0.0, -np.pi / 2, 0.0)
 SCALES = (50, 500, 250, 100, 1000, 10)
-UNPERMITTED = {Com.HELLO, Com.HOLD, Com.LIMITS}  # all that leaves without a permission
+UNPERMITTED = {Com.HELLO, Com.HOLD, Com.LIMITS, Com.TCP}  # all that leaves without a permission
 Lease = tuple[int, int]
 
 
@@ -33,7 +33,7 @@ def moves(packet: Packet) -> bool:
     """Tell whether a packet may set the arm in motion, or keep it so."""
     if packet.com == Com.FEEDBACK:
         return packet.param != FeedbackSwitch.STOP
-    return packet.com in {Com.MOVE_POSE, Com.MOVE_JOINTS, Com.MOVE_BY_JOINTS, Com.WRENCH}
+    return packet.com in {*MOTIONS, Com.WRENCH}
 
 
 class MoodyController(YesMan):
@@ -106,7 +106,7 @@ class PacketJudge:
         elif moves(packet):
             assert lease not in self.dead, "a lease that had ended moves the arm"
             if self.fresh and stream is not None:
-                assert packet.com == Com.MOVE_POSE
+                assert packet.com == Com.SET_POINT
                 error = pose_of_vec(packet.vec, SCALES).actInv(stream)
                 assert np.abs(error.homogeneous - np.eye(4)).max() < 1e-4, "the first one jumps"
             self.fresh = False
@@ -158,7 +158,7 @@ class GatewayWorld:
         stamp_ns = self.clock.now_ns() - round(late_s * NS_PER_S)
         header = Header(
             seq=self.seq, epoch=self.epoch, boot=self.clock.boot,
-            stamp_ns=stamp_ns, topic=topics.ROBOT_COMMAND.key,
+            stamp_ns=stamp_ns, topic=f"{self.cell.cell}/{topics.ROBOT_COMMAND.key}",
         )  # fmt: skip
         data = encode(header, command)
         self._put(data)

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from sim.controller.network import MemoryNetwork, MemoryStream
+from sim.controller.network import LOOPBACK, MemoryNetwork, MemoryStream, Octets
 from tests.fakes.hostile_stream import Abuse, Hop, Lane
 
 
@@ -35,13 +35,14 @@ class HostileNetwork(MemoryNetwork):
         """The newest connection."""
         return self.hops[-1]
 
-    def dial(self, port: int) -> MemoryStream:
+    def dial(self, port: int, peer: Octets = LOOPBACK) -> MemoryStream:
         """Connect through a hop. Raises OSError if nobody listens."""
         listener = self.listeners.get(port)
         if listener is None:
             raise ConnectionRefusedError(f"nobody listens on port {port}")
         near, ours = _pair()
         theirs, far = _pair()
+        far.peer = peer
         listener.waiting.append(far)
         hop = Hop()
         for direction, make in self.standing.items():

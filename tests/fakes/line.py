@@ -10,6 +10,7 @@ from common.memory import MemorySource
 from common.messages import SensorWrench
 
 STALE_S = 0.1
+CELL = "demo"
 
 
 class Line:
@@ -19,13 +20,13 @@ class Line:
         """Start with nothing said."""
         self.clock = ManualClock()
         self.source = MemorySource()
-        self.reader = Reader(topics.SENSOR_WRENCH, self.source, self.clock, STALE_S)
+        self.reader = Reader(topics.SENSOR_WRENCH, self.source, self.clock, STALE_S, cell=CELL)
 
     def header(self, seq: int, **changes: Any) -> Header:
         """Return a header written right now on the reader's own host."""
         stamp_ns = self.clock.now_ns()
         fields = {"seq": seq, "epoch": 1, "boot": self.clock.boot, "stamp_ns": stamp_ns}
-        fields |= {"topic": self.reader.topic.key}
+        fields |= {"topic": f"{CELL}/{self.reader.topic.key}"}
         return Header.model_validate(fields | changes)
 
     def say(self, seq: int, message: SensorWrench | None = None, **changes: Any) -> bool:

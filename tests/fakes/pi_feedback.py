@@ -22,6 +22,7 @@ class KeptLimits:
     speed_m_s: float
     travel_m: float
     force_N: float
+    torque_Nm: float
 
 
 class PiFeedback:
@@ -37,6 +38,7 @@ class PiFeedback:
     def next_flange(
         self,
         wrench: np.ndarray,
+        error: np.ndarray,
         gains_p: np.ndarray,
         gains_i: np.ndarray,
         *,
@@ -45,13 +47,14 @@ class PiFeedback:
     ) -> pin.SE3 | None:
         """Return the flange's next pose, or None when a limit says that it shall end.
 
-        Wrench in N and N m, of shape (6,); the part that does not run is zero.
+        Wrench, and what it is above its set point, in N and N m, of shape (6,); the part of the
+        error that does not run is zero.
         """
         if self._before is None:  # nothing to compare with: no kick
-            self._before, self._at_s = wrench, now_s
+            self._before, self._at_s = error, now_s
         dt_s = now_s - self._at_s
-        way = gains_p * (wrench - self._before) + gains_i * wrench * dt_s
-        self._before, self._at_s = wrench, now_s
+        way = gains_p * (error - self._before) + gains_i * error * dt_s
+        self._before, self._at_s = error, now_s
         way_m = _at_most(way[:3], min(limits.step_m, limits.speed_m_s * dt_s))
         turn_rad = _at_most(
             way[3:], min(limits.step_rad, limits.speed_m_s * dt_s / LEVER_M_PER_RAD)
@@ -59,7 +62,11 @@ class PiFeedback:
         R = rotate_about_base_axes(self._T_base_tcp.rotation, turn_rad)
         self._T_base_tcp = pin.SE3(R, self._T_base_tcp.translation + way_m)
         travelled_m = np.linalg.norm(self._T_base_tcp.translation - self._start.translation)
-        if travelled_m > limits.travel_m or np.linalg.norm(wrench[:3]) > limits.force_N:
+        is_over = (
+            np.linalg.norm(wrench[:3]) > limits.force_N
+            or np.linalg.norm(wrench[3:]) > limits.torque_Nm
+        )
+        if travelled_m > limits.travel_m or is_over:
             return None
         return self._T_base_tcp * self._T_flange_tcp.inverse()
 

@@ -108,6 +108,7 @@ IN_MOTION: dict[str, Provoke] = {
     "two_writers":   lambda cell: cell.add_rival("wrench"),
     "overrun":       says("regulator/health", overruns=4),
     "bad_messages":  replay,
+    "internal":      says("wrench/health", valid=False, code="internal", reason="an error"),
     **{code: invalid("wrench", code) for code in WRENCH_CODES},
     "misaligned":    lambda cell: setattr(cell, "sample_age_s", 0.08),
     **{code: invalid("robot", code) for code in STATE_CODES},

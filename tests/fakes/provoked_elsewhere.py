@@ -16,6 +16,7 @@ from common.messages import (
     RobotCommand,
     RobotStatus,
     Trip,
+    WrenchAtTcp,
 )
 from common.motion_limits import Window, check_rate
 from common.requests import Empty, ForceStartRequest, PathRequest, Reply
@@ -77,6 +78,14 @@ def start(**wanted: Any) -> str:
     bench = RegulatorBench()
     bench.pass_s(0.1)
     return bench.start(ForceStartRequest(mode="position", **wanted)).code
+
+
+def guide_before_the_check() -> str:
+    """Let a hand guide what nobody has checked."""
+    bench = RegulatorBench()
+    bench.wrench = WrenchAtTcp()
+    bench.pass_s(0.1)
+    return bench.start(ForceStartRequest(mode="position", law="guide")).code
 
 
 def go_where_force_may_move() -> str:

@@ -73,8 +73,9 @@ class RecorderBench:
 
     def ask(self, request: Request[Any], message: Record) -> Reply:
         """Ask the recorder for something."""
-        call = MemoryCall(encode_record(message, request.key))
-        self.transport.serve(f"{self.cell.cell}/{request.key}").waiting.append(call)
+        address = f"{self.cell.cell}/{request.key}"
+        call = MemoryCall(encode_record(message, address))
+        self.transport.serve(address).waiting.append(call)
         self.recorder.step(self.clock.now_ns())
         assert call.reply is not None
         return decode_record(call.reply, Reply)

@@ -10,6 +10,9 @@ from hypothesis import strategies as st
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
+from common.messages import PoseRecord
+from common.requests import FARTHEST_M
+
 INT64 = (-(2**63), 2**63 - 1)
 LONGEST_TEXT = 30
 Path = tuple[str | int, ...]
@@ -17,7 +20,12 @@ Path = tuple[str | int, ...]
 
 @cache
 def records(record_type: type[BaseModel]) -> st.SearchStrategy[Any]:
-    """Return the strategy that builds any record of a type."""
+    """Return the strategy that builds any record of a type; poses are such as a request takes."""
+    if record_type is PoseRecord:
+        position = st.tuples(*[st.floats(-FARTHEST_M, FARTHEST_M)] * 3)
+        return st.builds(
+            PoseRecord, position_m=position, orientation_xyzw=st.tuples(*[st.floats(-1.0, 1.0)] * 4)
+        )
     fields = record_type.model_fields
     return st.builds(
         record_type,

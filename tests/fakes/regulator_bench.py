@@ -33,7 +33,7 @@ class RegulatorBench(Bench):
     def __init__(self, cell: Cell = CELL) -> None:
         """Start armed, free of contact, with everybody alive."""
         super().__init__("regulator", Regulator, cell)
-        self.wrench = WrenchAtTcp()
+        self.wrench = WrenchAtTcp(axes_checked=True)
         self.arbiter = ArbiterStatus(state="ARMED", lease=3)
         self.robot = good_messages(CELL)["robot"]
         self.command = RobotCommand(kind="idle")
@@ -54,7 +54,7 @@ class RegulatorBench(Bench):
 
     def push(self, force_N=(0.0, 0.0, 0.0), torque_Nm=(0.0, 0.0, 0.0)) -> None:
         """Let the environment push from now on."""
-        self.wrench = WrenchAtTcp(force_N=force_N, torque_Nm=torque_Nm)
+        self.wrench = WrenchAtTcp(force_N=force_N, torque_Nm=torque_Nm, axes_checked=True)
 
     def start(self, wanted: ForceStartRequest = POSITION) -> Reply:
         """Ask for force feedback."""

@@ -76,10 +76,10 @@ def replay(lines: list[str], cell: Cell) -> Iterator[tuple[bytes, bytes]]:
             request = next(r for r in topics.REQUESTS if r.key == fields["request"])
             asked = request.message.model_validate(fields["fields"], strict=False)
             calls = transport.serve(f"{cell.cell}/{request.key}")
-            calls.waiting.append(MemoryCall(encode_record(asked, request.key)))
+            calls.waiting.append(MemoryCall(encode_record(asked, f"{cell.cell}/{request.key}")))
             continue
         header = Header.model_validate(fields)
-        topic = find_topic(header.topic)
+        topic = find_topic(header.topic.partition("/")[2])
         message = topic.message.model_validate_json(line)
         if topic is not topics.REGULATOR_TARGET:
             key, data = f"{cell.cell}/{topic.key}", encode(header, message)

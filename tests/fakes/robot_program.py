@@ -16,7 +16,8 @@ from common.packet_table import FEEDBACK_BITS, GAIN_I, GAIN_P, NO_ID, Com, Statu
 from tests.fakes.arm import JOINT_MAX_RAD, JOINT_MIN_RAD, READY_RAD, FakeArm
 from tests.fakes.pi_feedback import KeptLimits, PiFeedback
 
-MOTIONS = (Com.MOVE_POSE, Com.MOVE_JOINTS, Com.MOVE_BY_JOINTS)
+MOTIONS = (Com.MOVE_POSE, Com.MOVE_JOINTS, Com.MOVE_BY_JOINTS, Com.SET_POINT)
+SET_UP = {(Com.LIMITS, 0), (Com.LIMITS, 1), (Com.LIMITS, 2), (Com.LIMITS, 3), (Com.TCP, 0)}
 READY = Status.MOTOR_POWER | Status.REPEAT_MODE | Status.TEACH_LOCK_OFF | Status.PROGRAM_RUNNING
 SETTLED_RAD = 1e-5
 _SI_PER_ONE = np.repeat([1e-3, radians(1.0)], 3)  # of a gain in mm or degrees
@@ -41,7 +42,11 @@ class RobotProgram:
     gains_i: VecInt = ZERO_VEC
     speeds: VecInt = ZERO_VEC
     tcp: VecInt = ZERO_VEC
+    centre: VecInt = ZERO_VEC
     limits: VecInt = ZERO_VEC
+    motion_limits: VecInt = ZERO_VEC
+    set_up: set[tuple[int, int]] = field(default_factory=set)  # on this connection
+    setpoint: Packet | None = None  # of force, since the last hold or stop
     feedback: PiFeedback | None = None  # of the run in progress
     wrench: Packet | None = None  # the newest one, not used yet
 
@@ -52,9 +57,11 @@ class RobotProgram:
         packet = self.ring.popleft()
         self.taken_id = packet.id
         running = bool(self.status & FEEDBACK_BITS)
-        if packet.com in MOTIONS and not running:
+        self.set_up |= {(packet.com, packet.param)} & SET_UP
+        may_move = not running and self.set_up == SET_UP
+        if packet.com in MOTIONS and may_move:
             self._start_motion(packet)
-        elif packet.com == Com.FEEDBACK:
+        elif packet.com == Com.FEEDBACK and self.set_up == SET_UP:
             if not running:
                 self._start_feedback()
             bit = (Status.POSITION_FEEDBACK, Status.ORIENTATION_FEEDBACK)[packet.param]
@@ -66,18 +73,26 @@ class RobotProgram:
         elif packet.com == Com.SPEEDS:
             self.speeds = packet.vec
         elif packet.com == Com.LIMITS:
-            self.limits, self.watchdog_s = packet.vec, packet.vec[5] * 1e-3
+            self._keep(packet)
         elif packet.com == Com.TCP:
-            self.tcp = packet.vec
+            self.tcp = self.tcp if packet.param else packet.vec
+            self.centre = packet.vec
         else:
             self.status |= Status.TARGET_REFUSED
+
+    def _keep(self, packet: Packet) -> None:
+        """Keep a bank of command 10; the box is the emulated program's to judge."""
+        if packet.param == 0:
+            self.limits, self.watchdog_s = packet.vec, packet.vec[5] * 1e-3
+        elif packet.param == 1:
+            self.motion_limits = packet.vec
 
     def hold(self, id_: int) -> None:
         """Brake: stand where the arm is; nothing of the ring survives, nothing is corrected."""
         self.ring.clear()
         self.target_rad = self.joint_rad.copy()
         self.status = (self.status & ~FEEDBACK_BITS) | Status.HELD
-        self.held_id = id_
+        self.held_id, self.setpoint = id_, None
 
     def correct(self, now_s: float) -> None:
         """Force feedback: the newest wrench, once, is one more target; a broken limit is a hold."""
@@ -85,8 +100,13 @@ class RobotProgram:
         runs = [bool(self.status & bit) for bit in FEEDBACK_BITS]
         if packet is None or self.feedback is None or not any(runs):
             return
+        aim = ZERO_VEC if self.setpoint is None else self.setpoint.vec
+        wrench, aimed = (
+            np.array(vec) / np.repeat(self.scales[3:5], 3) for vec in (packet.vec, aim)
+        )
         T = self.feedback.next_flange(
-            np.array(packet.vec) * np.repeat(runs, 3) / np.repeat(self.scales[3:5], 3),
+            wrench,
+            (wrench - aimed) * np.repeat(runs, 3),
             np.array(self.gains_p) * _SI_PER_ONE / GAIN_P,
             np.array(self.gains_i) * _SI_PER_ONE / GAIN_I,
             limits=self._kept(),
@@ -120,18 +140,19 @@ class RobotProgram:
         return (a, b, c, d, e, f)
 
     def _start_feedback(self) -> None:
-        self.feedback = PiFeedback(self.arm.pose(self.joint_rad), self._pose(self.tcp))
+        self.feedback = PiFeedback(self.arm.pose(self.joint_rad), self._pose(self.centre))
         self.target_rad, self.rate_rad_s, self.wrench = self.joint_rad.copy(), np.inf, None
 
     def _kept(self) -> KeptLimits:
         step, turn, speed, travel, force, _ = self.limits
-        mm, degree, _, newton, _, mm_s = self.scales
+        mm, degree, _, newton, newton_m, mm_s = self.scales
         return KeptLimits(
             step_m=step / mm * 1e-3,
             step_rad=radians(turn / degree),
             speed_m_s=speed / mm_s * 1e-3,
             travel_m=travel / mm * 1e-3,
             force_N=force / newton,
+            torque_Nm=self.motion_limits[1] / newton_m,
         )
 
     def _pose(self, vec: VecInt) -> pin.SE3:
@@ -158,7 +179,7 @@ class RobotProgram:
         return self.arm.pose(self.joint_rad).actInv(self.arm.pose(target_rad))
 
     def _target(self, packet: Packet) -> np.ndarray | None:
-        if packet.com == Com.MOVE_POSE:
+        if packet.com in {Com.MOVE_POSE, Com.SET_POINT}:
             return self.arm.joints(self._pose(packet.vec), self.target_rad)
         joints = np.radians(np.array(packet.vec) / self.scales[2])
         return joints + self.joint_rad if packet.com == Com.MOVE_BY_JOINTS else joints

@@ -29,7 +29,7 @@ def test_the_wizard_holds_when_interrupted_and_calibrates_when_not(cell_file, st
     cell_file.write_text(dump_cell(load_cell(cell_file, {"limits.speed_m_s": 1.0})))
     wait_for(start("-m", "cli", "up", "--cell", cell_file), "is up")
     out: Path = cell_file.parent / "made.yaml"
-    words = ("-m", "cli", "calibrate", "--yes", "--cell", cell_file, "--out", out, *SHORT)
+    words = ("-m", "cli", "calibrate", "--yes", "--cell", cell_file, "--out", out, "--use", *SHORT)
 
     interrupted = start(*words)
     wait_for(interrupted, "armed")
@@ -41,7 +41,7 @@ def test_the_wizard_holds_when_interrupted_and_calibrates_when_not(cell_file, st
 
     again = start(*words)
     _, said = again.communicate(timeout=PATIENCE_S)
-    assert again.returncode == 1
+    assert again.returncode == 3
     assert "the arbiter is HOLDING: the calibration was interrupted" in said
 
     assert start("-m", "cli", "clear", "--cell", cell_file).wait(PATIENCE_S) == 0

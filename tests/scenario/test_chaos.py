@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from chaos.cases import KINDS, PHASES, ROLES, Case, matrix, named
+from chaos.cases import KINDS, PHASES, ROLES, TWO, Case, matrix, named
 from chaos.journal import Journal
 from chaos.outcome import Limits, Outcome, violations
 from chaos.run import Runner
@@ -83,6 +83,15 @@ def test_the_matrix_hits_every_service_in_every_way():
     assert hub == {(cell, phase) for cell in ("sim", "tcp") for phase in PHASES}
     assert {case.cell for case in cases if case.role == "sensor"} == {"tcp"}
     assert all(named(case.name) == (case.role, case.kind, case.phase) for case in cases)
+
+
+def test_two_faults_at_once_hit_two_processes_and_never_the_robot_or_arm_beside():
+    """The second one is another process, by the seed; what is measured goes on being measured."""
+    for case in matrix(6, seed=1):
+        assert bool(case.second_role) == (case.kind in TWO)
+        assert case.second_role not in (case.role, "robot", "sensor")
+        frozen_s = {"freeze-0.1": 0.1, "freeze-5": 5.0}.get(case.kind, 1.0)
+        assert case.frozen_s == (frozen_s if "freeze" in case.kind or "frozen" in case.kind else 0)
 
 
 @pytest.mark.parametrize("name", ["", "hub", "hub/kill", "hub/kill/press/1", "hub/sing/press"])

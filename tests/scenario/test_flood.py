@@ -56,7 +56,7 @@ class EndlessSource:
 def test_endless_requests_do_not_keep_a_service_in_one_step(data):
     """A step answers a few and goes on with its work, whether they can be understood or not."""
     source: Any = EndlessSource(data)
-    taken = list(Inbox(topics.CLEAR, source).take_all())
+    taken = list(Inbox(topics.CLEAR, source, cell="demo").take_all())
 
     assert len(taken) + source.answers == MOST_AT_ONCE
 

@@ -1,11 +1,14 @@
 """Who may move the arm, and how far: the arbiter's decisions, period by period."""
 
+import numpy as np
 import pinocchio as pin
 import pytest
 
 from common.convert import pose_of, record_of
 from common.faults import FAULTS
-from common.messages import RobotCommand
+from common.frames import rotation_from_vector
+from common.limits import Limits
+from common.messages import MAY_MOVE, RobotCommand
 from services.arbiter.inputs import PRECONDITIONS
 from tests.fakes.arbiter_world import (
     CELL,
@@ -28,9 +31,11 @@ each_input = pytest.mark.parametrize("name", INPUTS)
 each_motion = pytest.mark.parametrize("motion", ["none", "operator", "regulator"])
 
 
-def moving(motion: str) -> World:
-    """Return an arbiter that is ARMED, or ACTIVE under a commander."""
-    return World().make_armed() if motion == "none" else World().make_active(motion)
+def moving(motion: str, force_N: float = 0.0) -> World:
+    """Return an arbiter that is ARMED, or ACTIVE under a commander, with a load on the tool."""
+    world = World().make_armed()
+    world.change("wrench", force_N=(0.0, 0.0, force_N))
+    return world if motion == "none" else world.activate(motion)
 
 
 def assert_stopped(world: World, command: RobotCommand, state: str, text: str) -> None:
@@ -157,6 +162,41 @@ def test_an_input_that_calls_itself_invalid_in_motion_is_a_fault(name: str, moti
     assert_stopped(world, world.tick(), "FAULT", f"{name} invalid: no cable")
 
 
+def spoiled(sensor: str, wrench: str) -> list[str]:
+    """Return what trips when sensor and wrench are not valid, with these codes."""
+    world = World().make_armed()
+    world.change("sensor", valid=False, code=sensor, reason="broken gage")
+    world.change("wrench", valid=False, code=wrench, reason="the sensor says fault: broken gage")
+    world.tick()
+    return [trip.text for trip in world.core.trips]
+
+
+@pytest.mark.parametrize(
+    "codes", [("sensor_fault", "sensor_fault"), ("", "sensor_fault"), ("", "")]
+)
+def test_a_fault_of_the_sensor_stands_there_once(codes: tuple[str, str]) -> None:
+    """The wrench says it again: the same cause, and no second one."""
+    assert spoiled(*codes) == ["sensor invalid: broken gage"]
+
+
+def test_a_wrench_with_a_cause_of_its_own_is_named_beside_the_sensor() -> None:
+    """Two faults at once are two."""
+    assert len(spoiled("sensor_fault", "unpaired")) == 2
+
+
+def test_a_silent_sensor_stands_there_once_and_a_silent_wrench_beside_it() -> None:
+    """What the wrench says of the sensor is left out; that it says nothing itself is not."""
+    world = World().make_armed()
+    world.silent.add("sensor")
+    world.change("wrench", valid=False, code="sensor_silent", reason="sensor/wrench stale")
+    world.tick()
+    assert [trip.code for trip in world.core.trips] == ["sensor_silent"]
+    world = World().make_armed()
+    world.silent |= {"sensor", "wrench"}
+    world.tick()
+    assert [trip.code for trip in world.core.trips] == ["sensor_silent", "stale"]
+
+
 @each_motion
 @pytest.mark.parametrize("bit", PRECONDITIONS)
 def test_a_controller_that_is_not_fit_any_more_is_a_fault(bit: str, motion: str) -> None:
@@ -203,7 +243,7 @@ def test_a_fault_is_not_cleared_while_its_cause_is_there() -> None:
 @each_motion
 def test_the_force_ceiling_holds(motion: str) -> None:
     """The ceiling itself is allowed; a newton more is a hold with both numbers."""
-    world = moving(motion)
+    world = moving(motion, LIMITS.force_N - 10.0)  # from there limits.move_rise_N is no limit
     world.change("wrench", force_N=(0.0, 0.0, LIMITS.force_N))
     assert world.tick().permission is not None
     world.change("wrench", force_N=(0.0, 0.0, LIMITS.force_N + 1.0))
@@ -247,6 +287,26 @@ def test_the_tether_holds_however_the_arm_got_there(motion: str) -> None:
     assert world.tick().permission is not None
     world.place(pose_of(shifted(y_m=-0.201)))
     assert_stopped(world, world.tick(), "HOLDING", "201 mm away from where it was armed")
+
+
+@each_motion
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_the_tether_holds_a_tool_that_turns_on_and_on(motion: str, axis: int) -> None:
+    """Measured, whoever turns it: in steps that all other limits allow, one turn is not survived.
+
+    A tool that is wound round and round tears its cables.
+    """
+    world = moving(motion)
+    limit_deg = np.degrees(Limits.of(CELL).tether_rad)
+    turned_deg = 0.0
+    while world.core.state in MAY_MOVE and turned_deg < 360.0:
+        turned_deg += 0.5
+        turn = np.radians(turned_deg) * np.eye(3)[axis]
+        world.place(pin.SE3(rotation_from_vector(turn) @ T_START.rotation, T_START.translation))
+        world.messages["target"] = STOPPED
+        world.tick()
+    assert turned_deg == pytest.approx(limit_deg, abs=0.6)
+    assert world.core.status().trips[0].code == "tether"
 
 
 @each_motion

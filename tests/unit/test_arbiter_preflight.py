@@ -284,8 +284,9 @@ def test_from_jog_to_all_leads_through_hold() -> None:
 def test_the_list_says_what_each_check_is_and_only_force_is_left_out() -> None:
     """One row per rule of the preflight, in words."""
     words = [check.what for check in CHECKS]
-    assert len(set(words)) == len(words) == 9
-    assert [check.for_force_only for check in CHECKS] == [False] * 6 + [True] * 3
+    assert len(set(words)) == len(words) == 11
+    assert [check.purposes for check in CHECKS[-5:]] == [("all",)] * 5
+    assert [check.what for check in CHECKS if check.purposes == ("all", "jog")] == [words[4]]
 
 
 def test_an_input_that_is_lost_is_told_alone() -> None:

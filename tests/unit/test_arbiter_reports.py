@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from common.faults import FAULTS, MOST_BYTES, clipped
 from common.messages import ArbiterState, Trip
 from services.arbiter.reports import (
-    JOG_ALONE,
+    ALONE,
     LINE_BYTES,
     MORE,
     MOST_LINES,
@@ -70,7 +70,7 @@ def test_what_to_do_next_is_what_mends_it_where_arming_would_be_refused() -> Non
         assert what_next(state, why) == f"{FAULTS['force'].remedy}; then arm"
     for state in others:
         assert what_next(state, why) == CLEARS[state]
-    assert what_next("ARMED", why, "jog") == JOG_ALONE
+    assert what_next("ARMED", why, "jog") == ALONE["jog"]
     assert what_next("HOLDING", [], "jog") == CLEARS["HOLDING"]
 
 

@@ -1,9 +1,10 @@
 """The arbiter on the bus: every input judged by age, requests answered, hold before all."""
 
+import msgpack
 import pytest
 
 from common import topics
-from common.codec import encode_record
+from common.codec import decode_record, encode_record, pack
 from common.config import cell_hash
 from common.endpoints import Origin
 from common.memory import MemoryCall
@@ -14,7 +15,7 @@ from common.messages import (
     Speed,
     WrenchAtTcp,
 )
-from common.requests import ArmRequest, Empty, HoldRequest, MoveRequest
+from common.requests import ArmRequest, Empty, HoldRequest, MoveRequest, Reply
 from common.version import forcemesh_version
 from tests.fakes.arbiter_world import MOVE_DOWN, good_messages, shifted
 from tests.fakes.bench import CELL
@@ -121,6 +122,37 @@ def test_a_request_that_is_no_request_is_refused_and_stops_nothing(cell: Cellmat
     assert call.reply is not None
     assert b"malformed" in call.reply
     assert cell.said().permission is not None
+
+
+UNREADABLE_HOLDS = {
+    "empty": b"",
+    "no MessagePack": b"\xc1",
+    "no map": b"\x93\x01\x02\x03",
+    "nested": b"\x91" * 3000,
+    "another schema version": pack({"v": 1, "topic": "request/hold"}),
+    "a version to come": pack({"v": 3, "reason": "stop"}),
+    "written for another cell": encode_record(HoldRequest(), f"other/{topics.HOLD.key}"),
+    "written for another request": encode_record(Empty(), f"{CELL.cell}/{topics.ARM.key}"),
+    "a reason of 5000 characters": msgpack.packb({"reason": "x" * 5000}),
+    "a reason of 501 characters": pack({"reason": "x" * 501}),
+    "a reason that is a number": pack({"reason": 7}),
+}
+
+
+@pytest.mark.parametrize("data", UNREADABLE_HOLDS.values(), ids=UNREADABLE_HOLDS.keys())
+def test_a_hold_that_cannot_be_decoded_holds_first(cell: Cellmates, data: bytes) -> None:
+    """Whoever asks to hold gets a hold in that very period, then hears what was wrong."""
+    cell.arm()
+    call = MemoryCall(data)
+    cell.transport.serve(f"{CELL.cell}/{topics.HOLD.key}").waiting.append(call)
+    cell.step()
+    assert cell.newest(topics.ARBITER_STATUS).state == "HOLDING"
+    assert cell.said().permission is None
+    assert call.reply is not None
+    reply = decode_record(call.reply, Reply)
+    assert (reply.accepted, reply.code, reply.rule) == (True, "malformed", 507)
+    assert "HOLDING" in reply.text
+    assert "cannot be decoded: " in reply.text
 
 
 def test_whoever_is_answered_finds_the_status_that_says_so(cell: Cellmates) -> None:

@@ -276,8 +276,13 @@ def test_a_retreat_does_not_leave_the_workspace() -> None:
 def test_the_force_ceiling_of_a_goal_is_the_whole_one() -> None:
     """The lower one is for set points that can go back; a move is held at the ceiling."""
     world = world_with(retreat_m=RETREAT_M)
-    world.give("operator")
-    world.change("wrench", force_N=(0.0, 0.0, SOFT_N))
-    assert world.tick().kind == "goal"
+    world.make_armed()
+    world.change("wrench", force_N=(0.0, 0.0, SOFT_N))  # from there limits.move_rise_N is no limit
+    world.ask("operator")
+    world.tick(60)
+    for force_N in (SOFT_N, LIMITS.force_N):
+        world.change("wrench", force_N=(0.0, 0.0, force_N))
+        assert world.tick().kind == "goal"
     world.change("wrench", force_N=(0.0, 0.0, LIMITS.force_N + 1.0))
     assert world.tick().kind == "hold"
+    assert world.core.status().trips[0].limit == LIMITS.force_N

@@ -35,6 +35,8 @@ FATAL = {
     *SILENT, "robot invalid", "sensor invalid", "wrench invalid", "motors off", "error",
     "late loop", "misaligned", "two writers", "another wrench",
 }  # fmt: skip
+# What backing off without a force to follow does not wait for.
+UNFELT = {f"{name} {how}" for name in ("sensor", "wrench") for how in ("silent", "invalid")}
 MOVES = ("operator moves", "program moves", "operator turns")
 LATCHED = ("HOLDING", "FAULT")
 FEW = tuple(trouble for trouble in TROUBLES if trouble != "robot silent")  # for a quick look
@@ -74,14 +76,20 @@ def the_robot_obeys_the_newest_owner_in_time(edge: Edge) -> None:
         assert product.may_move
 
 
+def fatal_to(product: Product) -> set[str]:
+    """Return what ends the motion that is under way."""
+    freeing = product.core._freeing
+    return FATAL - UNFELT if freeing is not None and freeing.blind else FATAL
+
+
 def moving_implies_a_fresh_owner(edge: Edge) -> None:
     """A motion has a commander, and nothing that the arbiter hears is wrong."""
     if edge.after.may_move:
-        assert edge.after.trouble not in FATAL
+        assert edge.after.trouble not in fatal_to(edge.after)
     if edge.after.command.kind in MOTIONS:
         assert edge.after.core.state in {"ACTIVE", "STOPPING"}
         assert edge.after.command.commander != "none"
-    if edge.event in FATAL and edge.before.may_move:
+    if edge.event in fatal_to(edge.before) and edge.before.may_move:
         assert edge.after.core.state == "FAULT"
 
 
@@ -94,10 +102,16 @@ def hold_ends_motion_in_the_same_step(edge: Edge) -> None:
 
 
 def only_a_person_leads_to_motion(edge: Edge) -> None:
-    """From wherever nothing moves, `arm` alone; from FAULT not without `clear` before it."""
+    """From wherever nothing moves, `arm` alone; from FAULT not without `clear` before it.
+
+    Backing off needs no clear, but it arms for its own goal alone.
+    """
     if not edge.before.may_move and edge.after.may_move:
-        assert edge.event.startswith(("arm", "clear + arm"))
         assert edge.after.replies[0].accepted
+        assert (edge.event == "back off") == (edge.after.status.armed_for == "back_off")
+        if edge.event == "back off":
+            return
+        assert edge.event.startswith(("arm", "clear + arm"))
         assert edge.before.core.state != "BOOT"
         if edge.before.core.state == "FAULT":
             assert edge.event.startswith("clear + arm")
@@ -186,7 +200,9 @@ def judge(edge: Edge) -> None:
 def every_row_is_walked(rows: set[tuple[str, str]]) -> None:
     """A row that nothing leads along would be a row that nobody has thought of."""
     assert rows == {(old, new) for old, row in TABLE.items() for new in row.values()}
-    assert all(len(set(row.values())) == len(row) for row in TABLE.values())
+    for row in TABLE.values():  # backing off arms as well: it is told apart by what it arms for
+        states = [new for event, new in row.items() if event != "back_off"]
+        assert len(set(states)) == len(states)
 
 
 def there_is_no_dead_end(walk: Walk) -> None:

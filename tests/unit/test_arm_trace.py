@@ -5,7 +5,7 @@ import numpy as np
 from common.clock import ManualClock
 from sim.robot.arm import SimArm
 from sim.robot.settings import SimSettings
-from sim.robot.trace import VARIABLE, read_trace, wanted_trace
+from sim.robot.trace import RECORD, VARIABLE, read_trace, wanted_trace
 
 
 def test_every_tick_is_in_the_file_at_once(tmp_path, monkeypatch):
@@ -35,3 +35,19 @@ def test_nothing_is_written_unless_asked(tmp_path, monkeypatch):
     monkeypatch.delenv(VARIABLE, raising=False)
     assert wanted_trace(SimArm(SimSettings(), seed=0), ManualClock()) is None
     assert len(read_trace(tmp_path / "none")) == 0
+
+
+def test_what_a_killed_process_left_half_written_shifts_nothing(tmp_path, monkeypatch):
+    """The next process of the arm goes on at a whole record."""
+    path = tmp_path / "trace"
+    path.write_bytes(b"x" * (2 * RECORD.itemsize + 7))
+    monkeypatch.setenv(VARIABLE, str(path))
+    arm = SimArm(SimSettings(), seed=0)
+    trace = wanted_trace(arm, ManualClock())
+    assert trace is not None
+    arm.step()
+    trace.ticked()
+    trace.close()
+    records = read_trace(path)
+    assert len(records) == 3
+    assert records[-1]["tick"] == arm.ticks

@@ -89,7 +89,7 @@ def watched(lab: CalibrationLab, verbs: list[object], **wish: int | float | bool
 def test_a_person_jogs_takes_poses_and_gets_a_calibration(lab, tmp_path, capsys):
     """Enter at each pose, with advice what to do next; then it is written and used."""
     verbs: list[object] = [verb for way in ways_of(lab, 7) for verb in (*way, "")]
-    job = Job(lab.cell, Places(tmp_path / "demo.yaml"), Bounds())
+    job = Job(lab.cell, Places(tmp_path / "demo.yaml"), Bounds(), use=True)
     wish = Wish(poses=6, verify_poses=1, dwell_s=0.3)
 
     assert calibrate(job, wish, lab.bus, Person(lab, verbs)) == 0

@@ -238,6 +238,7 @@ def test_when_every_pose_is_refused_it_ends_with_advice(plan):
         ),
         ({"planes": [{"point_m": [0, 0.4, 0], "normal": [0, -1, 0]}]}, "behind or near plane 1"),
         ({"tether_m": 0.011}, "tether"),
+        ({"tether_deg": 1.0}, "tether_deg"),
     ],
 )
 def test_a_cell_without_room_is_refused_with_advice(limits, says):

@@ -3,9 +3,12 @@
 import base64
 import re
 import xml.etree.ElementTree as ET
+from contextlib import redirect_stdout
 from html.parser import HTMLParser
+from io import StringIO
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -14,12 +17,13 @@ from hypothesis import strategies as st
 
 from cli.calibration import send
 from cli.calibration.evidence import Findings, evidence_of, findings_of
+from cli.calibration.finish import Job, settle
 from cli.calibration.page import page, save_page
-from cli.calibration.places import keep_before, places_of
+from cli.calibration.places import Places, keep_before, places_of
 from cli.calibration.rows import Dwell, Purpose
 from cli.calibration.verdict import Bounds, Left, judge, left_in_use
 from common.clock import ManualClock
-from common.errors import DataError
+from common.errors import BusError, DataError
 from common.frames import R_from_quaternion
 from common.payload import Payload, predict
 from common.requests import Reply
@@ -205,7 +209,7 @@ def test_out_goes_before_the_cell_file_and_says_so(tmp_path):
 class Service:
     """A bus whose wrench service answers as it is told, one answer after the other."""
 
-    def __init__(self, *answers: Reply) -> None:
+    def __init__(self, *answers: Reply | BusError) -> None:
         self.clock = ManualClock()
         self.answers = list(answers)
         self.asked: list[str] = []
@@ -213,7 +217,10 @@ class Service:
     def ask(self, _request: Any, message: Any) -> Reply:
         """Answer; the last answer stays."""
         self.asked.append(message.calibration_json)
-        return self.answers.pop(0) if len(self.answers) > 1 else self.answers[0]
+        answer = self.answers.pop(0) if len(self.answers) > 1 else self.answers[0]
+        if isinstance(answer, BusError):
+            raise answer
+        return answer
 
 
 def test_sending_waits_for_an_arm_that_has_just_come_back(found):
@@ -229,3 +236,77 @@ def test_sending_waits_for_an_arm_that_has_just_come_back(found):
     never: Any = Service(wait)
     assert send.send(never, found.section).code == "moving"
     assert len(never.asked) < 100
+
+
+# --- what becomes of it ---------------------------------------------------------------------------
+
+
+def settled(
+    folder: Path, found: Findings, bus: Any = None, **job: Any
+) -> tuple[int, str, set[str]]:
+    """Settle findings; return exit code, the last sentence, and the calibrations in the folder."""
+    places = Places(folder / "demo.yaml")
+    with redirect_stdout(StringIO()) as printed, patch("cli.calibration.finish.save_page"):
+        code = settle(Job(CELL, places, Bounds(), **job), found, bus)
+    names = {path.name for path in folder.glob("*.yaml")}
+    return code, printed.getvalue().splitlines()[-1], names
+
+
+def test_what_is_only_written_changes_nothing_in_the_cell(found, tmp_path):
+    """Neither the running one, nor what it takes when it is started; and it says so."""
+    service: Any = Service(Reply(accepted=True))
+    code, last, names = settled(tmp_path, found, service)
+    assert (code, service.asked, names) == (0, [], {"demo.unused.yaml"})
+    assert last.startswith("the cell does not use it: only --use puts it into use")
+
+
+def test_what_passed_is_used_and_the_last_sentence_says_so(found, tmp_path):
+    """The running cell has it, and its next start."""
+    text = f"calibration {found.section.revision} is in use"
+    service: Any = Service(Reply(accepted=True, text=text))
+    assert settled(tmp_path, found, service, use=True) == (0, text, {"demo.yaml"})
+    code, last, _ = settled(tmp_path, found, use=True)
+    assert (code, last) == (0, "the cell is not up: it takes the file when it is started")
+
+
+@pytest.mark.parametrize(
+    ("answer", "code", "says"),
+    [
+        (Reply(accepted=False, code="contact", text="24.8 N"), 3, "refused it (contact): 24.8 N"),
+        (BusError("request/calibration: no answer"), 4, "is not known: `forcemesh status`"),
+    ],
+)
+def test_what_the_cell_does_not_take_ends_non_zero(found, tmp_path, answer, code, says):
+    """PASS is not the last word, and the next start does not get what this one refused."""
+    service: Any = Service(answer)
+    ended, last, names = settled(tmp_path, found, service, use=True)
+    assert (ended, names) == (code, {"demo.unused.yaml"})
+    assert says in last
+
+
+@pytest.mark.parametrize(
+    ("fresh", "push_N", "says"),
+    [(0, 0.0, "no fresh pose has verified it"), (3, 2.0, "nothing was written or put into use")],
+)
+def test_what_did_not_pass_is_never_used(tmp_path, fresh, push_N, says):
+    """Not asked for, not taken at the next start, whatever is forced."""
+    service: Any = Service(Reply(accepted=True))
+    code, last, names = settled(tmp_path, findings(fresh, push_N), service, use=True)
+    assert (code, service.asked) == (1, [])
+    assert says in last
+    assert "demo.yaml" not in names
+    if push_N:
+        code, last, names = settled(tmp_path, findings(fresh, push_N), service, force=True)
+        assert (code, service.asked, names) == (1, [], {"demo.unused.yaml"})
+        assert last.startswith("the cell does not use it: it failed")
+
+
+def test_a_tool_that_this_cell_may_not_use_is_told_before_it_is_asked(found, tmp_path):
+    """Heavier than what the gains are bounded for: the sentence of the running cell."""
+    light = CELL.contact.model_copy(update={"inertia_kg": 0.5})
+    job = Job(
+        CELL.model_copy(update={"contact": light}), Places(tmp_path / "a.yaml"), Bounds(), use=True
+    )
+    with redirect_stdout(StringIO()) as printed, patch("cli.calibration.finish.save_page"):
+        assert settle(job, found, None) == 1
+    assert "contact.inertia_kg is 0.5" in printed.getvalue().splitlines()[-1]

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,11 +12,15 @@ import yaml
 from typer.testing import CliRunner
 
 from cli.__main__ import app
+from cli.calibrate import Fate
+from cli.calibration.send import send as send_to_cell
+from common.calibration import CalibrationSection
 from common.config import load_cell
 from common.frames import quaternion_from_R, rotation_from_vector
 from common.payload import Payload, predict
+from common.requests import Reply
 from services.wrench.recording import COLUMNS, read_recording
-from tests.fakes.calibration import DEMO, CalibrationLab
+from tests.fakes.calibration import DEMO, HOME_RAD, CalibrationLab
 
 FAST = ("--poses", "6", "--verify-poses", "1", "--speed", "900", "--dwell", "0.3")
 TRUTH = Payload(1.5, (0.02, -0.012, 0.085), (1.0, -2.0, 3.0), (0.1, 0.2, -0.3))
@@ -27,6 +32,7 @@ def cell_file(folder: Path, calibration: str | None = "made/demo.yaml") -> Path:
     tree["limits"]["speed_m_s"] = 1.0
     tree["calibration"] = calibration
     tree["tool"]["name"] = "disc"
+    tree["contact"]["inertia_kg"] = 1.6  # heavier than the tools of these tests
     path = folder / "cell.yaml"
     path.write_text(yaml.safe_dump(tree))
     return path
@@ -50,8 +56,18 @@ def run(*words: object, text: str = "") -> Any:
     return CliRunner().invoke(app, ["calibrate", *(str(word) for word in words)], input=text)
 
 
-def test_it_writes_what_the_cell_loads_and_the_running_cell_uses(lab, tmp_path):
-    """File, readings and report beside each other; the file before is kept; the cell has it."""
+def test_it_writes_what_the_cell_loads_and_the_running_cell_uses(lab, tmp_path, monkeypatch):
+    """File, readings and report beside each other; the file before is kept; the cell has it.
+
+    The cell judges it at the last pose, where nothing is touched; only then the arm comes back.
+    """
+    asked_at = []
+
+    def send(bus: Any, section: Any) -> Reply:
+        asked_at.append(np.abs(lab.world.arm.q - HOME_RAD).max())
+        return send_to_cell(bus, section)
+
+    monkeypatch.setattr("cli.calibration.send.send", send)
     made = tmp_path / "made"
     made.mkdir()
     (made / "demo.yaml").write_text("what was there before")
@@ -68,7 +84,9 @@ def test_it_writes_what_the_cell_loads_and_the_running_cell_uses(lab, tmp_path):
     assert (made / "demo.before.yaml").read_text() == "what was there before"
     assert len(read_recording(made / "demo.csv").line) > 900
     assert f"calibration {found.revision} written to {made / 'demo.yaml'}" in result.stdout
-    assert f"calibration {found.revision} is in use" in result.stdout
+    assert f"calibration {found.revision} is in use" in result.stdout.splitlines()[-1]
+    assert asked_at[0] > np.radians(5.0)
+    assert lab.world.arm.q == pytest.approx(HOME_RAD, abs=1e-3)
     assert "PASS: at 1 fresh pose" in result.stdout
     assert "x -400 .. 400, y 200 .. 800, z -200 .. 600 mm" in result.stderr
     page = (made / "demo.html").read_text()
@@ -84,10 +102,48 @@ def test_a_failed_verification_writes_nothing(lab, tmp_path):
     result = run("--yes", "--max-torque", "0.0001", "--cell", tmp_path / "cell.yaml", *FAST)
     assert result.exit_code == 1
     assert "FAIL: at 1 fresh pose" in result.stdout
-    assert "nothing was written or sent" in result.stdout
+    assert "nothing was written or put into use" in result.stdout.splitlines()[-1]
     names = {path.name for path in (tmp_path / "made").iterdir()}
     assert names == {"demo.csv", "demo.failed.html"}
     assert load_cell(tmp_path / "cell.yaml").calibration is None
+
+
+def test_what_the_cell_would_start_with_is_not_only_written(tmp_path):
+    """--out may not name the file that the cell takes at its next start, unless it is for use."""
+    named = tmp_path / "made" / "demo.yaml"
+    result = run("--out", named, "--cell", cell_file(tmp_path))
+    assert result.exit_code == 2
+    assert "the file that the cell takes when it is started" in result.stderr
+
+
+@pytest.mark.parametrize(
+    ("fate", "uses"),
+    [
+        ({}, False),
+        ({"use": True}, True),
+        ({"moves_arm": True}, True),
+        ({"moves_arm": True, "out": Path("a.yaml")}, False),
+        ({"moves_arm": True, "out": Path("a.yaml"), "use": True}, True),
+        ({"moves_arm": True, "force": True}, False),
+    ],
+)
+def test_use_is_what_the_wizard_is_for_and_a_wish_of_its_own_elsewhere(fate, uses):
+    """Never by --out, by a recording, by hand, or by --force alone."""
+    plain = {"out": None, "use": False, "force": False, "moves_arm": False}
+    assert Fate(**(plain | fate)).uses is uses
+
+
+def test_it_does_not_begin_in_contact(lab, tmp_path):
+    """The force is named, what to do is named, and nothing was moved."""
+    arm, q = lab.world.arm, lab.world.arm.q
+    arm.data.xfrc_applied[arm.model.body("tool").id][2] = 25.0
+    lab.world.advance(0.5)
+    result = run("--yes", "--cell", tmp_path / "cell.yaml", *FAST)
+    assert result.exit_code == 3
+    assert "the tool is loaded: 25." in result.stderr
+    assert "forcemesh arm --jog" in result.stderr
+    assert result.stdout == ""
+    assert lab.world.arm.q == pytest.approx(q, abs=2e-3)
 
 
 def test_without_a_yes_nothing_moves(lab, tmp_path):
@@ -111,7 +167,8 @@ def test_without_a_yes_nothing_moves(lab, tmp_path):
         (("--auto-capture",), "--auto-capture goes with --manual"),
         (("--verify-poses", "0"), "--verify-poses 0 goes with --manual"),
         (("--speed", "900"), "--speed 900: limits.speed_m_s allows 250 mm/s"),
-        (("--poses", "5"), "greater than or equal to 6"),
+        (("--poses", "5"), "--poses': must be at least 6, found '5'"),
+        (("--use", "--force"), "--use and --force do not go together"),
     ],
 )
 def test_wrong_usage_is_one_sentence_and_exit_code_2(words, says):
@@ -148,18 +205,28 @@ def quiet_cell(tmp_path) -> Path:
     return path
 
 
+def calibration_in(path: Path) -> CalibrationSection:
+    """Return the calibration that was written there."""
+    return CalibrationSection(**yaml.safe_load(path.read_text()))
+
+
 def test_a_recording_is_enough_and_says_that_it_was_not_verified(tmp_path, quiet_cell):
-    """The robot need not be up; without a second recording there is no verdict."""
+    """The robot need not be up; without a second recording there is no verdict, and no use."""
     recording = write_recording(tmp_path / "a.csv", seed=1)
     result = run("--from", recording, "--cell", quiet_cell)
     assert result.exit_code == 0, result.stderr
-    found = load_cell(quiet_cell).calibration
-    assert found is not None
+    found = calibration_in(tmp_path / "made" / "demo.unused.yaml")
+    assert load_cell(quiet_cell).calibration is None
     assert (found.method, found.verified) == ("recording", None)
     assert found.payload.mass_kg == pytest.approx(1.5, abs=0.02)
     assert "NOT VERIFIED" in result.stdout
-    assert "the cell is not up" in result.stdout
-    assert "NOT VERIFIED" in (tmp_path / "made" / "demo.html").read_text()
+    assert "the cell does not use it" in result.stdout.splitlines()[-1]
+    assert "NOT VERIFIED" in (tmp_path / "made" / "demo.unused.html").read_text()
+
+    wanted = run("--from", recording, "--use", "--cell", quiet_cell)
+    assert wanted.exit_code == 1
+    assert "no fresh pose has verified it" in wanted.stdout.splitlines()[-1]
+    assert load_cell(quiet_cell).calibration is None
 
 
 def test_a_cell_that_names_no_file_is_told_what_to_write(tmp_path, quiet_cell, monkeypatch):
@@ -181,13 +248,26 @@ def test_another_recording_verifies_it(tmp_path, quiet_cell, mass_kg, code, word
     recording = write_recording(tmp_path / "a.csv", seed=1)
     fresh = write_recording(tmp_path / "b.csv", seed=2, payload=other)
     words = ("--from", recording, "--verify-with", fresh, "--cell", quiet_cell)
-    result = run(*words)
+    result = run("--use", *words)
     assert result.exit_code == code, result.stderr
     assert f"{word}: at 12 fresh poses" in result.stdout
     assert (load_cell(quiet_cell).calibration is not None) is (code == 0)
-    if code:  # --force uses it in spite of that, and the exit code still says so
+    if code:  # --force writes it in spite of that, never where the cell takes it
         assert run("--force", *words).exit_code == code
-        assert load_cell(quiet_cell).calibration is not None
+        assert load_cell(quiet_cell).calibration is None
+        assert (tmp_path / "made" / "demo.unused.yaml").exists()
+    else:
+        assert "the cell is not up: it takes the file" in result.stdout.splitlines()[-1]
+
+
+def test_a_sensor_that_sits_turned_is_no_calibration(tmp_path, quiet_cell):
+    """A rotation that a fit could correct is for the cell file to say, whatever is forced."""
+    turned = replace(TRUTH, mounting_rotation_rad=(0.0, 0.0, np.pi))
+    recording = write_recording(tmp_path / "a.csv", seed=1, payload=turned)
+    result = run("--force", "--from", recording, "--cell", quiet_cell)
+    assert result.exit_code == 1
+    assert "the limit is 0.2 rad" in result.stderr
+    assert not (tmp_path / "made").exists()
 
 
 def test_a_useless_recording_is_one_line(tmp_path, quiet_cell):

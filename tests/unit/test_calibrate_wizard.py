@@ -89,6 +89,30 @@ def test_a_cell_that_was_armed_stays_armed():
     assert status_of(lab).state == "ARMED"
 
 
+def test_a_contact_that_no_calibration_shows_is_found_by_lifting():
+    """Weight and touch look alike without a calibration; lifted without turning, a touch ends."""
+    lab = CalibrationLab(demo_cell(**QUICK, payload={"mass_kg": 0.0, "com_m": [0, 0, 0]}))
+    arm = lab.world.arm
+
+    def push(force_N: float) -> None:
+        arm.data.xfrc_applied[arm.model.body("tool").id][2] = force_N
+
+    push(10.0)
+    lab.world.advance(0.5)
+    lab.notes.at("to the hub: moving", lambda: push(0.0))
+    wizard, ended = driven(lab)
+    assert ended == 1
+    assert wizard.dwells == []
+    assert "the tool was in contact where it began: 10." in lab.notes.lines[-1]
+    assert "it stays above" in lab.notes.lines[-1]
+    assert status_of(lab).state == "IDLE"
+    lift_m = (
+        arm.kinematics.flange_pose(arm.q).translation[2]
+        - (arm.kinematics.flange_pose(HOME_RAD).translation[2])
+    )
+    assert lift_m == pytest.approx(0.1, abs=2e-3)
+
+
 def test_a_hold_in_the_middle_ends_it_with_the_arbiter_s_words():
     """Somebody holds: nothing moves on, the poses so far are kept, nobody asks for more."""
     lab = CalibrationLab()
@@ -233,7 +257,7 @@ def test_an_arm_that_somebody_else_has_is_left_alone():
     lab.bus.ask(topics.HOLD, HoldRequest(reason="the visitor is inside"))
     lab.world.advance(0.2)
     _, ended = driven(lab, plan)
-    assert ended == 1
+    assert ended == 3
     assert "the arbiter is HOLDING: the visitor is inside" in lab.notes.lines[-1]
     for request, message in (
         (topics.CLEAR, Empty()),
@@ -244,7 +268,7 @@ def test_an_arm_that_somebody_else_has_is_left_alone():
         assert lab.bus.ask(request, message).accepted
         lab.world.advance(0.2)
     _, ended = driven(lab, plan)
-    assert ended == 1
+    assert ended == 3
     assert lab.notes.lines[-1] == "the regulator commands the arm: stop that first"
     assert status_of(lab).commander == "regulator"
 

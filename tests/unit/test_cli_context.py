@@ -24,7 +24,7 @@ from common.errors import (
 from common.requests import ForceStartRequest
 
 ROWS: tuple[tuple[Exception, int, str], ...] = (
-    (ConfigError("cell.yaml", ["wrong"]), USAGE, "cell.yaml: 1 mistake(s)"),
+    (ConfigError("cell.yaml", ["wrong"]), USAGE, "cell.yaml: wrong"),
     (DataError("a.mcap: no recording"), USAGE, "a.mcap: no recording"),
     (RefusedError("not_armed", "arm first"), REFUSED, "refused (not_armed): arm first"),
     (BusError("no hub: is the cell up?"), NO_ANSWER, f"no hub: is the cell up? {NEXT_STEP}\n"),
@@ -56,5 +56,5 @@ def test_a_number_that_no_request_takes_is_wrong_usage(
         ForceStartRequest(mode="position", setpoint_N=wrong)
     assert caught.value.exit_code == USAGE
     (line,) = capsys.readouterr().err.splitlines()
-    assert line.startswith("setpoint_N: Input should be ")
-    assert line.endswith(f"found {wrong!r}")
+    assert line.startswith("setpoint_N: must be ")
+    assert f"found {wrong:g}" in line

@@ -51,6 +51,7 @@ def calibrated(cell: Cell, days: int, **changes: Any) -> Cell:
         "T_flange_tcp": cell.tool.T_flange_tcp,
         "T_flange_sensor": cell.sensor.T_flange_sensor,
         "fit": residuals,
+        "verified": residuals,
         "payload": PayloadSection(mass_kg=0.5, com_m=(0.0, 0.0, 0.05)),
     }
     return cell.model_copy(update={"calibration": CalibrationSection(**(found | changes))})
@@ -113,8 +114,9 @@ def test_a_calibration_is_judged_by_tool_and_age() -> None:
     assert judged(check_calibration(DEMO, NOW)) == ("PASS", False)
     assert judged(check_calibration(calibrated(REAL, 3), NOW)) == ("PASS", False)
     assert judged(check_calibration(calibrated(REAL, 400), NOW)) == ("WARN", True)
-    other = check_calibration(calibrated(REAL, 3, tool="another"), NOW)
-    assert judged(other) == ("FAIL", True)
+    for changes in ({"tool": "another"}, {"verified": None}):
+        other = check_calibration(calibrated(REAL, 3, **changes), NOW)
+        assert judged(other) == ("FAIL", True)
     accepted = REAL.model_copy(
         update={"payload": REAL.payload.model_copy(update={"accept_uncalibrated": True})}
     )

@@ -17,7 +17,7 @@ from common.cell import Cell
 from common.config import load_cell
 from common.messages import Health, LinkHealth, RobotState, RobotStatus
 from common.packet import Packet
-from common.packet_table import ID_FIRST, Com, Status
+from common.packet_table import ID_FIRST, Com, Status, greeting
 from services.gateway.reports import HealthReport, JointReport, PoseReport
 from services.gateway.round_trips import Spread
 from services.gateway.service import scales_of
@@ -41,7 +41,7 @@ STATUS_CHECKS = {
 PROCESSES = {f"process {role}" for role in topics.ROLES}
 NUMBERS = {
     "framed_round_trip_p50_s": 0.02, "framed_round_trip_p99_s": 0.04, "sender_hz": 40.0,
-    "program_loop_hz": 2.0, "monitor_speed_fraction": 1.0,
+    "program_loop_hz": 2.0, "monitor_speed_fraction": 1.0, "any_peer_may_connect": 0.0,
 }  # fmt: skip
 
 
@@ -50,7 +50,7 @@ def heard(status: Status = READY) -> Heard:
     return Heard(
         pose=PoseReport(T, 0, 1, status),
         joints=JointReport(Q, 1, 1, status),
-        health=HealthReport(0, 100, 0.0, 0, 1.0, 1),
+        health=HealthReport(0, 100, 0.0, 0, 1.0, 1, any_peer=False),
         sender_hz=40.0,
         longest_gap_s=0.03,
         loop_hz=12.0,
@@ -61,7 +61,7 @@ def heard(status: Status = READY) -> Heard:
 
 def a_visit(found: Heard | None) -> Visit:
     """A visit that was greeted well."""
-    hello = Packet(ID_FIRST, Com.HELLO, 1, SCALES.vec)
+    hello = Packet(ID_FIRST, Com.HELLO, greeting(1), SCALES.vec)
     return Visit(greeted="answered", hello=hello, heard=found)
 
 
@@ -113,10 +113,13 @@ VISITS = {
     "mute": (Visit(greeted="silent"), "hello", NO_ANSWER),
     "garbled": (Visit(greeted="garbled"), "hello", NO_ANSWER),
     "version": (
-        Visit(greeted="answered", hello=Packet(ID_FIRST, 9, 2, SCALES.vec)), "protocol", NOT_WELL
+        Visit(greeted="answered", hello=Packet(ID_FIRST, 9, 3001, SCALES.vec)), "protocol", NOT_WELL
     ),
     "scales": (
-        Visit(greeted="answered", hello=Packet(ID_FIRST, 9, 1, (60, 500, 250, 100, 1000, 10))),
+        Visit(
+            greeted="answered",
+            hello=Packet(ID_FIRST, 9, greeting(1), (60, 500, 250, 100, 1000, 10)),
+        ),
         "scales", NOT_WELL,
     ),
 }  # fmt: skip

@@ -12,7 +12,7 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from cli.__main__ import app
-from cli.context import CELL_VARIABLE, NO_ANSWER, NOT_WELL, OK, REFUSED
+from cli.context import CELL_VARIABLE, NO_ANSWER, NOT_WELL, OK, REFUSED, USAGE
 from cli.runfile import FOLDER_VARIABLE
 from common import topics
 from common.bus import ENDPOINT_VARIABLE, open_hub
@@ -22,13 +22,14 @@ from common.config import dump_cell, load_cell
 from common.faults import FAULTS
 from common.messages import (
     ArbiterStatus,
+    ArmPurpose,
     GoalReport,
-    Purpose,
     RobotCommand,
     RobotState,
     Speed,
+    WrenchAtTcp,
 )
-from common.requests import ArmRequest, MoveRequest, Reply
+from common.requests import ArmRequest, BackOffRequest, MoveRequest, Reply
 
 pytestmark = pytest.mark.realtime
 
@@ -55,7 +56,7 @@ def run(*words: str) -> Result:
     return CliRunner().invoke(app, list(words))
 
 
-ARMINGS: tuple[tuple[list[str], Purpose], ...] = ((["arm"], "all"), (["arm", "--jog"], "jog"))
+ARMINGS: tuple[tuple[list[str], ArmPurpose], ...] = ((["arm"], "all"), (["arm", "--jog"], "jog"))
 REQUESTS = [
     ["arm"],
     ["hold"],
@@ -63,6 +64,7 @@ REQUESTS = [
     ["tare"],
     ["move", "to", "0,0,0,0,0,0"],
     ["move", "by", "-5,0,0,0,0,0"],
+    ["retract"],
     ["speed", "--accel", "50"],
     ["force", "start"],
     ["force", "stop"],
@@ -78,6 +80,7 @@ class StandIn:
         self.reply = Reply(accepted=True, text="as you like", value=7.0)
         self.goal = GoalReport()
         self.state = "ARMED"
+        self.wrench: WrenchAtTcp | None = None
         self._cell = cell
         self._stop, self._ready = threading.Event(), threading.Event()
         self._thread = threading.Thread(target=self._serve)
@@ -97,6 +100,7 @@ class StandIn:
             robot = hub.playing("robot").publisher(topics.ROBOT_STATE)
             command = hub.playing("arbiter").publisher(topics.ROBOT_COMMAND)
             status = hub.playing("arbiter").publisher(topics.ARBITER_STATUS)
+            wrench = hub.playing("wrench").publisher(topics.WRENCH)
             self._ready.set()
             while not self._stop.wait(0.005):
                 for incoming in (i for inbox in inboxes for i in inbox.take_all()):
@@ -104,6 +108,8 @@ class StandIn:
                     incoming.reply(self.reply)
                 command.put(RobotCommand(speed=Speed(accel_fraction=0.25, mechanical_m_s=0.1)))
                 status.put(ArbiterStatus.model_validate({"state": self.state}))
+                if self.wrench is not None:
+                    wrench.put(self.wrench)
                 robot.put(RobotState(position_m=(0.1, 0.2, 0.3), goal=self.goal))
 
 
@@ -275,6 +281,41 @@ def test_a_jog_is_a_small_move_from_where_the_arm_is(
         assert request.pose.position_m == pytest.approx(position_m)
         assert request.pose.orientation_xyzw == pytest.approx((0, 0, 0, 1))
     assert request.joint_rad == (None if joint_rad is None else pytest.approx(joint_rad))
+
+
+def test_a_jog_to_the_moon_is_told_in_metres_without_noise(services: StandIn) -> None:
+    """One number, rounded, and the limit; nothing is asked for."""
+    done = run("jog", "z", "1e9")
+    assert done.exit_code == USAGE
+    assert "pose: a position of 1e+06 m is beyond 100 m" in done.stderr
+    assert services.asked == []
+
+
+@pytest.mark.parametrize("words", [["jog", "z", "-10"], ["move", "by", "1,0,0,0,0,0"]])
+def test_a_move_of_a_loaded_tool_asks_first(services: StandIn, words: list[str]) -> None:
+    """With the force and the rise that stops it; where nobody answers, nothing is asked for."""
+    services.goal = GoalReport(id=7, state="done")
+    services.wrench = WrenchAtTcp(calibrated=True, force_N=(0.0, 0.0, 12.3))
+    done = run(*words)
+    assert done.exit_code == REFUSED
+    assert "loaded with 12.3 N; a rise of 20 N stops the move" in done.stderr
+    assert "--yes" in done.stderr
+    assert services.asked == []
+    assert run(*words, "--yes").exit_code == OK
+    services.wrench = WrenchAtTcp(calibrated=False, force_N=(0.0, 0.0, 12.3))
+    assert run(*words).exit_code == OK
+
+
+def test_backing_off_asks_first_and_says_why_it_is_refused(services: StandIn) -> None:
+    """Without an answer nothing is asked for; what may follow no force asks again."""
+    assert run("back-off").exit_code == REFUSED
+    assert services.asked == []
+    services.reply = Reply(accepted=False, code="no_direction", text="no force can be followed")
+    done = run("back-off", "--yes")
+    assert (done.exit_code, services.asked) == (REFUSED, [BackOffRequest()])
+    assert "--without-force" in done.stderr
+    assert run("back-off", "--yes", "--without-force").exit_code == REFUSED
+    assert services.asked[-1] == BackOffRequest(without_force=True)
 
 
 def test_speeds_are_printed_without_options_too(services: StandIn) -> None:

@@ -17,7 +17,7 @@ from cli.processes import Supervisor
 from cli.record import recorder_beside
 from cli.runfile import FOLDER_VARIABLE, read_run
 from cli.running import Process
-from cli.status import DOWN, CellStatus, cell_status, is_well
+from cli.status import DOWN, CellStatus, cell_status, is_well, restarts_of
 from common import topics
 from common.bus import ENDPOINT_VARIABLE, open_bus
 from common.cell import Cell
@@ -110,9 +110,10 @@ def test_a_helper_is_listed_while_it_runs(cell: Cell) -> None:
     ("number", "says"), [(signal.SIGKILL, "killed by SIGKILL"), (signal.SIGSTOP, "but no health")]
 )
 def test_a_helper_that_was_started_stays_in_the_list(
-    cell: Cell, number: signal.Signals, says: str
+    cell: Cell, number: signal.Signals, says: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """One that died or froze is missing, and the cell is not well."""
+    """One that froze, or died too often to be started again, is missing: the cell is not well."""
+    monkeypatch.setattr("cli.revive.MOST", 1)
     with Supervisor(cell, processes=[HUB]) as supervisor, recorder_beside(supervisor):
         run = read_run(cell.cell)
         assert run is not None
@@ -129,6 +130,19 @@ def test_a_helper_that_was_started_stays_in_the_list(
         assert not found.roles[-1].is_fresh
 
 
+def test_a_helper_that_died_is_started_again_and_named(cell: Cell) -> None:
+    """Another process is the recorder then, and the run file says how the first one ended."""
+    with Supervisor(cell, processes=[HUB]) as supervisor, recorder_beside(supervisor):
+        run = read_run(cell.cell)
+        first = None if run is None else run.entry("recorder")
+        assert first is not None
+        os.kill(first.pid, signal.SIGKILL)
+        wait_s = time.monotonic() + 20.0
+        while not (found := restarts_of(read_run(cell.cell))):
+            assert time.monotonic() < wait_s
+        assert (found[0]["name"], found[0]["how"]) == ("recorder", "killed by SIGKILL")
+
+
 def test_a_hold_that_was_asked_for_is_well_and_one_by_a_limit_is_not() -> None:
     """What a script goes by."""
 
@@ -143,6 +157,7 @@ def test_a_hold_that_was_asked_for_is_well_and_one_by_a_limit_is_not() -> None:
                 not_ready=[],
                 clears="",
                 last_state="",
+                restarts=[],
                 services=[],
             )
         )

@@ -1,5 +1,6 @@
 """Every verb with wrong input: one exit code, a sentence that helps, never a traceback."""
 
+import errno
 import json
 import os
 import re
@@ -14,10 +15,19 @@ import typer.main
 from typer.testing import CliRunner
 
 from cli.__main__ import app
-from cli.context import CELL_VARIABLE, EXITS, NO_ANSWER, USAGE
+from cli.context import CELL_VARIABLE, EXITS, NO_ANSWER, NOT_WELL, USAGE
+from cli.exits import TABLE, exit_code_of
 from cli.runfile import FOLDER_VARIABLE
 from common.bus import ENDPOINT_VARIABLE
 from common.config import load_cell
+from common.errors import (
+    BusError,
+    ConfigError,
+    DataError,
+    ForcemeshError,
+    RefusedError,
+    SetupError,
+)
 from tests.fakes.wrong_input import PASSES_ON, ROWS
 from tools.cli_page import PAGE, page, walk
 
@@ -75,6 +85,58 @@ def test_wrong_input_is_told_in_a_sentence(line: str, code: int, sentence: str) 
     found = said(line)
     assert sentence in found[1]
     assert found[0] == code
+
+
+@pytest.mark.parametrize(("line", "code", "sentence"), ROWS, ids=[row[0] for row in ROWS])
+def test_wrong_input_is_said_in_our_words(line: str, code: int, sentence: str) -> None:
+    """No box, no validator's English, no line for the programmer."""
+    del sentence
+    text = said(line)[1]
+    for phrase in ("Input should", "Value error", "mistake(s)", "Aborted", "valid tuple", "Usage:"):
+        assert phrase not in text
+    assert code in EXITS
+
+
+ERRORS: tuple[Exception, ...] = (
+    ConfigError("cell.yaml", ["wrong"]),
+    DataError("a.csv: wrong"),
+    SetupError("no certificate for operator"),
+    RefusedError("not_armed", "arm first"),
+    BusError("no hub at tcp/127.0.0.1:9: is the cell up?"),
+    ForcemeshError("off by 3 mm"),
+    PermissionError(errno.EACCES, "Permission denied", "/closed/cell.yaml"),
+)
+
+
+@pytest.mark.parametrize("verb", [verb for verb in HAVE_A_CELL if verb not in ("demo", "up")])
+@pytest.mark.parametrize("error", ERRORS, ids=[type(error).__name__ for error in ERRORS])
+def test_each_error_has_one_exit_code_in_every_verb(
+    verb: str, error: Exception, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The table's, and one sentence, wherever it comes from."""
+
+    def fails(*_args: Any, **_options: Any) -> Any:
+        raise error
+
+    for module in ("common.config", "common.client.cell"):
+        monkeypatch.setattr(f"{module}.load_cell", fails, raising=False)
+    code, text = said(f"{verb} {WORDS.get(verb, '')}")
+    assert code == exit_code_of(error)
+    what = "/closed/cell.yaml" if isinstance(error, OSError) else str(error)
+    assert what in text
+
+
+def test_a_mistake_in_the_demos_plan_names_the_demo_once() -> None:
+    """The verb's word and the error's are the same."""
+    assert said("demo --force 1e9")[1].startswith("demo: --force 1e+09: must be within")
+
+
+def test_the_table_names_no_code_that_is_not_documented() -> None:
+    """And what is more special stands before what is more general."""
+    assert {code for _, code in TABLE} <= set(EXITS)
+    for place, (kind, _) in enumerate(TABLE):
+        assert not any(issubclass(kind, earlier) for earlier, _ in TABLE[:place])
+    assert exit_code_of(RuntimeError()) == NOT_WELL
 
 
 def test_every_verb_has_its_rows() -> None:

@@ -70,7 +70,7 @@ def test_a_cell_that_is_dumped_loads_into_the_same_cell(path: Path, tmp_path: Pa
     assert dump_cell(load_cell(copy)) == dump_cell(cell)
 
 
-@given(st.floats(1e-9, 1e6), st.floats(-10.0, 10.0))
+@given(st.floats(250.0, 1e6), st.floats(-1.0, 1.0))
 def test_any_number_survives_the_dump(stiffness: float, x_m: float) -> None:
     """The last digit too: YAML reads 1e-05 as text, so it must not be written like that."""
     contact = DEMO_CELL.contact.model_copy(update={"stiffness_N_m": stiffness})
@@ -96,13 +96,13 @@ def test_all_mistakes_are_told_at_once_each_with_its_path() -> None:
     found = mistakes(damaged)
 
     starts = {
-        "rates.robot_hz: input should be greater than or equal to 5, found 0",
-        "sim.delay_s: input should be a valid number",
+        "rates.robot_hz: must be at least 5 Hz, found 0 Hz",
+        "sim.delay_s: must be a number, found 'soon'",
         "payload.mass_kg: missing",
         "limits.sped_m_s: unknown name; did you mean speed_m_s?",
-        "roles.robot: input should be 'sim' or 'gateway', found 'simulated'",
+        "roles.robot: must be 'sim' or 'gateway', found 'simulated'",
         "robot.joint_min_deg.3: missing",
-        "tool.T_flange_tcp.position_m.2: input should be a finite number, found nan",
+        "tool.T_flange_tcp.position_m.2: must be a finite number, found nan",
     }
     for start in starts:
         assert [line for line in found if line.startswith(start)], (start, found)
@@ -114,8 +114,9 @@ def test_the_error_names_the_file_and_counts() -> None:
         cell_from_tree({"cell": "x", "nonsense": 1}, "cells/mine.yaml")
 
     text = str(caught.value)
-    assert text.startswith(f"cells/mine.yaml: {len(caught.value.mistakes)} mistake(s)\n  - ")
+    assert text.startswith(f"cells/mine.yaml: {len(caught.value.mistakes)} mistakes\n  - ")
     assert all(f"  - {mistake}" in text for mistake in caught.value.mistakes)
+    assert str(ConfigError("cells/mine.yaml", ["no such file"])) == "cells/mine.yaml: no such file"
 
 
 @pytest.mark.parametrize("section", ["", *sections()])
@@ -142,8 +143,8 @@ def test_an_unknown_name_is_told_in_every_section(section: str) -> None:
     [
         ({"roles": {"robot": "gateway", "sensor": "driver"}}, "a section `gateway` is needed"),
         ({"sim": None}, "a section `sim` is needed"),
-        ({"cell": "Demo Cell"}, "cell: string should match pattern"),
-        ({"bus": {"endpoint": "localhost"}}, "bus.endpoint: string should match pattern"),
+        ({"cell": "Demo Cell"}, "cell: must be"),
+        ({"bus": {"endpoint": "localhost"}}, "bus.endpoint: must be"),
     ],
 )
 def test_sections_that_do_not_go_together_are_told(changes: dict[str, Any], told: str) -> None:
@@ -264,7 +265,7 @@ def test_overrides_replace_and_add_by_dotted_path() -> None:
     [
         ("sim.tilt_dg", "sim.tilt_dg: unknown name; did you mean tilt_deg?"),
         ("simm.tilt_deg", "simm: unknown name; did you mean sim?"),
-        ("sim.tilt_deg", "sim.tilt_deg: input should be"),
+        ("sim.tilt_deg", "sim.tilt_deg: must be a number"),
         ("cell.name", "cell.name: cell holds no section"),
         ("rates.robot_hz.x", "rates.robot_hz.x: rates.robot_hz holds no section"),
     ],

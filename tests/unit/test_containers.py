@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 import yaml
 
-from common.topics import HEALTH, HELPER_HEALTH, HELPERS, ROLES
+from common.topics import HELPER_HEALTH, HELPERS, ROLES
 from tests.fakes.compose_file import (
     CELL,
     COMPOSE,
@@ -25,6 +25,9 @@ from tests.fakes.compose_file import (
     roles_of,
 )
 
+SCHEME = "${FORCEMESH_BUS:-tcp}"
+PUBLISHED = {port: f"${{FORCEMESH_PUBLISH_{port}:-127.0.0.1}}" for port in ("HUB", "PANEL")}
+WATCHED_S = 60
 service = pytest.mark.parametrize("name", SERVICES)
 process = pytest.mark.parametrize("name", RUN)
 on_the_bus = pytest.mark.parametrize("name", ON_THE_BUS)
@@ -82,12 +85,21 @@ def test_container_runs_the_module_of_its_name(name: str) -> None:
     assert importlib.util.find_spec(f"{module}.__main__") is not None
 
 
-@on_the_bus
-def test_health_of_a_container_is_the_health_of_a_role_that_it_plays(name: str) -> None:
-    """The check asks the bus about a role that has a health topic and lives in this container."""
-    *command, role = SERVICES[name]["healthcheck"]["test"]
-    assert command[-6:] == ["python", "-m", "common.alive", "--cell", CELL, "--role"]
-    assert role in roles_of(name) & set(HEALTH)
+@service
+def test_health_of_a_container_is_its_own_heartbeat(name: str) -> None:
+    """A few lines of shell read the file that its process writes: no Python, nothing of the bus."""
+    entry = SERVICES[name]
+    assert entry["healthcheck"]["test"] == ["CMD", "sh", "common/alive.sh", "watch"]
+    named = entry["environment"]["FORCEMESH_HEARTBEAT"]
+    assert named.startswith("/tmp/")  # noqa: S108 - in the container, in memory
+    assert "python" not in (ROOT / "common" / "alive.sh").read_text(encoding="utf-8")
+
+
+def test_health_is_known_well_within_half_a_minute() -> None:
+    """The first look comes after seconds; one that is well is asked again only after a minute."""
+    health = COMPOSE["x-contained"]["healthcheck"]
+    assert health["interval"] == "5s"
+    assert int(health["timeout"][:-1]) > WATCHED_S
 
 
 @on_the_bus
@@ -102,7 +114,7 @@ def test_secrets_are_files_and_never_the_authoritys_key() -> None:
     """Each secret is the file of its name in the folder of `make pki`; ca.key is none of them."""
     assert "ca.key" not in COMPOSE["secrets"]
     for name, entry in COMPOSE["secrets"].items():
-        assert entry == {"file": f"${{FORCEMESH_PKI:?run make pki first}}/{name}"}
+        assert entry == {"file": f"${{FORCEMESH_PKI:-./tools/no-certificates}}/{name}"}
     used = {name for entry in SERVICES.values() for name in entry.get("secrets", [])}
     assert used == set(COMPOSE["secrets"])
 
@@ -138,42 +150,53 @@ def test_container_may_do_nothing_but_its_work(name: str) -> None:
     assert entry["restart"] == "unless-stopped"
     assert entry["healthcheck"]["test"][0] == "CMD"
     more = {
-        "wrench": ["${FORCEMESH_FILES:-.}/calibration:/calibration:ro"],
-        "panel": ["${FORCEMESH_FILES:-.}/calibration:/calibration"],
-        "recorder": ["${FORCEMESH_FILES:-.}/recordings:/recordings"],
+        "wrench": ["${FORCEMESH_CALIBRATION:-calibration}:/calibration:ro"],
+        "panel": ["${FORCEMESH_CALIBRATION:-calibration}:/calibration"],
+        "recorder": ["${FORCEMESH_RECORDINGS:-recordings}:/recordings"],
     }
     in_use = "in-use:/in-use" if name in SAY else "in-use:/in-use:ro"
     assert entry["volumes"] == ["./cells:/cells:ro", in_use, *more.get(name, [])]
 
 
 def test_hub_and_panel_are_published_and_only_on_this_machine() -> None:
-    """Two ports, on the loopback address unless the user says another one."""
+    """Two ports, on the loopback address unless the user says another one, each by itself."""
     published = {name: entry["ports"] for name, entry in SERVICES.items() if "ports" in entry}
     assert published == {
-        "hub": ["${FORCEMESH_PUBLISH:-127.0.0.1}:7447:7447"],
-        "panel": ["${FORCEMESH_PUBLISH:-127.0.0.1}:8080:8080"],
+        "hub": [f"{PUBLISHED['HUB']}:7447:7447"],
+        "panel": [f"{PUBLISHED['PANEL']}:8080:8080"],
     }
 
 
+def test_containers_are_told_what_is_published() -> None:
+    """The very words of the ports: what judges a start judges the address that compose uses."""
+    for name in [*ON_THE_BUS, "panel"]:
+        assert SERVICES[name]["environment"]["FORCEMESH_HUB_PUBLISHED"] == PUBLISHED["HUB"]
+    assert SERVICES["panel"]["environment"]["FORCEMESH_PANEL_PUBLISHED"] == PUBLISHED["PANEL"]
+    for name in SAY:
+        told = SERVICES[name]["environment"]
+        assert told["FORCEMESH_HUB_PUBLISHED"] == PUBLISHED["HUB"]
+        assert told["FORCEMESH_PANEL_PUBLISHED"] == PUBLISHED["PANEL"]
+        assert told["FORCEMESH_CERTIFICATES"] == "${FORCEMESH_PKI:-}"
+
+
 def test_panel_listens_for_who_has_its_token_and_asks_with_its_own_certificate() -> None:
-    """It is reached from outside its container, so it wants a token; on the bus it is a person."""
+    """Reached from outside this machine it wants a token; on the bus it is a person."""
     entry = SERVICES["panel"]
     assert entry["command"][-2:] == ["--host", "0.0.0.0"]
     given = entry["environment"]["FORCEMESH_PANEL_TOKEN"]
     assert given == "${FORCEMESH_PANEL_TOKEN:-}"
-    assert entry["environment"]["FORCEMESH_ENDPOINT"] == "tls/hub:7447"
-    assert entry["secrets"] == ["ca.pem", "panel.pem", "panel.key"]
-    assert "/alive" in entry["healthcheck"]["test"][-1]
+    assert entry["environment"]["FORCEMESH_ENDPOINT"] == f"{SCHEME}/hub:7447"
+    page = ["panel-page.pem", "panel-page.key"]  # for browsers, where it is published wider
+    assert entry["secrets"] == ["ca.pem", "panel.pem", "panel.key", *page]
 
 
-def test_recorder_writes_into_its_folder_alone_and_is_asked_for_its_own_health() -> None:
+def test_recorder_writes_into_its_folder_alone() -> None:
     """On the bus it is itself, by its own certificate; its recordings are outside of the image."""
     entry = SERVICES["recorder"]
     assert entry["environment"]["FORCEMESH_RECORDINGS"] == "/recordings"
-    assert entry["environment"]["FORCEMESH_ENDPOINT"] == "tls/hub:7447"
+    assert entry["environment"]["FORCEMESH_ENDPOINT"] == f"{SCHEME}/hub:7447"
     assert entry["secrets"] == ["ca.pem", "recorder.pem", "recorder.key"]
     assert entry["networks"] == ["bus"]
-    assert entry["healthcheck"]["test"][-2:] == ["--role", "recorder"]
     assert set(HELPER_HEALTH) == set(HELPERS) == {"recorder"}
 
 
@@ -192,13 +215,15 @@ def test_networks_lead_only_where_a_container_has_to_go() -> None:
 
 
 @on_the_bus
-def test_endpoint_is_explicit_and_encrypted(name: str) -> None:
-    """No process looks around for its hub: the hub listens, the others name it, all by TLS."""
+def test_endpoint_is_explicit_and_encrypted_where_there_are_certificates(name: str) -> None:
+    """No process looks around for its hub: the hub listens, the others name it, all alike."""
     host = "0.0.0.0" if name == "hub" else "hub"
     assert SERVICES[name]["environment"] == {
-        "FORCEMESH_ENDPOINT": f"tls/{host}:7447",
+        "FORCEMESH_ENDPOINT": f"{SCHEME}/{host}:7447",
+        "FORCEMESH_HUB_PUBLISHED": PUBLISHED["HUB"],
         "FORCEMESH_PKI": "/run/secrets",
         "FORCEMESH_CELL": CELL,
+        "FORCEMESH_HEARTBEAT": "/tmp/alive",  # noqa: S108 - in the container, in memory
     }
 
 
@@ -207,7 +232,10 @@ def test_the_real_time_override_gives_a_limit_and_nothing_else() -> None:
     path = ROOT / "docker-compose.realtime.yml"
     override = yaml.safe_load(path.read_text(encoding="utf-8"))["services"]
     assert set(override) == set(ON_THE_BUS)
-    assert all(entry == {"ulimits": {"core": 0, "rtprio": 20}} for entry in override.values())
+    assert all(
+        entry == {"ulimits": {"core": 0, "rtprio": 20, "memlock": -1}}
+        for entry in override.values()
+    )
     assert schema_check(path) == 0
 
 
@@ -219,6 +247,7 @@ def test_a_role_on_another_machine_is_told_where_its_hub_is() -> None:
     for entry in override.values():
         assert entry["networks"] == ["front"]
         assert entry["environment"]["FORCEMESH_ENDPOINT"].startswith("${FORCEMESH_ENDPOINT:?")
+        assert entry["environment"]["FORCEMESH_HUB_PUBLISHED"] == ""  # its wire leaves the machine
     assert schema_check(path) == 0
 
 

@@ -6,8 +6,8 @@ import pytest
 
 from common.frames import rotation_between
 from common.packet import VecInt
-from common.packet_table import Com, Status
-from tests.fakes.controller_talk import LIMITS, SCALES, Talk
+from common.packet_table import Bank, Com, Status
+from tests.fakes.controller_talk import LIMITS, MOTION, SCALES, Talk
 
 MOVE = (Com.MOVE_BY_JOINTS, (250, 0, 0, 0, 0, 0))
 HOME_DEG = np.array([0.0, 0.0, -90.0, 0.0, -90.0, 0.0])
@@ -111,7 +111,9 @@ def test_any_o_and_t_of_a_tool_that_looks_up_make_the_rotation_that_they_mean(
 ) -> None:
     """At A = 0 only O + T counts."""
     talk = ready((10_000, 10_000, 10_000, 10_000, 0, 0))
-    go(talk, Com.MOVE_JOINTS, joints_vec(UP_DEG))
+    for pose in (0.5 * (HOME_DEG + UP_DEG), UP_DEG):  # in one go the turn is refused
+        talk.send(Com.HOLD)
+        go(talk, Com.MOVE_JOINTS, joints_vec(pose))
     turn = talk.T_mm.rotation
     assert turn[2, 2] == pytest.approx(1.0)
     position = talk.T_mm.translation + np.array([0.0, 10.0, -20.0])
@@ -129,7 +131,7 @@ def test_a_stream_of_poses_runs_through_without_a_stop() -> None:
     start = talk.T_mm
     for k in range(1, 41):
         step = pin.SE3(start.rotation, start.translation + np.array([0.0, 0.0, k]))
-        talk.send(Com.MOVE_POSE, 0, talk.pose_vec(step))
+        talk.send(Com.SET_POINT, 0, talk.pose_vec(step))
     talk.wait(lambda: talk.height_mm() - start.translation[2] > 5.0)
     took_s = talk.wait(lambda: talk.height_mm() - start.translation[2] > 35.0)
     assert took_s == pytest.approx(0.6, rel=0.35)
@@ -222,6 +224,17 @@ SENSELESS = {
         f"limit {k + 1} is zero": (Com.LIMITS, 0, tuple(v * (i != k) for i, v in enumerate(LIMITS)))
         for k in range(5)
     },
+    **{
+        f"limit {k + 1} of motion is zero": (
+            Com.LIMITS,
+            Bank.MOTION,
+            tuple(v * (i != k) for i, v in enumerate(MOTION)),
+        )
+        for k in range(5)
+    },
+    "turn limit of half a turn": (Com.LIMITS, Bank.MOTION, (90_000, *MOTION[1:])),
+    "set points half a turn apart": (Com.LIMITS, Bank.MOTION, (*MOTION[:3], 90_000, *MOTION[4:])),
+    "faster than the highest speed": (Com.SPEEDS, 0, (10_000, 10_000, 10_000, 10_001, 0, 0)),
     "watchdog below 100 ms": (Com.LIMITS, 0, (*LIMITS[:5], 99)),
     "watchdog above 2 s": (Com.LIMITS, 0, (*LIMITS[:5], 2_001)),
 }
@@ -231,6 +244,7 @@ def settings_of(talk: Talk) -> list[float]:
     """Everything that commands 5, 6 and 10 set."""
     names = ["fm.v", *(f"fm.{kind}[{k}]" for kind in ("kp", "ki") for k in range(1, 7))]
     names += [f"fm.{name}" for name in ("lstep", "lturn", "lspeed", "ltravel", "lforce", "wd")]
+    names += [f"fm.{name}" for name in ("lcos", "ltorque", "lset", "scos", "lfast")]
     return [float(talk.value(name)) for name in names]
 
 
@@ -239,11 +253,16 @@ def test_settings_that_make_no_sense_are_taken_refused_and_change_nothing(
     com: Com, param: int, vec: VecInt
 ) -> None:
     """The bit says so until the next target that is good."""
-    talk = ready()
+    talk = Talk()
+    talk.hello(limits=None)
+    if com != Com.LIMITS:  # those are told before all others
+        talk.set_up()
     before = settings_of(talk)
     talk.do(com, param, vec)
     assert talk.status & Status.TARGET_REFUSED
     assert settings_of(talk) == before
+    if com == Com.LIMITS:
+        talk.set_up()
     go(talk, Com.MOVE_POSE, talk.shifted_vec(z=1.0))
     assert not talk.status & Status.TARGET_REFUSED
 
@@ -260,7 +279,7 @@ TOO_MUCH = {
 def test_no_number_of_a_packet_stops_the_robot_program(commands: list[tuple[Com, VecInt]]) -> None:
     """A speed that AS does not take is refused; an error stop needs a person."""
     talk = Talk()
-    talk.hello()
+    talk.hello(limits=None if commands[0][0] == Com.LIMITS else LIMITS)
     for com, vec in commands:
         sent = talk.send(com, 0, vec)
         talk.live(0.5, beat=True)

@@ -7,8 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from common.packet_table import COMMANDS, TABLE, Com
+from common.packet_table import COMMANDS, TABLE, Com, Row
 from sim.controller.lint import check_text
+from tests.fakes.controller_talk import codes_of
 
 ROOT = Path(__file__).resolve().parents[2]
 FILE = ROOT / "controller" / "forcemesh.as"
@@ -215,7 +216,7 @@ def test_each_motion_is_tested_for_reach_and_for_a_hold_right_before() -> None:
         for i in moves:
             assert lines[i - 1].startswith("IF fm.hseq+fm.wseq"), lines[i - 1]
             target = lines[i].split()[1]
-            assert any(f"INRANGE({target})" in line for line in lines[i - 14 : i])
+            assert any(f"INRANGE({target})" in line for line in lines[i - 24 : i])
 
 
 def test_what_is_changed_is_kept_and_put_back() -> None:
@@ -233,32 +234,45 @@ def test_what_is_changed_is_kept_and_put_back() -> None:
 
 def test_receiver_knows_every_command_with_every_param() -> None:
     """The keys of the receiver are the packet table, without hello, which has its own place."""
-    lines = [line for line in programs()["fm.init"] if line.startswith("$fm.keys=")]
-    keys = "".join(re.findall(r'"([^"]*)"', "".join(lines)))
-    pairs = [(int(keys[i : i + 6]), int(keys[i + 7 : i + 13])) for i in range(0, len(keys), 14)]
+    coms, params = (
+        [int(text[i : i + 6]) for i in range(0, len(text), 7)]
+        for text in map(initial_text, ("$fm.coms", "$fm.pars"))
+    )
     expected = {(int(c), p) for c in COMMANDS - {Com.HELLO} for p in TABLE[c].params}
-    assert set(pairs) == expected
-    assert len(pairs) == len(expected)
-    places = {pair: 1 + 14 * index for index, pair in enumerate(pairs)}
+    assert sorted(coms) == sorted(COMMANDS - {Com.HELLO})
+    assert params == list(range(1 + max(p for _, p in expected)))
+    places = {
+        (com, param): 1 + 7 * coms.index(com) + 100 * (1 + 7 * param) for com, param in expected
+    }
+    assert len(set(places.values())) == len(expected)
     values = [line for line in programs()["fm.recv"] if line.startswith("VALUE")]
     branches = [tuple(map(int, re.findall(r"\d+", line))) for line in values]
     groups = (
         [(4, 0)],
         [(12, 0)],
-        [(1, 0), (2, 0), (3, 0)],
-        [(5, 0), (6, 0), (6, 1), (10, 0), (11, 0)],
+        [(13, 0), (1, 0), (2, 0), (3, 0)],
+        [(5, 0), (6, 0), (6, 1), (10, 0), (10, 1), (10, 2), (10, 3), (11, 0), (11, 1)],
         [(7, 0), (7, 1)],
         [(7, 2)],
+        [(14, 0)],
         [(8, 0)],
     )
+    assert {pair for group in groups for pair in group} == expected
     assert branches == [tuple(places[pair] for pair in group) for group in groups]
+
+
+def initial_text(name: str) -> str:
+    """What fm.init puts into a string."""
+    lines = [line for line in programs()["fm.init"] if line.startswith(name + "=")]
+    return "".join(re.findall(r'"([^"]*)"', "".join(lines)))
 
 
 def test_readme_holds_the_packet_table() -> None:
     """The other end reads README.md; both are written from one table."""
     rows = [
-        f"| {int(row.com)} | {row.com.name} | {_span(row.params)} | {', '.join(row.vec)} |"
+        f"| {int(row.com)} | {row.com.name} | {params} | {', '.join(vec)} |"
         for row in TABLE.values()
+        for params, vec in _vectors(row)
     ]
     section = README.split("## The packet")[1].split("##")[0]
     assert [line for line in section.splitlines() if re.match(r"\| \d", line)] == rows
@@ -266,9 +280,16 @@ def test_readme_holds_the_packet_table() -> None:
 
 def test_readme_explains_every_fault() -> None:
     """A number in 103 that nobody can look up helps nobody."""
-    codes = set(map(int, re.findall(r"fm\.fault=(\d+)", TEXT))) - {0}
+    codes = codes_of(TEXT)
     section = README.split("## Faults")[1]
     assert set(map(int, re.findall(r"^\| (\d+) \|", section, re.MULTILINE))) == codes
+
+
+def _vectors(row: Row) -> list[tuple[str, tuple[str, ...]]]:
+    """What a command's vector holds, and for which Params."""
+    if not row.banks:
+        return [(_span(row.params), row.vec)]
+    return [(str(param), vec) for param, vec in enumerate((row.vec, *row.banks))]
 
 
 def _span(params: range) -> str:

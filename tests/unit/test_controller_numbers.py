@@ -8,7 +8,7 @@ import pytest
 
 from common.frames import rotation_between
 from common.packet import VecInt
-from common.packet_table import COUNTER_SPAN, ID_FIRST, Com, Status, unpack_status
+from common.packet_table import COUNTER_SPAN, ID_FIRST, Com, Point, Status, unpack_status
 from tests.fakes.controller_talk import SCALES, Talk
 
 OTHER: VecInt = (20, 200, 100, 10, 100, 5)
@@ -189,7 +189,7 @@ def test_the_tcp_of_command_11_is_what_a_moment_turns_about() -> None:
     """In the flange frame, whatever its own orientation."""
     talk = Talk()
     talk.hello()
-    talk.do(Com.TCP, 0, (1_500, -1_000, 6_000, 15_000, 20_000, -25_000))
+    talk.do(Com.TCP, Point.CENTRE, (1_500, -1_000, 6_000, 15_000, 20_000, -25_000))
     tcp = np.array([30.0, -20.0, 120.0])
     talk.start_feedback(2, gains_p=(0, 0, 0, 499_999, 499_999, 499_999))
     push(talk, 3, (0,) * 6)
@@ -214,7 +214,9 @@ def test_limits_of_command_10_arrive_each_in_its_place_and_unit() -> None:
 def test_all_scales_are_those_of_the_hello() -> None:
     """Poses, joints, speeds, limits, wrench and TCP in other units, and back."""
     talk = Talk()
-    talk.hello(scales=OTHER, limits=(20, 200, 250, 4_000, 500, 250))
+    motion = (35_000, 100_000, 400, 2_000, 5_000, 0)
+    talk.hello(scales=OTHER, limits=(20, 200, 250, 4_000, 500, 250), motion=motion)
+    assert [talk.value(f"fm.{n}") for n in ("lset", "lfast")] == pytest.approx([20.0, 1000.0])
     names = ("lstep", "lturn", "lspeed", "ltravel", "lforce")
     assert [talk.value(f"fm.{n}") for n in names] == pytest.approx([1.0, 1.0, 50.0, 200.0, 50.0])
     talk.do(Com.SPEEDS, 0, (10_000, 10_000, 10_000, 400, 0, 0))
@@ -227,7 +229,7 @@ def test_all_scales_are_those_of_the_hello() -> None:
     assert np.abs(np.subtract(talk.last(Com.POSE).vec, talk.pose_vec(talk.T_mm, OTHER))).max() <= 1
     angles = np.degrees(talk.robot.q) * OTHER[2]
     assert np.abs(np.subtract(talk.last(Com.JOINTS).vec, angles)).max() <= 0.6
-    talk.do(Com.TCP, 0, (0, 0, 2_400, 0, 0, 0))
+    talk.do(Com.TCP, Point.CENTRE, (0, 0, 2_400, 0, 0, 0))
     talk.start_feedback(3, gains_p=(0, 0, 10_000, 100_000, 0, 0))
     push(talk, 3, (0,) * 6)
     start = talk.T_mm
@@ -282,7 +284,7 @@ def test_one_sample_has_one_counter_and_each_eighth_a_103() -> None:
 
 
 def test_health_says_age_of_the_wrench_queue_monitor_speed_and_held_id() -> None:
-    """Each in its place, and the last number is zero."""
+    """Each in its place; the last number is one while any address may connect."""
     talk = Talk()
     talk.hello()
     talk.pendant.monitor_speed(37.5)
@@ -295,5 +297,5 @@ def test_health_says_age_of_the_wrench_queue_monitor_speed_and_held_id() -> None
     assert 50 < young[1] < 200
     assert 1050 < old[1] < 1250
     assert old[0] > young[0]
-    assert (young[2:], old[2:]) == ((0, 3_750, 0, 0), (0, 3_750, held - ID_FIRST, 0))
+    assert (young[2:], old[2:]) == ((0, 3_750, 0, 1), (0, 3_750, held - ID_FIRST, 1))
     assert talk.status & Status.HELD

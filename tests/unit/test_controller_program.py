@@ -20,12 +20,23 @@ from common.packet_table import (
     known,
     next_id,
 )
-from tests.fakes.controller_talk import LIMITS, SCALES, Talk
+from tests.fakes.controller_talk import HELLO_PARAM, LIMITS, NO_TCP, SCALES, SET_UP, Talk
 
 LEAST: VecInt = (10, 100, 50, 1, 10, 1)
 MOST: VecInt = (99, 555, 277, 999, 9999, 1000)
 SPEEDS: VecInt = (10_000, 10_000, 10_000, 500, 0, 0)
-HELLO = encode(Packet(ID_FIRST, Com.HELLO, 1, SCALES))
+HELLO = encode(Packet(ID_FIRST, Com.HELLO, HELLO_PARAM, SCALES))
+SET_UP_WORDS = b"".join(
+    encode(Packet(ID_FIRST + number, com, param, vec))
+    for number, (com, param, vec) in enumerate(
+        (
+            (Com.LIMITS, 0, LIMITS),
+            *((Com.LIMITS, int(bank), vec) for bank, vec in SET_UP),
+            (Com.TCP, 0, NO_TCP),
+        ),
+        start=1,
+    )
+)
 HEAD = 3 * FRAME_STRIDE  # ID, Com, Param
 RING = 63  # one slot of 64 stays empty
 # A vector that each command accepts, and that moves nothing from where the arm stands.
@@ -75,9 +86,9 @@ def test_hello_is_answered_with_its_id_version_and_scales_then_reports_follow(id
     talk.live(0.3)
     assert talk.inbox == []
     talk.id = id_
-    talk.write(encode(Packet(id_, Com.HELLO, 1, SCALES)))
+    talk.write(encode(Packet(id_, Com.HELLO, HELLO_PARAM, SCALES)))
     talk.wait(lambda: talk.heard(Com.HEALTH), 1.0, beat=False)
-    assert talk.inbox[0] == Packet(id_, Com.HELLO, 1, SCALES)
+    assert talk.inbox[0] == Packet(id_, Com.HELLO, HELLO_PARAM, SCALES)
     assert len(talk.heard(Com.HELLO)) == 1
     assert (talk.taken, talk.framed, talk.fault) == (id_, id_, 0)
     assert talk.last(Com.HEALTH).vec[4] == id_ - ID_FIRST
@@ -93,9 +104,9 @@ def test_hello_is_answered_with_its_id_version_and_scales_then_reports_follow(id
         HELLO.replace(b"500000", b"000000"),
         HELLO.replace(b"500000", b"-00005"),
         HELLO.replace(b"001000", b"500000"),
-        HELLO.replace(b"000001", b"500001"),
+        HELLO.replace(b"002001", b"502001"),
         encode(Packet(ID_FIRST, Com.HELLO, -1, SCALES)),
-        encode(Packet(ID_FIRST, Com.HELLO, 1, (50, 500, 250, 100, 1000, -10))),
+        encode(Packet(ID_FIRST, Com.HELLO, HELLO_PARAM, (50, 500, 250, 100, 1000, -10))),
         HELLO[:-1] + b"0",
         HELLO.replace(b"000050", b"0005E1"),
         HELLO.replace(b"000050", b" 00050"),
@@ -113,18 +124,20 @@ def test_first_packet_that_is_no_hello_closes_the_connection_unanswered(data: by
     assert talk.inbox[0].com == Com.HELLO
 
 
-@pytest.mark.parametrize("version", [0, 2, 499_999])
-def test_another_version_is_told_ours_and_goes(version: int) -> None:
-    """The PC can say which end is older; nothing of it counts as a hello."""
+@pytest.mark.parametrize(
+    "param", [0, 1, 999, 1001, 3001, HELLO_PARAM - 1, HELLO_PARAM + 1, 499_999]
+)
+def test_another_version_or_arm_is_told_ours_and_goes(param: int) -> None:
+    """The PC can say which end is older, or which arm it met; nothing of it counts as a hello."""
     talk = shared()
     first_words(talk, HELLO)
     talk.live(0.07)  # what follows the answer to a good hello is done
     latched = talk.value("fm.lack")
     talk.hang_up()
     talk.live(0.07)
-    first_words(talk, encode(Packet(ID_FIRST + 7, Com.HELLO, version, SCALES)))
+    first_words(talk, encode(Packet(ID_FIRST + 7, Com.HELLO, param, SCALES)))
     talk.wait(lambda: talk.closed, 1.0, beat=False)
-    assert talk.inbox == [Packet(ID_FIRST + 7, Com.HELLO, 1, SCALES)]
+    assert talk.inbox == [Packet(ID_FIRST + 7, Com.HELLO, HELLO_PARAM, SCALES)]
     talk.live(0.07)
     assert talk.value("fm.lack") == latched
 
@@ -136,11 +149,11 @@ def test_scales_are_taken_up_to_their_limits_and_else_stay_as_they_were(
 ) -> None:
     """One scale that does not fit leaves all six alone; the answer tells which are in force."""
     talk = shared()
-    first_words(talk, encode(Packet(ID_FIRST, Com.HELLO, 1, SCALES)))
+    first_words(talk, encode(Packet(ID_FIRST, Com.HELLO, HELLO_PARAM, SCALES)))
     a, b, c, d, e, f = (scale + beyond * (k == index) for k, scale in enumerate(edge))
-    first_words(talk, encode(Packet(ID_FIRST, Com.HELLO, 1, (a, b, c, d, e, f))))
+    first_words(talk, encode(Packet(ID_FIRST, Com.HELLO, HELLO_PARAM, (a, b, c, d, e, f))))
     assert talk.inbox[0].vec == SCALES
-    first_words(talk, encode(Packet(ID_FIRST, Com.HELLO, 1, edge)))
+    first_words(talk, encode(Packet(ID_FIRST, Com.HELLO, HELLO_PARAM, edge)))
     assert talk.inbox[0].vec == edge
 
 
@@ -184,7 +197,7 @@ def test_every_command_of_the_table_is_framed(com: Com, param: int) -> None:
     talk.live(0.07)  # the watchdog looks twice
     talk.id = ID_FIRST
     vec = HARMLESS.get(com, ZERO_VEC)
-    if com == Com.MOVE_POSE:
+    if com in {Com.MOVE_POSE, Com.SET_POINT}:
         vec = talk.shifted_vec()
     if com == Com.MOVE_JOINTS:
         vec = (0, 0, -22_500, 0, -22_500, 0)
@@ -203,8 +216,10 @@ def test_a_fault_that_comes_while_a_motion_is_taken_is_told() -> None:
         first_words(talk, HELLO)
         talk.live(0.07 + phase * 1e-4)
         talk.id = ID_FIRST
+        talk.write(SET_UP_WORDS)
+        talk.id += 5
         talk.send(Com.MOVE_JOINTS, 0, (0, 0, -22_500, 0, -22_500, 0))
-        talk.wait(lambda: talk.framed == ID_FIRST + 1, 1.0, beat=False)
+        talk.wait(lambda: talk.framed == ID_FIRST + 6, 1.0, beat=False)
         talk.send(Com.MOVE_JOINTS, 1)
         talk.wait(lambda: talk.closed, 1.0, beat=False)
         assert talk.value("fm.fault") == 4, phase
@@ -263,7 +278,7 @@ def test_a_second_hello_closes_the_connection() -> None:
     """Also with the ID that is due: hello is the first packet and no other."""
     talk = shared()
     first_words(talk, HELLO)
-    talk.write(encode(Packet(ID_FIRST + 1, Com.HELLO, 1, SCALES)))
+    talk.write(encode(Packet(ID_FIRST + 1, Com.HELLO, HELLO_PARAM, SCALES)))
     talk.wait(lambda: talk.closed, 1.0, beat=False)
     assert talk.value("fm.fault") == 4
 

@@ -5,6 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from common.packet import VecInt
 from common.packet_table import ID_FIRST, Com, Status
 from sim.controller.behaviour import Behaviour, pessimistic
 from sim.controller.errors import AsError
@@ -34,10 +35,10 @@ def moving(behaviour: Behaviour) -> Talk:
     return talk
 
 
-def feeding(behaviour: Behaviour) -> Talk:
+def feeding(behaviour: Behaviour, limits: VecInt = LIMITS) -> Talk:
     """Force feedback gives way by 20 mm/s to a wrench that has come every 20 ms."""
     talk = Talk(behaviour)
-    talk.hello()
+    talk.hello(limits=limits)
     talk.start_feedback(1, gains_i=(0, 0, 10_000, 0, 0, 0))
     z = talk.height_mm()
     while talk.height_mm() < z + 3.0:
@@ -173,8 +174,7 @@ def test_wrenches_that_stay_away_end_force_feedback_though_beats_come(behaviour:
 
 def test_a_gap_between_two_wrenches_is_not_made_up_for(behaviour: Behaviour) -> None:
     """After a gap that is shorter than the limit the integral counts anew: no leap."""
-    talk = feeding(behaviour)
-    talk.send(Com.LIMITS, 0, (*LIMITS[:5], 600))
+    talk = feeding(behaviour, (*LIMITS[:5], 600))
     talk.send(Com.GAINS, 1, (0, 0, 1_000, 0, 0, 0))
     for _ in range(10):
         push(talk)

@@ -17,7 +17,8 @@ BY_WRITER = {"writer"}
 # stop a motion that is under way, in the period in which they are found (test_arbiter_*.py).
 IN_THE_STREAM = {
     "joint", "step", "tether", "speed", "travel", "oscillation", "sensor_sign", "no_lease",
-    "preempted", "handover",
+    "preempted", "handover", "back_off", "still_loaded",
+    "monitor_speed", "delay",
 }  # fmt: skip
 
 

@@ -22,7 +22,7 @@ from common.messages import (
     Speed,
 )
 from common.reader import RESTART_S
-from common.requests import ArmRequest, MoveRequest
+from common.requests import ArmRequest, BackOffRequest, MoveRequest
 from common.stream_budget import StreamBudget
 from common.tracking import Tracking
 from tests.fakes.arbiter_world import MOVE_DOWN, World
@@ -41,6 +41,7 @@ from tests.fakes.provoked_elsewhere import (
     from_a_gateway_alone,
     from_the_wrench,
     go_where_force_may_move,
+    guide_before_the_check,
     ruled,
     start,
     start_without_a_wrench,
@@ -104,6 +105,14 @@ def with_health(**changes: str) -> str:
     return when_arming(cell)
 
 
+def with_a_broken_process() -> str:
+    """Let one process say that its step broke off."""
+    cell = Cellmates().arm()
+    cell.change("wrench/health", valid=False, code="internal", reason="ValueError at x.py:1")
+    cell.step()
+    return cell.codes()[0]
+
+
 def after_a_restart() -> str:
     """Let another process go on where one fell silent; the deadline is long enough to miss it."""
     cell = Cellmates(cell_with("deadlines", command_s=0.5)).arm()
@@ -157,8 +166,42 @@ def too_fast_an_approach() -> str:
     return world.core.arm(world.inputs()).code
 
 
+def armed_with(role: str, **numbers: float) -> str:
+    """Arm where a process has measured something."""
+    cell = Cellmates()
+    cell.change(f"{role}/health", numbers=numbers)
+    return when_arming(cell)
+
+
+def backing_off(falls_N_per_s: float) -> str:
+    """Back off from 90 N; the force falls, or stays whatever the arm does."""
+    cell = Cellmates()
+    cell.change("wrench", force_N=(0.0, 0.0, 90.0))
+    cell.pass_s(1.1)
+    assert cell.ask(topics.BACK_OFF, BackOffRequest()).accepted
+    cell.pass_s(0.4)
+    for number in range(200):
+        if cell.codes():
+            break
+        up_m = 0.005 * number * 0.02
+        force_N = max(0.0, 90.0 - falls_N_per_s * number * 0.02)
+        cell.change("wrench", force_N=(0.0, 0.0, force_N))
+        cell.change("robot", position_m=(0.0, 0.5, 0.35 + up_m))
+        cell.pass_s(0.02)
+    return cell.codes()[0]
+
+
+def backing_off_from_nothing_known() -> str:
+    """Ask for it where the wrench is not calibrated."""
+    cell = Cellmates()
+    cell.change("wrench", calibrated=False, calibration_fault="never weighed")
+    cell.pass_s(1.1)
+    return cell.ask(topics.BACK_OFF, BackOffRequest()).code
+
+
 FAR = MoveRequest(kind="joints", joint_rad=(9.0,) * 6)
 NOWHERE = pin.SE3(np.eye(3), np.full(3, np.nan))
+BEYOND_ALL = pin.SE3(np.eye(3), np.full(3, 9.0))
 
 # fmt: off
 REACHED: dict[str, Callable[[], str]] = {
@@ -167,6 +210,7 @@ REACHED: dict[str, Callable[[], str]] = {
     "missing":          start_without_a_wrench,
     "stale":            partial(when_silent, "wrench"),
     "writer":           after_a_restart,
+    "internal":         with_a_broken_process,
     "config":           partial(with_health, config_hash="0123456789ab"),
     "version":          partial(with_health, version="0.0.0"),
     "not_ready":        lambda: when_arming(Cellmates(), wait_s=0.5),
@@ -188,7 +232,7 @@ REACHED: dict[str, Callable[[], str]] = {
     "robot_refuses":    from_a_bare_arm,
     "joint":            lambda: ask_armed((topics.MOVE, FAR)),
     "step":             lambda: ruled(check_step(LIMITS, HERE, BEYOND)),
-    "tether":           lambda: ruled(check_tether(LIMITS, np.zeros(3), np.full(3, 9.0))),
+    "tether":           lambda: ruled(check_tether(LIMITS, HERE, BEYOND_ALL)),
     "speed":            lambda: ask_armed((topics.SPEED, Speed(mechanical_m_s=4.0))),
     "rate":             lambda: ruled(a_flood()),
     "acceleration":     lambda: ruled(too_sudden(StreamBudget(CELL.limits))),
@@ -204,6 +248,7 @@ REACHED: dict[str, Callable[[], str]] = {
     "host":             partial(start, host="controller"),
     "setpoint":         partial(start, setpoint_N=CELL.force.setpoint_max_N + 1.0),
     "axes":             go_where_force_may_move,
+    "axes_unproved":    guide_before_the_check,
     "wait":             lambda: tare(WrenchBench(), wait_s=0.05),
     "moving":           tare_in_motion,
     "contact":          tare_in_contact,
@@ -218,6 +263,12 @@ REACHED: dict[str, Callable[[], str]] = {
     "preempted":        preempt,
     "handover":         never_rest,
     "recording":        record_without_space,
+    "monitor_speed":    partial(armed_with, "robot", monitor_speed_fraction=0.1),
+    "delay":            partial(armed_with, "robot", streamed_round_trip_p50_s=0.5),
+    "tare":             partial(armed_with, "wrench", tare_age_h=9.0),
+    "back_off":         partial(backing_off, falls_N_per_s=80.0),
+    "still_loaded":     partial(backing_off, falls_N_per_s=0.0),
+    "no_direction":     backing_off_from_nothing_known,
 }
 # fmt: on
 

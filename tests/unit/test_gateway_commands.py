@@ -12,7 +12,7 @@ from common.errors import LocalProtocolError, RemoteProtocolError
 from common.frames import Oat, R_from_oat, rotation_between
 from common.messages import Gains, Speed, Vec6
 from common.packet import Packet, PacketReader, encode
-from common.packet_table import ID_FIRST, Com, Status, pack_status
+from common.packet_table import ID_FIRST, Com, Point, Status, pack_status
 from services.gateway import commands, reports
 from services.gateway.commands import Command, ControllerLimits, PoseCarry
 from services.gateway.scales import SCALE_RANGES, Scales, scales_from_hello
@@ -141,8 +141,11 @@ def test_each_command_has_the_numbers_of_the_table() -> None:
     )  # fmt: skip
     kept = ControllerLimits(
         step_m=0.002, step_rad=radians(1), speed_m_s=0.05, travel_m=0.1, force_N=60.0,
-        watchdog_s=0.25,
+        watchdog_s=0.25, turn_rad=radians(150.5), torque_Nm=10.0, set_point_m=0.02,
+        set_point_rad=radians(6.0), fastest_m_s=0.25, lower_m=(-0.4, 0.2, -0.2),
+        upper_m=(0.4, 0.8, 12.0), T_flange_tcp=T,
     )  # fmt: skip
+    banks = commands.set_up(kept, SCALES)
     expected = {
         commands.move_to_pose(T, SCALES, PoseCarry())[0]: (
             1, 0, (5000, -10000, 15000, 5000, 45000, -10000)),
@@ -157,16 +160,24 @@ def test_each_command_has_the_numbers_of_the_table() -> None:
         commands.start_feedback("orientation")[0]: (7, 1, (0,) * 6),
         commands.STOP_FEEDBACK: (7, 2, (0,) * 6),
         commands.HOLD: (8, 0, (0,) * 6),
-        commands.hello(SCALES): (9, 1, (50, 500, 250, 100, 1000, 10)),
-        commands.limits(kept, SCALES): (10, 0, (100, 500, 500, 5000, 6000, 250)),
-        commands.tcp(T, SCALES): (11, 0, (5000, -10000, 15000, 5000, 45000, -10000)),
+        commands.hello(SCALES, 7): (9, 2007, (50, 500, 250, 100, 1000, 10)),
+        banks[0]: (10, 0, (100, 500, 500, 5000, 6000, 250)),
+        banks[1]: (10, 1, (75_250, 10_000, 1000, 3000, 2500, 0)),
+        banks[2]: (10, 2, (-20_000, 10_000, -10_000, 0, 0, 0)),
+        banks[3]: (10, 3, (20_000, 40_000, 499_999, 0, 0, 0)),
+        banks[4]: (11, 0, (5000, -10000, 15000, 5000, 45000, -10000)),
+        commands.tcp(T, SCALES, Point.CENTRE): (11, 1, (5000, -10000, 15000, 5000, 45000, -10000)),
+        commands.set_point(T, SCALES, PoseCarry())[0]: (
+            13, 0, (5000, -10000, 15000, 5000, 45000, -10000)),
+        commands.force_set_point((0.0, -5.0, 30.0), SCALES): (14, 0, (0, -500, 3000, 0, 0, 0)),
         commands.HEARTBEAT: (12, 0, (0,) * 6),
     }  # fmt: skip
     for command, numbers in expected.items():
         packet = over_the_wire(command)
         assert (packet.com, packet.param, packet.vec) == numbers
     assert len(commands.start_feedback("both")) == 2
-    assert {command.com for command in expected} == set(range(1, 13))
+    assert len(banks) == 5
+    assert {command.com for command in expected} == set(range(1, 15))
 
 
 @pytest.mark.parametrize("bad", [nan, inf, -inf])
@@ -182,7 +193,7 @@ def test_a_number_that_is_not_finite_is_never_sent(bad: float, index: int) -> No
     with pytest.raises(LocalProtocolError):
         commands.move_to_pose(T, SCALES, PoseCarry())
     with pytest.raises(LocalProtocolError):
-        commands.tcp(T, SCALES)
+        commands.tcp(T, SCALES, Point.TCP)
     with pytest.raises(LocalProtocolError):
         commands.move_to_pose(T, SCALES, PoseCarry((bad, 0.0, 0.0)))
 
@@ -223,20 +234,25 @@ def test_scales_are_range_checked_at_both_ends(name: str) -> None:
 
 
 def test_the_controllers_hello_must_agree() -> None:
-    """Another version or another scale is refused, and the error names both sides."""
-    good = commands.hello(SCALES).packet(ID_FIRST)
-    assert reports.parse_hello(good, SCALES) == reports.HelloReceived(SCALES)
-    with pytest.raises(RemoteProtocolError, match="protocol 2, this program 1"):
-        reports.parse_hello(Packet(ID_FIRST, 9, 2, good.vec), SCALES)
+    """Another version, arm or scale is refused; the error names both sides and what to do."""
+    good = commands.hello(SCALES, 7).packet(ID_FIRST)
+    assert reports.parse_hello(good, SCALES, 7) == reports.HelloReceived(SCALES)
+    for param, said in (
+        (1, "protocol 1, this gateway 2: load controller/forcemesh.as"),
+        (3007, "protocol 3, this gateway 2: load"),
+        (2008, r"arm 8, the cell file's gateway\.arm is 7: are cables .* swapped"),
+    ):
+        with pytest.raises(RemoteProtocolError, match=said):
+            reports.parse_hello(Packet(ID_FIRST, 9, param, good.vec), SCALES, 7)
     with pytest.raises(RemoteProtocolError, match="position_per_mm asked 50, has 60"):
-        reports.parse_hello(Packet(ID_FIRST, 9, 1, (60, *good.vec[1:])), SCALES)
+        reports.parse_hello(Packet(ID_FIRST, 9, 2007, (60, *good.vec[1:])), SCALES, 7)
     with pytest.raises(RemoteProtocolError, match="must be hello"):
-        reports.parse_hello(Packet(ID_FIRST, 101, 0, good.vec), SCALES)
+        reports.parse_hello(Packet(ID_FIRST, 101, 0, good.vec), SCALES, 7)
 
 
 def test_health_arrives_in_si() -> None:
-    """103: error code, loops, wrench age, queue, monitor speed, held ID."""
-    packet = Packet(ID_FIRST, Com.HEALTH, -34024, (123, 45, 2, 3000, 77, 0))
+    """103: error code, loops, wrench age, queue, monitor speed, held ID, any peer."""
+    packet = Packet(ID_FIRST, Com.HEALTH, -34024, (123, 45, 2, 3000, 77, 1))
     assert reports.parse_report(packet, SCALES) == reports.HealthReport(
         error_code=-34024,
         loop_count=123,
@@ -244,6 +260,7 @@ def test_health_arrives_in_si() -> None:
         queue_length=2,
         monitor_speed_fraction=0.3,
         held_id=ID_FIRST + 77,
+        any_peer=True,
     )
 
 

@@ -81,6 +81,37 @@ def test_what_is_lacking_is_named_in_its_order() -> None:
     )
 
 
+def test_it_cannot_be_commanded_before_the_program_has_its_limits() -> None:
+    """For a second that is how a connection begins; then something is wrong with the program."""
+    talk = Talk().greet()
+    hello = Packet(ID_FIRST, Com.POSE, pack_status(1, FIT), (0, 20_000, 15_000, 0, 0, 0))
+    for at_ms, trouble, fault in (
+        (0, "the controller is being told its limits", ""),
+        (999, "the controller is being told its limits", ""),
+        (1001, "", "robot_program"),
+    ):
+        talk.now_ns = at_ms * MS
+        framed = Packet(talk.dialogue.last_id, Com.JOINTS, hello.param)
+        talk.hear(encode(hello) + encode(framed))
+        assert talk.connection.trouble(talk.now_ns) == trouble
+        unfit = talk.connection.unfit()
+        assert unfit is not None
+        assert not fault or unfit.code == fault
+    talk.report()
+    assert talk.connection.trouble(talk.now_ns) == ""
+    assert talk.connection.unfit() is None
+
+
+def test_limits_that_a_hold_of_the_controllers_own_has_voided_are_told_again() -> None:
+    """Framed, nothing waits, and not taken, by two reports of its health in a row."""
+    talk = Talk().greet()
+    before = len(packets(talk.wire.sent))
+    for _ in range(3):
+        talk.hear(joint_report(talk.dialogue.last_id) + encode(Packet(ID_FIRST, Com.HEALTH, 0)))
+    sent = [packet.com for packet in packets(talk.wire.sent)[before:]]
+    assert sent == [Com.HOLD, *[Com.LIMITS] * 4, Com.TCP]
+
+
 def test_half_a_sample_is_none() -> None:
     """102 without the 101 before it says where no arm is."""
     talk = Talk().greet()
@@ -135,5 +166,6 @@ def test_numbers_are_what_was_measured_and_no_others() -> None:
 
 def test_after_hello_come_hold_and_limits() -> None:
     """The controller's ring is emptied, and it knows what to keep to by itself."""
+    set_up = [Com.LIMITS] * 4 + [Com.TCP]
     talk = Talk().greet()
-    assert [packet.com for packet in packets(talk.wire.sent)] == [Com.HELLO, Com.HOLD, Com.LIMITS]
+    assert [packet.com for packet in packets(talk.wire.sent)] == [Com.HELLO, Com.HOLD, *set_up]

@@ -33,16 +33,17 @@ def start_feedback(cell: GatewayCell) -> None:
     cell.rig.until(lambda: len(cell.controller.of(Com.WRENCH)) >= 5)
 
 
-def test_the_controller_gets_tool_and_gains_then_the_start_then_wrench_minus_set_point(
+def test_the_controller_gets_centre_and_gains_then_the_start_then_set_point_and_wrench(
     cell: GatewayCell,
 ) -> None:
-    """11, 10, 6, 6, 7, and then 4 with newtons and newton metres in base axes."""
+    """11, 6, 6, 7, 14, and then 4 with newtons and newton metres in base axes, as they are read."""
     start_feedback(cell)
-    assert cell.coms()[3:9] == [
-        Com.TCP, Com.LIMITS, Com.GAINS, Com.GAINS, Com.FEEDBACK, Com.WRENCH,
+    assert cell.coms()[7:13] == [
+        Com.TCP, Com.GAINS, Com.GAINS, Com.FEEDBACK, Com.FORCE_SET_POINT, Com.WRENCH,
     ]  # fmt: skip
     assert cell.controller.robot.tcp == (0, 0, 160 * 50, 0, 0, 0)
-    assert cell.controller.of(Com.WRENCH)[0].vec == (100, 0, 200, 100, 200, 300)
+    assert cell.controller.of(Com.WRENCH)[0].vec == (100, 0, 1200, 100, 200, 300)
+    assert [p.vec for p in cell.controller.of(Com.FORCE_SET_POINT)] == [(0, 0, 1000, 0, 0, 0)]
     assert cell.controller.robot.gains_p == (1000, 1000, 1000, 0, 0, 0)
     assert cell.controller.robot.gains_i == (50, 50, 50, 0, 0, 0)
     assert cell.rig.state.status.position_feedback
@@ -137,5 +138,6 @@ def test_the_controller_turns_about_the_point_of_contact(cell: GatewayCell) -> N
     say(0.023)
     cell.rig.advance(0.05)
     say(0.020)
-    cell.rig.until(lambda: len(cell.controller.of(Com.TCP)) == 2)
-    assert [p.vec[:3] for p in cell.controller.of(Com.TCP)] == [(1250, 0, 8000), (1000, 0, 8000)]
+    cell.rig.until(lambda: len(cell.controller.of(Com.TCP)) == 3)
+    said = [(p.param, *p.vec[:3]) for p in cell.controller.of(Com.TCP)]
+    assert said == [(0, 0, 0, 8000), (1, 1250, 0, 8000), (1, 1000, 0, 8000)]

@@ -1,6 +1,7 @@
 """Set points as they leave for a slow controller: within the limits, smoothed, and never stuck."""
 
 import random
+from itertools import pairwise
 
 import numpy as np
 import pinocchio as pin
@@ -12,7 +13,7 @@ from common.config import load_cell
 from common.faults import tripped
 from common.frames import rotation_between, rotation_from_vector
 from fuzz.judges import Path
-from services.gateway.departures import Departures
+from services.gateway.departures import CatchUp, Departures
 from tests.contract.rig import DEMO_CELL, shifted
 
 CELL = load_cell(DEMO_CELL)
@@ -148,3 +149,21 @@ def test_a_part_of_a_way_that_lies_where_none_may_be_waits() -> None:
     assert departures.leave(shifted(DOWN, x_m=0.1), 4 * MS) is None
     near = shifted(DOWN, x_m=0.005)
     assert departures.leave(near, 8 * MS) is near
+
+
+def test_what_waited_behind_a_stall_leaves_slowly_and_the_stream_then_runs_on() -> None:
+    """A stream of 50 mm/s with a departure that is 60 ms late: 10 mm/s for what waited, no more."""
+    departures = Departures(LIMITS, anywhere, CatchUp(speed_m_s=0.01, late_s=0.045))
+    assert departures.seed(DOWN, 0) is None
+    assert departures.leave(DOWN, 0) is DOWN
+    times_ms = [30, 60, 120, *range(150, 1500, 30)]
+    left = [(0, DOWN)]
+    for now_ms in times_ms:
+        leaves = departures.leave(shifted(DOWN, x_m=-5e-5 * now_ms), now_ms * MS)
+        assert leaves is not None
+        left.append((now_ms, leaves))
+    speeds_m_s = [
+        away_m(b, a) / (later - earlier) * 1e3 for (earlier, a), (later, b) in pairwise(left)
+    ]
+    assert speeds_m_s[2] <= 0.01 + 1e-9  # right after the stall
+    assert away_m(left[-1][1], shifted(DOWN, x_m=-5e-5 * times_ms[-1])) < 1e-9

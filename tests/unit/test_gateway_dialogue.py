@@ -14,10 +14,13 @@ from common.packet_table import ID_FIRST, ID_LAST, NO_ID, Com, next_id
 from services.gateway import commands
 from services.gateway.commands import Pacing
 from services.gateway.dialogue import Dialogue
+from services.gateway.numbering import NONE_YET
 from services.gateway.reports import HealthReport, HelloReceived, JointReport, PoseReport
 from tests.fakes.dialogues import (
     JOINTS,
+    KEPT,
     MS,
+    NONE,
     SCALES,
     SPEED,
     at,
@@ -33,7 +36,7 @@ from tests.fakes.dialogues import (
 def test_hello_is_the_first_packet_and_asks_for_the_scales() -> None:
     """A connection begins with command 9, version in Param, scales in the vector."""
     (packet,) = packets(Dialogue(SCALES).connected(0))
-    assert packet == commands.hello(SCALES).packet(next_id(NO_ID))
+    assert packet == commands.hello(SCALES, 1).packet(next_id(NO_ID))
 
 
 def test_reports_become_events() -> None:
@@ -48,12 +51,13 @@ def test_reports_become_events() -> None:
 @pytest.mark.parametrize(
     "first",
     [
-        Packet(ID_FIRST, 9, 2, SCALES.vec), Packet(ID_FIRST, 9, 1, (60, 500, 250, 100, 1000, 10)),
-        Packet(ID_FIRST, 101, 0), Packet(ID_FIRST, 9, 1),
+        Packet(ID_FIRST, 9, 1, SCALES.vec), Packet(ID_FIRST, 9, 3001, SCALES.vec),
+        Packet(ID_FIRST, 9, 2002, SCALES.vec), Packet(ID_FIRST, 101, 0), Packet(ID_FIRST, 9, 2001),
+        Packet(ID_FIRST, 9, 2001, (60, 500, 250, 100, 1000, 10)),
     ],
 )  # fmt: skip
 def test_a_controller_that_does_not_agree_is_refused(first: Packet) -> None:
-    """Another version, another scale, or no hello at all: the link must be closed."""
+    """Another version, arm or scale, or no hello at all: the link must be closed."""
     dialogue = Dialogue(SCALES)
     dialogue.connected(0)
     with pytest.raises(RemoteProtocolError):
@@ -142,7 +146,9 @@ def test_setpoints_under_way_never_exceed_what_is_allowed(
             offered += 1
             dialogue.offer_setpoint(at(offered))
         elif step == "tick":
-            sent = [p for p in packets(dialogue.tick(now_ns, permitted=True)) if p.com == 1]
+            sent = [
+                p for p in packets(dialogue.tick(now_ns, permitted=True)) if p.com == Com.SET_POINT
+            ]
             under_way += sent
             assert all(p.vec[0] == offered * SCALES.position_per_mm for p in sent)
         elif step == "take" and under_way:
@@ -170,7 +176,7 @@ def test_a_heartbeat_fills_40_ms_of_silence_and_only_then() -> None:
     assert coms(dialogue.tick(40 * MS, permitted=True)) == [(12, 0)]
     assert dialogue.tick(79 * MS, permitted=True) == b""
     dialogue.offer_setpoint(at(1))
-    assert coms(dialogue.tick(79 * MS, permitted=True)) == [(1, 0)]
+    assert coms(dialogue.tick(79 * MS, permitted=True)) == [(13, 0)]
     assert dialogue.tick(200 * MS, permitted=True) == b""  # those on their way are beats
     dialogue.feed(joint_report(dialogue.last_id), 90 * MS)
     assert dialogue.tick(118 * MS, permitted=True) == b""
@@ -185,7 +191,7 @@ def test_without_permission_nothing_is_sent_and_nothing_is_kept_for_later() -> N
         assert dialogue.tick(now_ms * MS, permitted=False) == b""
     assert coms(dialogue.tick(1000 * MS, permitted=True)) == [(12, 0)]
     dialogue = in_feedback()
-    dialogue.offer_wrench((1.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    dialogue.offer_wrench((1.0, 0.0, 0.0), NONE, NONE)
     assert dialogue.tick(1000 * MS, permitted=False) == b""
     assert coms(dialogue.tick(1000 * MS, permitted=True)) == [(12, 0)]
 
@@ -203,6 +209,19 @@ def test_hold_is_command_8_and_forgets_all_motion() -> None:
     assert packets(dialogue.tick(0, permitted=True))[0].vec[0] == 0  # no rounding carried over
 
 
+def test_a_hold_that_voids_the_limits_sends_them_again() -> None:
+    """Nothing moves before the controller has them; once they are taken a hold is a hold alone."""
+    dialogue = greeted()
+    set_up = [(10, 0), (10, 1), (10, 2), (10, 3), (11, 0)]
+    assert coms(dialogue.set_up(KEPT, 0)) == [(8, 0), *set_up]
+    dialogue.feed(pose_report(dialogue.last_id - 1), 0)
+    assert not dialogue.is_set_up
+    assert coms(dialogue.hold(0)) == [(8, 0), *set_up]
+    dialogue.feed(pose_report(dialogue.last_id), 0)
+    assert dialogue.is_set_up
+    assert coms(dialogue.hold(0)) == [(8, 0)]
+
+
 def test_ids_of_an_earlier_connection_take_nothing() -> None:
     """A controller that still names an old command has taken none of the new ones."""
     dialogue = greeted(last_id=ID_FIRST + 500)
@@ -210,11 +229,11 @@ def test_ids_of_an_earlier_connection_take_nothing() -> None:
     (packet,) = packets(dialogue.tick(0, permitted=True))
     for stale in (packet.id - 3, packet.id - 2, packet.id + 1):
         dialogue.feed(pose_report(stale), 0)
-        assert (dialogue.untaken, dialogue.taken_id) == (1, NO_ID)
+        assert (dialogue.untaken, dialogue.taken) == (1, NONE_YET)
     dialogue.feed(pose_report(packet.id - 1), 0)  # the hello itself
     assert dialogue.untaken == 1
     dialogue.feed(pose_report(packet.id), 0)
-    assert (dialogue.untaken, dialogue.taken_id) == (0, packet.id)
+    assert (dialogue.untaken, dialogue.taken) == (0, dialogue.last)
 
 
 def test_the_round_trip_is_measured_from_sending_to_framing() -> None:

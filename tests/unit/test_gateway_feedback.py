@@ -8,7 +8,7 @@ from common.packet_table import Status
 from tests.fakes.dialogues import (
     GAINS,
     JOINTS,
-    KEPT,
+    NONE,
     SPEED,
     at,
     coms,
@@ -20,19 +20,19 @@ from tests.fakes.dialogues import (
 )
 
 
-def test_limits_and_gains_go_before_the_start_of_feedback() -> None:
-    """10, both 6, then 7: the controller never runs on gains of somebody else."""
+def test_gains_go_before_the_start_of_feedback() -> None:
+    """Both 6, then 7: the controller never runs on gains of somebody else."""
     starts = {"position": [(7, 0)], "orientation": [(7, 1)], "both": [(7, 0), (7, 1)]}
     for mode, start in starts.items():
-        data = greeted().start_feedback(mode, GAINS, KEPT, permitted=True, now_ns=0)  # type: ignore[arg-type]
-        assert coms(data) == [(10, 0), (6, 0), (6, 1), *start]
+        data = greeted().start_feedback(mode, GAINS, permitted=True, now_ns=0)  # type: ignore[arg-type]
+        assert coms(data) == [(6, 0), (6, 1), *start]
 
 
 def test_feedback_does_not_start_without_permission() -> None:
     """The start is motion."""
     dialogue = greeted()
     with pytest.raises(LocalProtocolError, match="permission"):
-        dialogue.start_feedback("both", GAINS, KEPT, permitted=False, now_ns=0)
+        dialogue.start_feedback("both", GAINS, permitted=False, now_ns=0)
     assert not dialogue.feedback_active
 
 
@@ -40,15 +40,15 @@ def test_motion_and_tool_are_refused_while_feedback_runs() -> None:
     """Commands 1, 2, 3 and 11, and a second start: from the request on, until it has ended."""
     for dialogue in (greeted(), in_feedback()):
         if not dialogue.feedback_active:
-            dialogue.start_feedback("position", GAINS, KEPT, permitted=True, now_ns=0)
+            dialogue.start_feedback("position", GAINS, permitted=True, now_ns=0)
         before = dialogue.last_id
         for refused in (
             lambda d: d.move_to_pose(at(1), SPEED, 0),
             lambda d: d.move_to_joints(JOINTS, SPEED, 0),
             lambda d: d.move_by_joints(JOINTS, SPEED, 0),
             lambda d: d.offer_setpoint(at(1)),
-            lambda d: d.set_tcp(at(1), 0),
-            lambda d: d.start_feedback("both", GAINS, KEPT, permitted=True, now_ns=0),
+            lambda d: d.set_centre(at(1), 0),
+            lambda d: d.start_feedback("both", GAINS, permitted=True, now_ns=0),
         ):
             with pytest.raises(LocalProtocolError, match="feedback"):
                 refused(dialogue)
@@ -72,7 +72,7 @@ def test_feedback_that_the_controller_ended_by_itself_is_noticed() -> None:
     dialogue.feed(pose_report(dialogue.last_id, Status.HELD), 0)
     assert not dialogue.feedback_active
     with pytest.raises(LocalProtocolError, match="no force feedback runs"):
-        dialogue.offer_wrench((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+        dialogue.offer_wrench((0.0, 0.0, 0.0), NONE, NONE)
 
 
 def test_feedback_found_running_blocks_motion_too() -> None:
@@ -88,7 +88,7 @@ def test_the_newest_wrench_goes_out_and_does_not_queue_up() -> None:
     dialogue = in_feedback()
     sent = []
     for force_N in range(1, 6):
-        dialogue.offer_wrench((float(force_N), 0.0, 0.0), (0.0, 0.0, 0.0))
+        dialogue.offer_wrench((float(force_N), 0.0, 0.0), NONE, NONE)
         sent += packets(dialogue.tick(0, permitted=True))
     assert [packet.vec[0] for packet in sent] == [100, 200]
     dialogue.feed(joint_report(sent[-1].id), 0)
@@ -96,12 +96,39 @@ def test_the_newest_wrench_goes_out_and_does_not_queue_up() -> None:
     assert (last.com, last.vec[0]) == (4, 500)
 
 
+def test_the_set_point_goes_before_the_first_wrench_that_it_is_for() -> None:
+    """Command 14 when it has changed, and not again; the wrench is the reading itself."""
+    dialogue = in_feedback()
+    sent = []
+    for setpoint_N in (0.0, 0.0, 10.0, 10.0, 0.0):
+        dialogue.offer_wrench((0.0, 0.0, 12.0), NONE, (0.0, 0.0, setpoint_N))
+        sent += packets(dialogue.tick(0, permitted=True))
+        dialogue.feed(joint_report(dialogue.last_id), 0)
+    assert [(packet.com, packet.vec[2]) for packet in sent] == [
+        (4, 1200), (4, 1200), (14, 1000), (4, 1200), (4, 1200), (14, 0), (4, 1200),
+    ]  # fmt: skip
+
+
+def test_a_set_point_whose_wrench_did_not_leave_is_not_forgotten() -> None:
+    """The newest wrench wins, and takes the newest set point with it."""
+    dialogue = in_feedback()
+    for force_N in (1.0, 2.0):
+        dialogue.offer_wrench((0.0, 0.0, force_N), NONE, NONE)
+        dialogue.tick(0, permitted=True)
+    for setpoint_N in (5.0, 6.0):
+        dialogue.offer_wrench((0.0, 0.0, 3.0), NONE, (0.0, 0.0, setpoint_N))
+        assert dialogue.tick(0, permitted=True) == b""
+    dialogue.feed(joint_report(dialogue.last_id), 0)
+    sent = packets(dialogue.tick(0, permitted=True))
+    assert [(packet.com, packet.vec[2]) for packet in sent] == [(14, 600), (4, 300)]
+
+
 def test_the_point_to_turn_about_follows_one_at_a_time() -> None:
     """Command 11 goes to a running feedback, the newest when the one before has been taken."""
     dialogue = in_feedback()
     dialogue.offer_centre(at(1))
     (first,) = packets(dialogue.tick(0, permitted=True))
-    assert (first.com, first.vec[0]) == (11, 50)
+    assert (first.com, first.param, first.vec[0]) == (11, 1, 50)
     for x_mm in (2, 3, 4):
         dialogue.offer_centre(at(x_mm))
         assert coms(dialogue.tick(0, permitted=True)) == []

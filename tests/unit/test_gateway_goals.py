@@ -9,26 +9,27 @@ import pytest
 from common.clock import NS_PER_S
 from common.convert import record_of
 from common.messages import Goal
-from common.packet_table import NO_ID, Status
+from common.packet_table import Status
 from services.gateway import goals
 from services.gateway.goals import Measured, Track
+from services.gateway.numbering import NONE_YET
 
 START = pin.SE3(np.eye(3), np.array([0.0, 0.5, 0.3]))
 END = pin.SE3(np.eye(3), np.array([0.1, 0.5, 0.3]))
 ZERO = (0.0,) * 6
 GOAL = Goal(id=3, kind="pose", pose=record_of(END))
-PACKET_ID = 40
+PACKET = 40
 S = NS_PER_S
 
 
-def report(T: pin.SE3, status: Status = Status.MOVING, taken_id: int = PACKET_ID) -> Measured:
+def report(T: pin.SE3, status: Status = Status.MOVING, taken: int = PACKET) -> Measured:
     """One report, number 1."""
-    return Measured(T, (0.0,) * 6, status, counter=1, taken_id=taken_id, at_ns=0)
+    return Measured(T, (0.0,) * 6, status, counter=1, taken=taken, at_ns=0)
 
 
 def after(measured: Measured, *, times: int = 2, period_ns: int = S // 100) -> Track:
     """The goal after so many reports of the same content."""
-    track = goals.sent(GOAL, PACKET_ID, ZERO, 0)
+    track = goals.sent(GOAL, PACKET, ZERO, 0)
     for number in range(times):
         now_ns = number * period_ns
         track = goals.follow(track, replace(measured, counter=number, at_ns=now_ns), now_ns)
@@ -59,7 +60,7 @@ def test_status_and_place_decide(T: pin.SE3, status: Status, state: str) -> None
 def test_one_report_alone_is_not_believed(status: Status) -> None:
     """ID and bits of one report may be of two instants; the same report twice is one report."""
     assert after(report(END, status), times=1).report.state == "running"
-    track = goals.sent(GOAL, PACKET_ID, ZERO, 0)
+    track = goals.sent(GOAL, PACKET, ZERO, 0)
     for now_ns in range(10):
         track = goals.follow(track, report(END, status), now_ns)
     assert track.report.state == "running"
@@ -67,9 +68,9 @@ def test_one_report_alone_is_not_believed(status: Status) -> None:
 
 def test_a_goal_that_is_not_taken_is_neither_done_nor_for_ever() -> None:
     """Being at the target before the packet was taken means nothing; 2 s are enough to take it."""
-    for taken in (NO_ID, PACKET_ID - 1):
+    for taken in (NONE_YET, PACKET - 1):
         assert after(report(END, STILL, taken)).report.state == "running"
-    late = after(report(END, STILL, NO_ID), times=3, period_ns=int(1.1 * S))
+    late = after(report(END, STILL, NONE_YET), times=3, period_ns=int(1.1 * S))
     assert (late.report.state, "not taken" in late.report.reason) == ("refused", True)
 
 
@@ -89,5 +90,5 @@ def test_an_end_is_final() -> None:
 def test_relative_joints_count_from_where_they_were_when_it_was_sent() -> None:
     """Command 3: target = joints at sending + rotation."""
     goal = Goal(id=1, kind="by", joint_rad=(0.1, 0.0, 0.0, 0.0, 0.0, 0.0))
-    track = goals.sent(goal, PACKET_ID, (1.0, 0.0, 0.0, 0.0, 0.0, 0.0), 0)
+    track = goals.sent(goal, PACKET, (1.0, 0.0, 0.0, 0.0, 0.0, 0.0), 0)
     assert track.joint_target_rad == pytest.approx((1.1, 0.0, 0.0, 0.0, 0.0, 0.0))

@@ -7,8 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from common.clock import NS_PER_S
-from common.packet_table import COMMANDS, ID_FIRST, ID_LAST, NO_ID, Com, next_id
+from common.packet_table import COMMANDS, Com
 from services.gateway.commands import HEARTBEAT, STOP_FEEDBACK, Command
+from services.gateway.numbering import NONE_YET
 from services.gateway.round_trips import (
     FORGET_AFTER_S,
     MOST_TIMES,
@@ -19,23 +20,29 @@ from services.gateway.round_trips import (
     RoundTrips,
     Turns,
 )
-from tests.fakes.dialogues import MS, SPEED, at, greeted, in_feedback, joint_report, pose_report
+from tests.fakes.dialogues import (
+    MS,
+    NONE,
+    SPEED,
+    at,
+    greeted,
+    in_feedback,
+    joint_report,
+    pose_report,
+)
 
 delays = st.lists(st.integers(0, 2 * NS_PER_S), min_size=1, max_size=60)
-first_ids = st.integers(ID_FIRST, ID_LAST)
+firsts = st.integers(0, 3_000_000)
 
 
-def consecutive(first: int, count: int) -> list[int]:
-    """IDs as they are given out."""
-    ids = [first]
-    while len(ids) < count:
-        ids.append(next_id(ids[-1]))
-    return ids
+def consecutive(first: int, count: int) -> range:
+    """Numbers as they are given out."""
+    return range(first, first + count)
 
 
-@given(delays, first_ids)
+@given(delays, firsts)
 def test_percentiles_are_those_of_the_times_that_occurred(delays_ns: list[int], first: int) -> None:
-    """At least 50 and 99 % of the times are no longer, and fewer are shorter; IDs go round."""
+    """At least 50 and 99 % of the times are no longer, and fewer are shorter."""
     trips, now_ns = RoundTrips(), 0
     for id_, delay_ns in zip(consecutive(first, len(delays_ns)), delays_ns, strict=True):
         trips.sent(id_, now_ns)
@@ -49,7 +56,7 @@ def test_percentiles_are_those_of_the_times_that_occurred(delays_ns: list[int], 
     assert trips.last_s == delays_ns[-1] / NS_PER_S
 
 
-@given(first_ids, st.integers(1, 40), st.data())
+@given(firsts, st.integers(1, 40), st.data())
 def test_an_echo_is_the_echo_of_all_before_it(first: int, count: int, data: st.DataObject) -> None:
     """What was sent later is still under way; what was echoed is not counted again."""
     trips, ids = RoundTrips(), consecutive(first, count)
@@ -65,13 +72,13 @@ def test_an_echo_is_the_echo_of_all_before_it(first: int, count: int, data: st.D
     assert len(trips._times) == count
 
 
-@given(first_ids)
+@given(firsts)
 def test_nothing_is_known_before_an_echo(first: int) -> None:
-    """Neither before anything was sent, nor by an ID that is none, nor by an earlier one."""
+    """Neither before anything was sent, nor by the number of none, nor by an earlier one."""
     trips, (before, id_) = RoundTrips(), consecutive(first, 2)
     assert trips.spread(0) is None
     trips.sent(id_, 0)
-    for no_echo in (NO_ID, before):
+    for no_echo in (NONE_YET, before):
         trips.reached(no_echo, MS)
         assert (trips.spread(MS), trips.last_s) == (None, None)
 
@@ -115,11 +122,11 @@ def test_memory_is_bounded_and_the_oldest_are_timed() -> None:
 def test_who_echoes_which_command(com: Com) -> None:
     """The receiver frames all; the robot program takes what comes through the ring."""
     echoes = Echoes()
-    echoes.sent(Command(com).packet(7), 0)
+    echoes.sent(Command(com).packet(7), 7, 0)
     for trips in (echoes.framed, echoes.taken):
         trips.reached(7, MS)
     assert echoes.framed.last_s == pytest.approx(0.001)
-    at_once = {Com.WRENCH, Com.HOLD, Com.HELLO, Com.HEARTBEAT}
+    at_once = {Com.WRENCH, Com.FORCE_SET_POINT, Com.HOLD, Com.HELLO, Com.HEARTBEAT}
     assert (echoes.taken.last_s is None) == (com in at_once)
     assert (com in TAKEN) == (com not in at_once)
 
@@ -127,7 +134,7 @@ def test_who_echoes_which_command(com: Com) -> None:
 def test_the_stop_of_force_feedback_is_framed_only() -> None:
     """Command 7 with Param 2 does not wait in the ring."""
     echoes = Echoes()
-    echoes.sent(STOP_FEEDBACK.packet(7), 0)
+    echoes.sent(STOP_FEEDBACK.packet(7), 7, 0)
     echoes.taken.reached(7, MS)
     assert echoes.taken.last_s is None
 
@@ -153,7 +160,7 @@ def test_wrenches_and_heartbeats_are_framed_and_a_new_connection_starts_anew() -
     """Command 4 has one echo; the next connection knows nothing of this one."""
     dialogue = in_feedback()
     taken = dialogue.echoes.taken.spread(0)
-    dialogue.offer_wrench((1.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    dialogue.offer_wrench((1.0, 0.0, 0.0), NONE, NONE)
     data = dialogue.tick(5 * MS, permitted=True)
     assert data[7:14] == b"000004 "
     dialogue.feed(joint_report(dialogue.last_id) + pose_report(dialogue.last_id), 7 * MS)

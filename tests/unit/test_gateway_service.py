@@ -11,7 +11,9 @@ from tests.fakes.gateway_cell import GatewayCell, a_cell
 
 pytestmark = pytest.mark.realtime
 
-MOTION = (Com.MOVE_POSE, Com.MOVE_JOINTS, Com.MOVE_BY_JOINTS, Com.WRENCH, Com.FEEDBACK)
+MOTION = (
+    Com.MOVE_POSE, Com.MOVE_JOINTS, Com.MOVE_BY_JOINTS, Com.SET_POINT, Com.WRENCH, Com.FEEDBACK,
+)  # fmt: skip
 
 
 @pytest.fixture
@@ -36,7 +38,7 @@ def test_after_hello_the_controller_gets_hold_and_limits(cell: GatewayCell) -> N
     """And nothing else, for as long as there is no permission; and that does not latch it."""
     cell.rig.advance(1.2)  # longer than the watchdog
     sent = [packet.com for packet in cell.controller.of(*Com)]
-    assert sent == [Com.HELLO, Com.HOLD, Com.LIMITS]
+    assert sent == [Com.HELLO, Com.HOLD, *[Com.LIMITS] * 4, Com.TCP]
     assert (cell.controller.connections, cell.controller.errors) == (1, [])
     assert cell.controller.robot.watchdog_s == pytest.approx(1.0)
 
@@ -120,8 +122,8 @@ def test_the_first_set_point_is_the_measured_pose(cell: GatewayCell) -> None:
         cell.controller.received.clear()
         measured = cell.controller.robot.pose_vec()
         rig.say("setpoint", pose=record_of(shifted(rig.T, z_m=0.002)))
-        rig.until(lambda: cell.controller.of(Com.MOVE_POSE))
-        assert cell.controller.of(Com.MOVE_POSE)[0].vec == measured
+        rig.until(lambda: cell.controller.of(Com.SET_POINT))
+        assert cell.controller.of(Com.SET_POINT)[0].vec == measured
         cell.controller.drop()
         rig.until(lambda: not rig.state.valid)
         rig.connect()
@@ -160,12 +162,13 @@ def test_a_frozen_controller_is_noticed_before_its_socket_is(cell: GatewayCell) 
 @pytest.mark.parametrize(
     ("tantrum", "words"),
     [
-        ({"version": 2}, "protocol 2, this program 1"),
+        ({"greeting": 1}, "protocol 1, this gateway 2: load controller/forcemesh.as"),
+        ({"greeting": 2002}, "arm 2, the cell file's gateway.arm is 1"),
         ({"scales": (60, 500, 250, 100, 1000, 10)}, "position_per_mm asked 50, has 60"),
     ],
 )
 def test_a_controller_that_does_not_agree_is_named(tantrum: dict[str, object], words: str) -> None:
-    """robot/state says which version or scale, and nothing is commanded."""
+    """robot/state says which version, arm or scale, and nothing is commanded."""
     with a_cell() as cell:
         for name, value in tantrum.items():
             setattr(cell.controller.tantrums, name, value)
@@ -184,7 +187,7 @@ def test_a_slow_controller_is_not_a_dead_one() -> None:
             rig.say("setpoint", pose=record_of(shifted(start, z_m=1e-4 * step)))
             rig.advance(0.008)
         rig.until(lambda: abs(rig.T.translation[2] - start.translation[2] - 0.01) < 2e-4)
-        assert len(cell.controller.of(Com.MOVE_POSE)) < 25
+        assert len(cell.controller.of(Com.SET_POINT)) < 25
         assert rig.state.hold_reason == ""
 
 

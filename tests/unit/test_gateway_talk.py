@@ -13,6 +13,7 @@ from services.gateway.link import Link, LinkSettings
 from services.gateway.reports import Event, HealthReport, HelloReceived, JointReport, PoseReport
 from services.gateway.scales import Scales
 from tests.fakes.controller import FakeController
+from tests.fakes.dialogues import KEPT
 
 PATIENCE_S = 5.0
 
@@ -39,10 +40,13 @@ class Talk:
         if news.lost:
             self.faults.append(news.lost)
         try:
-            self.events += self.dialogue.feed(news.data, now_ns) if news.data else []
+            events = self.dialogue.feed(news.data, now_ns) if news.data else []
         except RemoteProtocolError as error:
             self.link.close(str(error), now_ns)
             return
+        self.events += events
+        if any(isinstance(event, HelloReceived) for event in events):
+            self.send(self.dialogue.set_up(KEPT, now_ns))
         self.send(self.dialogue.tick(now_ns, permitted=permitted))
 
     def send(self, data: bytes) -> None:
@@ -106,7 +110,7 @@ def test_garbage_closes_the_link_and_the_next_connection_is_clean(talk: Talk) ->
 
 
 def test_a_setpoint_moves_the_arm_to_where_it_says(talk: Talk) -> None:
-    """Command 1 in millimetres and O, A, T: 10 mm along y, and nothing else."""
+    """Command 13 in millimetres and O, A, T: 10 mm along y, and nothing else."""
     target = talk.controller.T_base_flange
     target.translation = target.translation + np.array([0.0, 0.010, 0.0])
 
@@ -123,7 +127,7 @@ def test_the_watchdog_of_the_controller_sees_missing_permission(talk: Talk) -> N
     """Without permission no heartbeat goes out, so the controller stops by itself and latches."""
     target = talk.controller.T_base_flange
     talk.dialogue.offer_setpoint(target)
-    talk.until(lambda: talk.controller.of(Com.MOVE_POSE))
+    talk.until(lambda: talk.controller.of(Com.SET_POINT))
     talk.until(lambda: talk.controller.errors, permitted=False)
     assert talk.controller.errors == ["watchdog"]
     assert talk.controller.robot.status & Status.WATCHDOG_LATCHED
@@ -146,9 +150,9 @@ def test_no_more_than_one_setpoint_waits_in_the_controller(talk: Talk) -> None:
         return len(talk.controller.of(Com.HEARTBEAT))
 
     talk.until(lambda: beats() >= 5)
-    assert len(talk.controller.of(Com.MOVE_POSE)) == 1
+    assert len(talk.controller.of(Com.SET_POINT)) == 1
     talk.controller.tantrums.stalled = False
-    talk.until(lambda: beats() and len(talk.controller.of(Com.MOVE_POSE)) >= 3)
+    talk.until(lambda: beats() and len(talk.controller.of(Com.SET_POINT)) >= 3)
 
 
 def test_a_second_gateway_gets_no_answer(talk: Talk) -> None:

@@ -83,7 +83,7 @@ def test_other_gains_are_sent_and_it_goes_on(cell: Cell) -> None:
 def test_the_point_to_turn_about_is_followed_in_steps(cell: Cell) -> None:
     """A way that matters is one command; a smaller one is none."""
     assert cell.noted(lever_m=(0.5 * CENTRE_STEP_M, 0.0, 0.0)) == []
-    assert cell.noted(lever_m=(2.0 * CENTRE_STEP_M, 0.0, 0.0)) == [(Com.TCP, 0)]
+    assert cell.noted(lever_m=(2.0 * CENTRE_STEP_M, 0.0, 0.0)) == [(Com.TCP, 1)]
     assert cell.noted(lever_m=(2.4 * CENTRE_STEP_M, 0.0, 0.0)) == []
 
 
@@ -92,7 +92,7 @@ def test_another_mode_stops_first_and_starts_anew(cell: Cell) -> None:
     stop = (Com.FEEDBACK, int(FeedbackSwitch.STOP))
     start = (Com.FEEDBACK, int(FeedbackSwitch.ORIENTATION))
     gains = [(Com.GAINS, 0), (Com.GAINS, 1)]
-    assert cell.noted("orientation") == [stop, (Com.TCP, 0), (Com.LIMITS, 0), *gains, start]
+    assert cell.noted("orientation") == [stop, (Com.TCP, 1), *gains, start]
 
 
 def test_a_permission_for_the_pc_is_none_for_the_controller(cell: Cell) -> None:

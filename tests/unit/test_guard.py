@@ -97,6 +97,34 @@ def test_the_tether_is_fastened_where_the_lease_began() -> None:
     assert guard.setpoint(shifted(T, x_m=0.005), T, now_ns + 100 * MS) is None
 
 
+@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_tool_that_is_turned_on_and_on_is_stopped_by_its_tether(axis: int, sign: float) -> None:
+    """Small turns that no other limit minds, until it is turned too far from how it was armed."""
+    cell = load_cell(DEMO_CELL)
+    guard, T, turned_deg, rule = Guard(cell), DOWN, 0.0, ""
+    guard.start(T)
+    guard.seed(T, 0)
+    while rule == "" and turned_deg < 720.0:
+        turned_deg += 0.5
+        R = rotation_from_vector(np.radians(sign * turned_deg) * np.eye(3)[axis]) @ DOWN.rotation
+        tip = DOWN * T_FLANGE_TCP
+        wanted = pin.SE3(R, tip.translation) * pin.SE3(np.eye(3), -T_FLANGE_TCP.translation)
+        rule = code(guard.setpoint(wanted, T, round(turned_deg * 100 * MS)))
+        T = wanted
+    assert rule == "tether"
+    assert turned_deg == pytest.approx(cell.limits.tether_deg, abs=0.51)
+    assert code(guard.arm(pin.SE3(T.rotation, DOWN.translation), JOINTS, 0)) in ("", "tether")
+
+
+def test_a_goal_that_turns_the_tool_too_far_is_refused() -> None:
+    """170 degrees from how it was armed; 140 it may."""
+    for turn_deg, rule in ((140.0, ""), (170.0, "tether")):
+        R = DOWN.rotation @ rotation_from_vector(np.array([0.0, 0.0, np.radians(turn_deg)]))
+        goal = Goal(id=1, kind="pose", pose=record_of(pin.SE3(R, DOWN.translation)))
+        assert code(guard_at(DOWN).goal(goal, Speed(), DOWN, JOINTS)) == rule
+
+
 @pytest.mark.parametrize(
     ("goal", "rule"),
     [

@@ -172,7 +172,8 @@ def test_a_straight_move_that_swings_the_tool_out_is_refused_though_its_end_is_i
     cell = load_cell(DEMO_CELL, {"limits.workspace_max_m": [0.1, 0.8, 0.6],
                                  "limits.workspace_min_m": [-0.1, 0.2, -0.2]})  # fmt: skip
     guard = Guard(cell)
-    guard.start(DOWN)
+    # Armed half-way, so that both ends are on the tether.
+    guard.start(pin.SE3(pin.utils.rotate("y", np.pi * 0.5) @ DOWN.rotation, end.translation))
     trip = guard.goal(Goal(id=1, kind="pose", pose=record_of(end)), Speed(), DOWN, JOINTS)
     assert trip is not None
     assert (trip.code, "on the way" in trip.text) == ("workspace", True)

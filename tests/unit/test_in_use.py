@@ -14,24 +14,19 @@ from typing import Any
 import pytest
 
 from common.config import load_cell
-from common.in_use import (
-    PATIENCE_S,
-    PLAYERS,
-    Choice,
-    check,
-    chosen,
-    claim,
-    hold,
-    main,
-    misfit,
-    waiting,
-)
+from common.in_use import PATIENCE_S, announce, check, chosen, claim, hold, main, waiting
+from common.in_use_fit import PLAYERS, Choice, misfit, unsafe
 
 ROOT = Path(__file__).resolve().parents[2]
 CELLS = ROOT / "cells"
 SIM = Choice("sim", CELLS / "demo.yaml")
 EMULATED = Choice("emulated", CELLS / "emulated.yaml")
+REAL = Choice("real", CELLS / "emulated.yaml")  # it has the players of a real one
 LONG_S = 10.0
+SAFE = {
+    "FORCEMESH_BUS": "tls", "FORCEMESH_CERTIFICATES": "pki", "FORCEMESH_PANEL_TOKEN": "0" * 32,
+    "FORCEMESH_CALIBRATION": "./calibration",
+}  # fmt: skip
 
 
 def end(lock: int | None) -> None:
@@ -40,12 +35,13 @@ def end(lock: int | None) -> None:
     os.close(lock)
 
 
-def until(what: Callable[[], object]) -> None:
-    """Wait until something is so."""
+def until(what: Callable[[], Any]) -> Any:
+    """Wait until something is so, and return it."""
     give_up_s = time.monotonic() + LONG_S
-    while not what():
+    while not (so := what()):
         assert time.monotonic() < give_up_s
         time.sleep(0.01)
+    return so
 
 
 @contextmanager
@@ -59,7 +55,7 @@ def process(
     )
     started = subprocess.Popen(
         [sys.executable, "-c", f"from pathlib import Path; {start}"],
-        cwd=ROOT, env={**os.environ, "FORCEMESH_CELL": str(file)}, text=True,
+        cwd=ROOT, env={**os.environ, **SAFE, "FORCEMESH_CELL": str(file)}, text=True,
         stdout=subprocess.PIPE, stderr=subprocess.PIPE,
     )  # fmt: skip
     try:
@@ -170,22 +166,23 @@ def test_a_process_starts_when_the_cell_file_is_there_and_holds_it_until_it_ends
         assert service.stdout is not None
         assert service.stdout.readline() == "runs\n"
         assert claim(tmp_path, EMULATED) is None
-    end(claim(tmp_path, EMULATED))
+    # The kernel ends the command after its parent: only then is the lock free.
+    end(until(lambda: claim(tmp_path, EMULATED)))
 
 
 def test_a_refused_profile_says_so_once_and_follows_when_the_other_has_ended(
     tmp_path: Path,
 ) -> None:
     """One sentence with the way out, no loop; then it is the one in use."""
-    with process(tmp_path, SIM.file, "keep", "sim") as sim:
-        assert line(sim) == f"sim-cell: in use with {SIM.file}\n"
+    with process(tmp_path, REAL.file, "keep", "real") as real:
+        assert line(real) == f"real-cell: in use with {REAL.file}\n"
         with process(tmp_path, EMULATED.file, "keep", "emulated") as emulated:
             assert line(emulated) == (
-                f"emulated-cell: the profile sim is in use with {SIM.file}, and one cell has one "
-                "profile and one file: first `docker compose --profile sim down`, or take this one "
-                "back: `docker compose --profile emulated rm -s -f emulated-cell`\n"
+                f"emulated-cell: the profile real is in use with {REAL.file}, and one cell has one "
+                "profile and one file: first `docker compose --profile real down`, or take this "
+                "one back: `docker compose --profile emulated rm -s -f emulated-cell`\n"
             )
-            sim.kill()
+            real.kill()
             assert line(emulated) == f"emulated-cell: in use with {EMULATED.file}\n"
 
 
@@ -204,14 +201,14 @@ def test_a_cell_file_that_is_put_right_is_taken_at_once(tmp_path: Path) -> None:
 
 def test_who_waits_in_vain_says_why(tmp_path: Path) -> None:
     """Without any profile all say what to start; what another profile keeps out says that."""
-    assert "start one profile" in waiting(tmp_path)
+    assert "start the whole cell" in waiting(tmp_path)
     (tmp_path / "profile").touch()
     assert waiting(tmp_path) == ""
-    claim(tmp_path, SIM)
-    assert waiting(tmp_path).startswith("the profile sim is in use")
+    claim(tmp_path, REAL)
+    assert waiting(tmp_path).startswith("the profile real is in use")
 
 
-def test_the_healthcheck_tells_which_profile_is_in_use(
+def test_check_tells_which_profile_is_in_use(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Zero for the one, and for the other one a sentence."""
@@ -220,7 +217,65 @@ def test_the_healthcheck_tells_which_profile_is_in_use(
     assert check(tmp_path, SIM) == 0
     assert capsys.readouterr().err == ""
     assert check(tmp_path, EMULATED) == 1
-    assert "first `docker compose --profile sim down`" in capsys.readouterr().err
+    assert "first `docker compose down`" in capsys.readouterr().err
+    end(announce(tmp_path, "emulated"))
+    assert check(tmp_path, SIM) == 0
+    announce(tmp_path, "emulated")
+    assert check(tmp_path, SIM) == 1
+    assert "stands back: the profile emulated replaces" in capsys.readouterr().err
+
+
+# --- the simulation is replaced -------------------------------------------------------------------
+
+
+@pytest.mark.processes
+@pytest.mark.parametrize("other", [EMULATED, REAL])
+@pytest.mark.parametrize("sim_first", [True, False])
+def test_what_is_asked_for_replaces_the_simulation_in_both_orders(
+    tmp_path: Path, other: Choice, *, sim_first: bool
+) -> None:
+    """Never both: robot and hub of the simulation end first, the hub goes on with the other file.
+
+    When the other one has gone with all that ran with it, the simulation is there again.
+    """
+    (tmp_path / "profile").touch()
+    stays = "import os, time; print(os.readlink(os.environ['LINK']), flush=True); time.sleep(60)"
+    command = ("--", sys.executable, "-c", stays)
+    os.environ["LINK"] = str(tmp_path / "cell.yaml")
+    name = f"{other.profile}-cell"
+    sim_keeps = process(tmp_path, SIM.file, "keep", "sim")
+    other_keeps = process(tmp_path, other.file, "keep", other.profile)
+    with (
+        process(tmp_path, SIM.file, "run", *command) as hub,
+        process(tmp_path, SIM.file, "run", "sim", *command) as robot,
+        process(tmp_path, SIM.file, "run", "emulated", "real", *command) as gateway,
+        sim_keeps if sim_first else other_keeps as first,
+    ):
+        if sim_first:
+            assert line(first) == f"sim-cell: in use with {SIM.file}\n"
+            assert (said_by(hub), said_by(robot)) == (str(SIM.file), str(SIM.file))
+        else:
+            assert said_by(gateway) == str(other.file)
+        with other_keeps if sim_first else sim_keeps as second:
+            asked = second if sim_first else first
+            assert line(asked) == f"{name}: in use with {other.file}\n"
+            assert said_by(hub) == str(other.file)
+            if sim_first:
+                assert said_by(gateway) == str(other.file)
+                assert "ends: the profile" in line(robot)
+            sim = first if sim_first else second
+            assert line(sim).startswith(f"sim-cell: stands back: the profile {other.profile}")
+            for gone in (asked, gateway):
+                gone.kill()
+            if sim_first:
+                # The hub holds on to what it runs with: it is the other cell until it has ended.
+                assert chosen(tmp_path) == other
+
+
+def said_by(process: subprocess.Popen[str]) -> str:
+    """Return the next line that a command has printed."""
+    assert process.stdout is not None
+    return process.stdout.readline().strip()
 
 
 @pytest.mark.parametrize(
@@ -243,7 +298,7 @@ def test_a_profile_takes_only_a_cell_file_whose_players_it_starts(profile: str, 
     """Robot and sensor of the file are containers of the profile, or one sentence says so."""
     roles = load_cell(CELLS / file).roles
     own = {"sim": ("sim", "sim")}.get(profile, ("gateway", "driver"))
-    complaint = misfit(Choice(profile, CELLS / file))
+    complaint = misfit(Choice(profile, CELLS / file), SAFE)
     assert (complaint == "") == ((roles.robot, roles.sensor) == own)
     if complaint:
         assert "take another profile" in complaint
@@ -252,7 +307,7 @@ def test_a_profile_takes_only_a_cell_file_whose_players_it_starts(profile: str, 
 
 def test_without_a_cell_file_the_real_profile_says_how_to_name_one() -> None:
     """CELL is required there, and one sentence says how it is given."""
-    assert misfit(Choice("real", CELLS)) == (
+    assert misfit(Choice("real", CELLS), {}) == (
         "the profile real needs a cell file of yours, one in cells/: "
         "CELL=my-cell.yaml docker compose --profile real up"
     )
@@ -260,6 +315,48 @@ def test_without_a_cell_file_the_real_profile_says_how_to_name_one() -> None:
 
 def test_a_file_that_is_not_there_is_named_with_those_that_are() -> None:
     """A typing error in CELL gets the list of the cell files."""
-    complaint = misfit(Choice("real", CELLS / "dem.yaml"))
+    complaint = misfit(Choice("real", CELLS / "dem.yaml"), SAFE)
     assert "no such file; there are" in complaint
     assert "demo.yaml" in complaint
+
+
+# --- what is published ----------------------------------------------------------------------------
+
+HERE = {"FORCEMESH_HUB_PUBLISHED": "127.0.0.1", "FORCEMESH_PANEL_PUBLISHED": "127.0.0.1"}
+WIDER = ("0.0.0.0", "192.168.1.7", "::", "labpc")
+
+
+def test_the_simulated_cell_needs_nothing_on_this_machine() -> None:
+    """No certificate, no token: as `docker compose up` starts it."""
+    assert misfit(SIM, HERE) == misfit(SIM, {}) == ""
+
+
+@pytest.mark.parametrize("profile", PLAYERS)
+@pytest.mark.parametrize("address", WIDER)
+def test_beyond_this_machine_certificates_and_token_are_needed(profile: str, address: str) -> None:
+    """The hub without certificates, the panel without certificates or token: one sentence each."""
+    for port in ("HUB", "PANEL"):
+        wide = {**HERE, f"FORCEMESH_{port}_PUBLISHED": address}
+        assert f"FORCEMESH_PUBLISH_{port}={address} is reached from outside" in unsafe(
+            profile, wide
+        )
+        assert unsafe(profile, {**SAFE, **wide}) == ""
+    tokenless = {**SAFE, "FORCEMESH_PANEL_TOKEN": "", "FORCEMESH_PANEL_PUBLISHED": address}
+    assert "FORCEMESH_PANEL_TOKEN" in unsafe(profile, tokenless)
+
+
+def test_a_real_cell_keeps_certificates_token_and_calibration() -> None:
+    """Each that is missing is named, also when all is published on this machine alone."""
+    assert misfit(REAL, {**SAFE, **HERE}) == ""
+    without = {**SAFE, **HERE, "FORCEMESH_BUS": "tcp", "FORCEMESH_CERTIFICATES": ""}
+    assert "needs certificates: `make pki" in misfit(REAL, without)
+    assert "needs a token" in misfit(REAL, {**SAFE, **HERE, "FORCEMESH_PANEL_TOKEN": ""})
+    assert "FORCEMESH_CALIBRATION" in misfit(REAL, {**SAFE, **HERE, "FORCEMESH_CALIBRATION": ""})
+
+
+@pytest.mark.parametrize("profile", PLAYERS)
+def test_half_of_the_settings_is_none(profile: str) -> None:
+    """Certificates that the bus does not use, or a bus that has none, and the setting of before."""
+    for half in ({**SAFE, "FORCEMESH_BUS": "tcp"}, {**SAFE, "FORCEMESH_CERTIFICATES": ""}):
+        assert "go together" in unsafe(profile, half)
+    assert "two settings now" in unsafe(profile, {**SAFE, "FORCEMESH_PUBLISH": "192.168.1.7"})

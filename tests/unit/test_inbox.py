@@ -26,16 +26,18 @@ def bus_of(role: str, transport: MemoryTransport) -> Bus:
     return Bus(role, "demo", transport, CELL, ManualClock())
 
 
-def hear(*requests: bytes) -> tuple[list[Any], list[Reply | None]]:
-    """Let raw bytes come in as holds; return what the service took and what was answered."""
+def hear(
+    *requests: bytes, row: topics.Request[Any] = topics.RECORD_START
+) -> tuple[list[Any], list[Reply | None]]:
+    """Let raw bytes come in as requests; return what the service took and what was answered."""
     transport = MemoryTransport()
-    inbox = bus_of("arbiter", transport).inbox(topics.HOLD)
+    inbox = bus_of(row.server, transport).inbox(row)
     calls = [MemoryCall(data) for data in requests]
-    transport.serve("demo/request/hold").waiting.extend(calls)
+    transport.serve(f"demo/{row.key}").waiting.extend(calls)
     taken = []
     for incoming in inbox.take_all():
         taken.append(incoming.request)
-        incoming.reply(Reply(accepted=True, text=incoming.request.reason))
+        incoming.reply(Reply(accepted=True, text=getattr(incoming.request, "label", "held")))
     answers = [call.reply for call in calls]
     return taken, [None if data is None else decode_record(data, Reply) for data in answers]
 
@@ -51,20 +53,31 @@ def test_a_request_that_does_not_decode_is_refused_on_the_spot(data: bytes) -> N
     assert reply.text
 
 
+@given(st.binary(max_size=60).filter(lambda data: data != b"\x80"))
+def test_a_hold_that_does_not_decode_is_served_and_complained_of(data: bytes) -> None:
+    """Whatever the bytes are: the service sees a hold, and who asked hears what was wrong."""
+    (taken,), (reply,) = hear(data, row=topics.HOLD)
+
+    assert isinstance(taken, HoldRequest)
+    assert reply is not None
+    assert (reply.accepted, reply.code) == (True, "malformed")
+    assert reply.text.startswith("held; the request itself cannot be decoded: ")
+
+
 def test_an_empty_map_is_a_request_with_all_its_defaults() -> None:
     """The smallest hold that any language can send is one byte."""
-    taken, (reply,) = hear(b"\x80")
+    taken, (reply,) = hear(b"\x80", row=topics.HOLD)
 
     assert taken == [HoldRequest()]
-    assert reply == Reply(accepted=True, text="asked to hold")
+    assert reply == Reply(accepted=True, text="held")
 
 
 def test_requests_are_taken_in_order_and_a_bad_one_stops_none_behind_it() -> None:
     """Everything that has come in is served in one go, each gets its own answer."""
-    good = [b"\x81\xa6reason\xa1" + letter for letter in (b"a", b"b")]
+    good = [b"\x81\xa5label\xa1" + letter for letter in (b"a", b"b")]
     taken, replies = hear(good[0], b"\xc1", good[1])
 
-    assert [request.reason for request in taken] == ["a", "b"]
+    assert [request.label for request in taken] == ["a", "b"]
     assert [reply and reply.text for reply in (replies[0], replies[2])] == ["a", "b"]
     assert replies[1] is not None
     assert replies[1].code == "malformed"

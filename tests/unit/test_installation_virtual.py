@@ -66,6 +66,15 @@ def test_the_arm_itself_gathers_what_tells_a_wrong_wiring() -> None:
     assert installation_complaint(as_shown(Mistake("none", ALL)), belief) is None
 
 
+def test_what_the_cell_file_refuses_starts_nothing() -> None:
+    """A length in millimetres is told before anything is measured."""
+    (mistake,) = (each for each in others() if each.name.startswith("tool.T_flange_tcp"))
+    seen = play(mistake)
+    assert seen.is_told
+    assert seen.is_refused
+    assert "160 m; is that in millimetres?" in seen.sentences
+
+
 @pytest.mark.long
 @pytest.mark.timeout(600)
 def test_a_tenth_of_the_table_is_as_the_page_says() -> None:

@@ -128,11 +128,24 @@ def test_half_a_turn_is_the_longest_turn() -> None:
 def test_the_tether_ends_exactly(axis: int) -> None:
     """Swept: distance from where the arm was armed."""
     for length in around(LIMITS.tether_m):
-        trip = check_tether(LIMITS, np.zeros(3), np.eye(3)[axis] * length)
+        trip = check_tether(LIMITS, at(np.zeros(3)), at(np.eye(3)[axis] * length))
         assert (trip is None) == (length <= LIMITS.tether_m)
         if trip is not None:
             assert_trip(trip, "tether", length, LIMITS.tether_m)
             assert f"{length * 1e3:.0f} mm" in trip.text
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_the_tether_ends_for_turns_as_well(axis: int, sign: float) -> None:
+    """Swept in degrees, both ways: half a turn and all beyond the limit is refused."""
+    for turn_deg in (*range(0, 150, 10), 149.9, 150.1, 160.0, 170.0, 175.0, 180.0):
+        turned = at(np.zeros(3), sign * math.radians(turn_deg) * np.eye(3)[axis])
+        trip = check_tether(LIMITS, at(np.zeros(3)), turned)
+        assert (trip is None) == (turn_deg <= 150.0), turn_deg
+        if trip is not None:
+            assert_trip(trip, "tether", math.radians(turn_deg), LIMITS.tether_rad)
+            assert f"{turn_deg:.1f} degrees" in trip.text
 
 
 @given(spots, directions)
@@ -143,8 +156,8 @@ def test_distances_are_from_where_the_arm_is_or_was(p: np.ndarray, way: np.ndarr
 
     assert check_step(LIMITS, at(p), at(p + near * step_m)) is None
     assert_trip(check_step(LIMITS, at(p), at(p + far * step_m)), "step", 1.01 * step_m, step_m)
-    assert check_tether(LIMITS, p, p + near * tether_m) is None
-    trip = check_tether(LIMITS, p, p + far * tether_m)
+    assert check_tether(LIMITS, at(p), at(p + near * tether_m)) is None
+    trip = check_tether(LIMITS, at(p), at(p + far * tether_m))
     assert_trip(trip, "tether", 1.01 * tether_m, tether_m)
 
 
@@ -191,8 +204,8 @@ def test_a_number_that_is_not_finite_is_a_trip_in_every_rule(bad: float) -> None
             check_step(LIMITS, at(p), good),
             check_step(LIMITS, good, pin.SE3(R, CENTRE)),
             check_step(LIMITS, pin.SE3(R, CENTRE), good),
-            check_tether(LIMITS, CENTRE, p),
-            check_tether(LIMITS, p, CENTRE),
+            check_tether(LIMITS, good, pin.SE3(R, p)),
+            check_tether(LIMITS, pin.SE3(R, p), good),
             check_wrench(LIMITS, v, np.zeros(3)),
             check_wrench(LIMITS, np.zeros(3), v),
             check_joints(LIMITS, np.array([*v, 0.0, 0.0, 0.0])),
@@ -208,7 +221,7 @@ def test_a_huge_number_is_a_trip_that_can_be_sent(huge: float) -> None:
     codes = [
         check_workspace(LIMITS, at(v)),
         check_step(LIMITS, at(CENTRE), at(v)),
-        check_tether(LIMITS, CENTRE, v),
+        check_tether(LIMITS, at(CENTRE), at(v)),
         check_wrench(LIMITS, v, np.zeros(3)),
         check_wrench(LIMITS, np.zeros(3), v),
         check_joints(LIMITS, np.array([*v, *v])),

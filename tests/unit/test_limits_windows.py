@@ -186,5 +186,5 @@ def test_no_cell_file_gets_above_the_ceilings_of_the_code(path: str) -> None:
     tree[section][name] = CEILINGS[path]
     assert dump_cell(cell_from_tree(tree, "x.yaml"))
     tree[section][name] = math.nextafter(CEILINGS[path], math.inf)
-    with pytest.raises(ConfigError, match=rf"{section}\.{name}: input should be less than"):
+    with pytest.raises(ConfigError, match=rf"{section}\.{name}: must be at most"):
         cell_from_tree(tree, "x.yaml")

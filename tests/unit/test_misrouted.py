@@ -1,4 +1,4 @@
-"""What was written for another key is not taken, however well it decodes."""
+"""What was written for another key or another cell is not taken, however well it decodes."""
 
 from pathlib import Path
 
@@ -11,9 +11,10 @@ from common.clock import ManualClock
 from common.codec import decode_record, encode, encode_record
 from common.config import load_cell
 from common.endpoints import Bus
-from common.errors import MisroutedError
-from common.memory import MemoryTransport
+from common.errors import BusError, MisroutedError
+from common.memory import MemoryCall, MemoryTransport
 from tests.fakes.line import Line
+from tests.fakes.records import full
 
 DEMO = Path(__file__).parents[2] / "cells" / "demo.yaml"
 OTHERS = [topic for topic in topics.TOPICS if topic is not topics.SENSOR_WRENCH]
@@ -24,7 +25,8 @@ def test_a_message_of_another_topic_is_dropped(other):
     """It is neither believed, nor does it retire the writer or spoil what that one said."""
     line = Line()
     assert line.say(1, m.SensorWrench(counter=5))
-    line.source.waiting.append(encode(line.header(900, epoch=2, topic=other.key), other.message()))
+    header = line.header(900, epoch=2, topic=f"demo/{other.key}")
+    line.source.waiting.append(encode(header, other.message()))
     assert not line.reader.poll()
     reading = line.read()
     assert reading.fresh is not None
@@ -39,24 +41,24 @@ def test_a_topic_on_which_hardly_anything_else_comes_is_not_orderly():
     line = Line()
     assert line.say(1)
     for seq in range(10):
-        line.say(seq, topic="wrench")
+        line.say(seq, topic="demo/wrench")
     assert line.read().code == "bad_messages"
 
 
 @pytest.mark.parametrize("other", topics.REQUESTS, ids=lambda request: request.key)
 def test_a_request_for_something_else_is_refused(other):
     """A hold that came to the key of `arm` would otherwise arm."""
-    data = encode_record(q.HoldRequest(), topics.HOLD.key)
+    data = encode_record(q.HoldRequest(), f"demo/{topics.HOLD.key}")
     if other is topics.HOLD:
-        assert decode_record(data, q.HoldRequest, other.key) == q.HoldRequest()
+        assert decode_record(data, q.HoldRequest, f"demo/{other.key}") == q.HoldRequest()
         return
     with pytest.raises(MisroutedError, match="request/hold"):
-        decode_record(data, other.message, other.key)
+        decode_record(data, other.message, f"demo/{other.key}")
 
 
 def test_a_request_need_not_say_where_it_goes():
     """A client of somebody's own sends the fields of the request alone."""
-    assert decode_record(encode_record(q.Empty()), q.Empty, topics.CLEAR.key) == q.Empty()
+    assert decode_record(encode_record(q.Empty()), q.Empty, f"demo/{topics.CLEAR.key}") == q.Empty()
 
 
 def test_a_publisher_writes_the_address():
@@ -69,4 +71,45 @@ def test_a_publisher_writes_the_address():
     assert heard.poll()
     header = heard.read(clock.now_ns()).header
     assert header is not None
-    assert header.topic == "robot/command"
+    assert header.topic == "demo/robot/command"
+
+
+@pytest.mark.parametrize("topic", topics.TOPICS, ids=lambda topic: topic.key)
+def test_a_message_of_another_cell_is_dropped(topic):
+    """The bytes of one cell, delivered to the same topic of the next one, move nothing there."""
+    cell, transport, clock = load_cell(DEMO), MemoryTransport(), ManualClock()
+    delivered = transport.subscribe(f"left/{topic.key}")
+    Bus(topic.writer, "left", transport, cell, clock).publisher(topic).put(topic.message())
+    reader = Bus(topic.readers[0], "right", transport, cell, clock).reader(topic)
+    data = delivered.take()
+    assert data is not None
+    transport.publish(f"right/{topic.key}", topic.qos)(data)
+    assert not reader.poll()
+    assert reader.counters.misrouted == 1
+    assert "written for 'left/" in reader.counters.last_error
+
+
+@pytest.mark.parametrize("request_row", topics.REQUESTS, ids=lambda request: request.key)
+def test_a_request_to_another_cell_is_refused(request_row):
+    """What a person asks of one cell is not done by the next one."""
+    cell, transport, clock = load_cell(DEMO), MemoryTransport(), ManualClock()
+    asked = request_row.message.model_validate(full(request_row.message))
+    sent = []
+
+    def deliver(_timeout_s, _until):
+        call = transport.serve(f"left/{request_row.key}").take()
+        assert call is not None
+        sent.append(call.data)
+
+    transport.advance = deliver
+    transport.serve(f"left/{request_row.key}")
+    with pytest.raises(BusError):  # nobody answers: the bytes are what counts
+        Bus(topics.CLIENT, "left", transport, cell, clock).ask(request_row, asked)
+    inbox = Bus(request_row.server, "right", transport, cell, clock).inbox(request_row)
+    call = MemoryCall(sent[0])
+    transport.serve(f"right/{request_row.key}").waiting.append(call)
+    for incoming in inbox.take_all():  # a hold is taken from anybody, and complained of
+        assert request_row is topics.HOLD
+        incoming.reply(q.Reply(accepted=True))
+    assert call.reply is not None
+    assert "written for 'left/" in decode_record(call.reply, q.Reply).text

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from threading import Thread
 
@@ -158,3 +159,24 @@ def test_an_address_that_answers_nothing_is_told() -> None:
         assert fetch.poll(time.monotonic_ns()) is None
         assert time.monotonic() < give_up_s, fetch.fault
         time.sleep(0.01)
+
+
+@pytest.mark.parametrize(
+    "rating",
+    ["1.2.3", "330;330;990;30;30;1.2.3", ".", "1e", "1e999;1;1;1;1;1", "-;;;", "330,330", "e;.;1"],
+)
+def test_a_rating_that_is_no_number_is_not_known(rating: str) -> None:
+    """The rest of the page is read; a range that cannot be compared is left out."""
+    read = parse(REAL.replace("330;330;990;30;30;30", rating))
+    assert (read.force_range_N, read.torque_range_Nm) == (None, None)
+    assert read.counts_per_N == 1e6
+
+
+@given(st.text(alphabet="0123456789.eE+-;² nmlbf", max_size=40), st.sampled_from(range(5)))
+def test_whatever_stands_in_a_field_the_page_is_read_or_refused(value: str, at: int) -> None:
+    """No other error than DataError leaves the parser: the thread that fetches it lives on."""
+    old = ("330;330;990;30;30;30", "<cfgcpf>1000000", "<cfgcpt>1000000", ">N<", ">Nm<")[at]
+    tag = old[: old.find(">") + 1] if old.startswith("<") else ""
+    new = {3: f"></scfgfu><cfgfu>{value}</cfgfu><x><", 4: f"></scfgtu><cfgtu>{value}</cfgtu><x><"}
+    with suppress(DataError):
+        parse(REAL.replace(old, new.get(at, f"{tag}{value}")))

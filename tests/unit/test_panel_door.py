@@ -3,6 +3,7 @@
 import asyncio
 import http.client
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -14,10 +15,14 @@ from websockets.sync.client import connect
 from websockets.typing import Origin
 
 from common.cell_panel import PanelSection
+from common.clock import NS_PER_S, ManualClock
 from common.config import load_cell
 from common.errors import ConfigError, ForcemeshError
-from services.panel.door import Door, door_of, stays_here
+from common.published import is_loopback
+from services.panel.door import Door, door_of
+from services.panel.policy import with_nonce_unpacked
 from services.panel.server import Gate, PanelServer, close_server, listen, open_server
+from services.panel.sessions import IDLE_S
 
 TOKEN, VIEW = "0123456789abcdef", "fedcba9876543210"
 HERE = {"Host": "127.0.0.1:8080"}
@@ -40,16 +45,31 @@ def asked(gate: Gate, path: str = "/", **headers: str):
 @pytest.mark.parametrize("host", ["0.0.0.0", "::", "192.168.0.7", "labpc", ""])
 def test_wider_than_this_machine_needs_a_token(host):
     """Without one it is refused in one sentence that says how; with one it is not."""
-    assert not stays_here(host)
+    assert not is_loopback(host)
     with pytest.raises(ForcemeshError, match=r"refused: .* panel\.token .* 127\.0\.0\.1"):
         Door(host, 8080)
-    assert Door(host, 8080, token=TOKEN).rights("/", {}) is None
+    assert Door(host, 8080, token=TOKEN).rights("") is None
+
+
+def test_in_a_container_the_published_address_is_judged():
+    """There it listens on every address; who reaches it is decided by what compose publishes."""
+    section = PanelSection()
+    here = door_of(section, {"FORCEMESH_PANEL_PUBLISHED": "127.0.0.1"}, host=WIDE)
+    assert asked(Gate(here, "cell")).status_code == 200
+    assert not here.stranger({"Host": "127.0.0.1:8080"})
+    assert here.stranger({"Host": "evil.example:8080"})
+    for wider in (WIDE, "192.168.1.7", ""):
+        with pytest.raises(ForcemeshError, match=r"refused: on .* panel\.token"):
+            door_of(section, {"FORCEMESH_PANEL_PUBLISHED": wider}, host=WIDE)
+        both = {"FORCEMESH_PANEL_PUBLISHED": wider, "FORCEMESH_PANEL_TOKEN": TOKEN}
+        assert asked(Gate(door_of(section, both, host=WIDE), "cell")).status_code == 401
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "127.8.8.8", "::1", "localhost"])
 def test_this_machine_needs_none(host):
     """Who sits at the machine may operate."""
-    assert Door(host, 8080).rights("/", {}) == "operate"
+    assert Door(host, 8080).most == "operate"
+    assert asked(Gate(Door(host, 8080), "cell")).status_code == 200
 
 
 def test_a_token_that_can_be_guessed_is_refused():
@@ -74,22 +94,69 @@ def test_the_cell_file_is_told_what_the_panel_would_refuse(panel):
 
 @given(st.text(max_size=40))
 def test_only_the_token_itself_opens(shown):
-    """Whatever else is shown, in the address or as a cookie, opens nothing and breaks nothing."""
+    """Whatever else is shown opens nothing and breaks nothing; a cookie is never a token."""
     locked = Door(WIDE, 8080, token=TOKEN, view_token=VIEW)
-    expected = {TOKEN: "operate", VIEW: "view"}.get(shown)
-    cookie = {"Cookie": f"{locked.cookie}={shown}"}
-    if shown.isalnum() and shown.isascii():
-        assert locked.rights(f"/?token={shown}", {}) == expected
-        assert locked.rights("/", cookie) == expected
-    else:
-        assert locked.rights("/", cookie) is None
+    assert locked.rights(shown) is None
+    assert locked.rights(TOKEN) == "operate"
+    assert locked.rights(VIEW) == "view"
+    assert Door("127.0.0.1", 8080).rights(shown) is None
 
 
 def test_view_only_gives_nobody_more():
     """The word on the command line goes before every token."""
     locked = Door(WIDE, 8080, token=TOKEN, view_token=VIEW, view_only=True)
-    assert locked.rights(f"/?token={TOKEN}", {}) == "view"
-    assert door(view_only=True).rights("/", HERE) == "view"
+    assert locked.rights(TOKEN) == "view"
+    assert door(view_only=True).most == "view"
+
+
+def session_of(response) -> str:
+    """Return the cookie that a browser sends from now on."""
+    return response.headers["Set-Cookie"].partition(";")[0]
+
+
+@pytest.mark.parametrize("way", ["address", "form"])
+def test_a_token_begins_a_session_and_is_not_kept_in_the_browser(way):
+    """The cookie holds a random number, sent by this panel's own pages alone."""
+    gate = Gate(Door(WIDE, 8080, token=TOKEN, view_token=VIEW), "cell")
+    gate.routes = {"/stop": _said}
+    for token, rights in ((TOKEN, "operate"), (VIEW, "view")):
+        if way == "address":
+            entered = asked(gate, f"/?token={token}")
+            assert b'http-equiv="refresh" content="0; url=/"' in entered.body
+        else:
+            entered = asked(gate, "/", X_Forcemesh="1", X_Forcemesh_Token=token)
+        assert entered.status_code == 200
+        kept = entered.headers["Set-Cookie"]
+        assert token not in kept
+        assert "HttpOnly; SameSite=Strict" in kept
+        said = asked(gate, "/stop", X_Forcemesh="1", Cookie=session_of(entered))
+        assert json.loads(said.body) == {"rights": rights}
+    name = Door(WIDE, 8080, token=TOKEN).cookie
+    for cookie in (f"{name}={TOKEN}", f"{name}=", f"{name}={'A' * 43}", "x=y"):
+        assert asked(gate, Cookie=cookie).status_code == 401
+    assert asked(gate, "/?token=wrong").status_code == 401
+    assert asked(gate, "/", X_Forcemesh_Token=TOKEN).status_code == 401  # not of our own form
+
+
+def test_a_session_ends_and_the_page_asks_for_the_token_again():
+    """By age; and each panel has sessions of its own, which end with it."""
+    clock = ManualClock()
+    gate = Gate(Door(WIDE, 8080, token=TOKEN), "cell", clock)
+    cookie = session_of(asked(gate, f"/?token={TOKEN}"))
+    assert asked(gate, Cookie=cookie).status_code == 200
+    clock.advance_ns(round(IDLE_S * NS_PER_S))
+    assert asked(gate, Cookie=cookie).status_code == 401
+    other = Gate(Door(WIDE, 8080, token=TOKEN), "cell")
+    assert asked(other, Cookie=cookie).status_code == 401
+
+
+def test_a_websocket_needs_a_session_and_takes_no_token():
+    """A page opens it with its cookie; an address with a token in it stands in logs."""
+    gate = Gate(Door(WIDE, 8080, token=TOKEN), "cell")
+    gate.ready = True
+    cookie = session_of(asked(gate, f"/?token={TOKEN}"))
+    assert asked(gate, f"/?token={TOKEN}", Upgrade="websocket").status_code == 401
+    assert asked(gate, Upgrade="websocket", Cookie=cookie) is None
 
 
 @pytest.mark.parametrize(
@@ -136,9 +203,7 @@ def test_the_gate_answers_only_what_it_should():
     locked = Gate(Door(WIDE, 8080, token=TOKEN), "cell")
     assert asked(locked).status_code == 401
     assert asked(locked, "/stop", X_Forcemesh="1").status_code == 401
-    taken = asked(locked, f"/?token={TOKEN}")
-    assert (taken.status_code, taken.headers["Location"]) == (303, "/")
-    assert "HttpOnly; SameSite=Lax" in taken.headers["Set-Cookie"]
+    assert asked(locked, f"/?token={TOKEN}", Origin="http://evil.example").status_code == 403
 
 
 async def _said(rights):
@@ -149,8 +214,40 @@ def test_the_page_may_call_nobody_else():
     """The browser itself is told to keep the page from asking anybody outside."""
     policy = asked(Gate(door(), "cell")).headers["Content-Security-Policy"]
     assert "default-src 'self'" in policy
-    assert "frame-ancestors 'none'" in policy
+    for what in ("frame-src", "object-src", "frame-ancestors", "base-uri"):
+        assert f"{what} 'none'" in policy
     assert "http" not in policy
+    assert policy.count("ws:") == policy.count(f"ws://{HERE['Host']}") == 1
+    bent = asked(Gate(locked_door(), "cell"), f"/?token={TOKEN}", Host="x; script-src *")
+    assert "script-src *" not in bent.headers["Content-Security-Policy"]
+
+
+def test_only_our_own_scripts_run():
+    """Each answer has a number of its own, which all of its scripts carry."""
+    gate = Gate(door(), "<b>cell</b>")
+    seen = set()
+    for _ in range(3):
+        page = asked(gate)
+        policy = page.headers["Content-Security-Policy"]
+        (nonce,) = re.findall(r"script-src 'nonce-([A-Za-z0-9_-]{20,})'", policy)
+        seen.add(nonce)
+        assert "unsafe-inline" not in policy.partition("script-src")[2].partition(";")[0]
+        body = page.body.decode()
+        assert body.count("<script") == body.count(f'<script nonce="{nonce}"') >= 2
+        assert f'e.nonce="{nonce}"' in body
+        assert "<title>&lt;b&gt;cell" in body
+    assert len(seen) == 3
+
+
+def test_a_viser_that_starts_its_page_in_another_way_is_refused():
+    """The rule would keep its page white; that is said at the start."""
+    with pytest.raises(ForcemeshError, match=r"refused: .*Content-Security-Policy"):
+        with_nonce_unpacked("<script>start()</script>")
+
+
+def locked_door():
+    """Return a door that others reach."""
+    return Door(WIDE, 8080, token=TOKEN, view_token=VIEW)
 
 
 @pytest.mark.realtime

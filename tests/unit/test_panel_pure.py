@@ -25,13 +25,17 @@ from common.messages import (
     RobotState,
     WrenchAtTcp,
 )
+from common.requests import ForceStartRequest
 from services.panel.faultlog import KEPT, FaultLog
 from services.panel.history import POINTS, History, Span
 from services.panel.plots import BRIDGED_S, OUTSIDE, broken
 from services.panel.readout import NAMES, Readout, distance_mm
-from services.panel.strip import strip
+from services.panel.stopping import UNANSWERED, stop_text
+from services.panel.strip import held_as, strip
 from services.panel.tabs.calibrate import notes_of
 from services.panel.tabs.faults import now_text
+from services.panel.tabs.force import start_question
+from services.panel.viewer import Answer
 from services.panel.watch import Snapshot
 from services.panel.wizard import Progress, Wizard
 
@@ -234,8 +238,9 @@ def test_the_faults_say_nothing_of_a_recorder_that_was_never_there():
     }
     silent = {"recorder": heard(Health(rate_hz=10.0), "recorder/health stale")}
     idle = ArbiterStatus(state="IDLE")
-    assert "recorder" not in now_text(all_heard(idle, **fine, **never))
-    assert "⚠ recorder: recorder/health stale" in now_text(all_heard(idle, **fine, **silent))
+    assert "recorder" not in now_text(all_heard(idle, **fine, **never)).source
+    shown = now_text(all_heard(idle, **fine, **silent)).source
+    assert "⚠ recorder: recorder/health stale" in shown
 
 
 @pytest.mark.parametrize("monitor", [False, True])
@@ -252,6 +257,30 @@ def test_a_cell_with_an_arm_is_called_real():
     """Never leave a person in doubt."""
     real = load_cell(Path(__file__).parents[2] / "cells" / "rs007l-real.yaml")
     assert strip(real, Snapshot(), "view")["mode"] == "REAL"
+
+
+@pytest.mark.parametrize(
+    ("word", "state", "said"),
+    [
+        ("done", "ACTIVE", "text"),
+        ("refused", "HOLDING", "refused: text"),
+        ("no answer", "HOLDING", "the arm is held, the cell says HOLDING; its answer was lost"),
+        ("no answer", "FAULT", "the arm is held, the cell says FAULT; its answer was lost"),
+        ("no answer", "STOPPING", f"{UNANSWERED} from the cell (text). Use the emergency stop"),
+        ("no answer", "ACTIVE", f"{UNANSWERED} from the cell (text). Use the emergency stop"),
+        ("no answer", None, f"{UNANSWERED} from the cell (text). Use the emergency stop"),
+    ],
+)
+def test_a_stop_is_called_unanswered_only_where_the_state_does_not_say_that_it_holds(
+    word, state, said
+):
+    """The state is looked at before anything is said; what is old or unknown proves nothing."""
+    status = None if state is None else ArbiterStatus(state=state)
+    shown = Snapshot(hub_fault="", arbiter=heard(status, "" if status else "missing"))
+    assert stop_text(Answer(word, "text"), shown).startswith(said)
+    assert bool(held_as(shown)) is (state in ("HOLDING", "FAULT"))
+    stale = Snapshot(hub_fault="", arbiter=heard(status, "arbiter/status stale"))
+    assert held_as(stale) == ""
 
 
 # --- what happened --------------------------------------------------------------------------------
@@ -302,11 +331,13 @@ def test_what_a_calibration_has_found_stands_in_a_table():
     """Verdict, parameters with their deviations, then what was said besides."""
     progress = Progress()
     progress.heard({"note": "⚠ a loose cable"})
-    assert notes_of(progress) == "`⚠ a loose cable`"
+    note = "<p><code>⚠ a loose cable</code></p>"
+    assert notes_of(progress).source == note
     progress.heard({"left": {"verdict": "PASS", "found": [["mass (kg)", "1.2", "0.1"]]}})
-    verdict, table, note = notes_of(progress).split("\n\n")
-    assert (verdict, note) == ("**PASS**", "`⚠ a loose cable`")
-    assert table.splitlines()[-1] == "| mass (kg) | 1.2 | 0.1 |"
+    shown = notes_of(progress).source
+    assert shown.startswith("<p><b>PASS</b></p><table>")
+    row = "<tr><td>mass (kg)</td><td>1.2</td><td>0.1</td></tr></table>"
+    assert shown.endswith(row + note)
 
 
 @pytest.mark.processes
@@ -322,3 +353,13 @@ def test_the_wizard_of_a_cell_that_is_not_up_says_so(tmp_path):
     assert wizard.progress.phase == "failed"
     assert "no hub" in " ".join(wizard.progress.notes)
     wizard.close()
+
+
+def test_the_question_before_guiding_speaks_of_a_hand_and_the_one_before_pressing_of_the_force():
+    """What a person agrees to is what happens."""
+    guide = start_question(ForceStartRequest(law="guide", mode="position"), 0.05)
+    assert "gives way to a hand" in guide.source
+    assert "presses" not in guide.source
+    press = start_question(ForceStartRequest(mode="position", setpoint_N=15.0), 0.05)
+    assert "<b>15 N</b>" in press.source
+    assert "50 mm" in press.source

@@ -264,3 +264,17 @@ def test_a_new_turn_does_not_revive_a_dead_lease() -> None:
 
     assert gate.judge(said(1, seq=2, turn=2), NOW_NS).command is None
     assert gate.judge(said(2, seq=3, turn=2), NOW_NS).command is not None
+
+
+def test_a_command_of_any_ended_lease_ends_the_live_one_and_stays_dead() -> None:
+    """Also of an arbiter before the present one: what interrupts motion is followed by a person."""
+    gate = CommandGate()
+    assert gate.judge(said(1), NOW_NS).command is not None
+    gate.judge(NOTHING, NOW_NS)
+    assert gate.judge(said(2, seq=2), NOW_NS).command is not None
+    gate.judge(NOTHING, NOW_NS)
+    assert gate.judge(said(3, seq=3, epoch=9), NOW_NS).command is not None
+
+    for dead in (said(1, seq=4), said(3, seq=5, epoch=9), said(2, seq=6), said(3, seq=7, epoch=9)):
+        assert gate.judge(dead, NOW_NS).command is None
+    assert gate.judge(said(4, seq=8, epoch=9), NOW_NS).command is not None

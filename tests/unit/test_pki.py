@@ -7,11 +7,12 @@ from pathlib import Path
 
 import pytest
 from cryptography import x509
+from cryptography.hazmat.primitives import hashes
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 from typer.testing import CliRunner
 
 from cli.__main__ import app
-from common.pki import make_authority, make_certificate, read_authority, write_pair
+from common.pki import Pair, make_authority, make_certificate, read_authority, write_pair
 from common.pki_check import Finding, check_folder
 from common.tls import NAMES
 
@@ -74,11 +75,69 @@ def test_init_makes_all_names_and_check_finds_nothing_wrong(tmp_path: Path) -> N
         said_name = made.subject.get_attributes_for_oid(NameOID.COMMON_NAME)[0].value
         assert said_name == f"{name}.demo"
         usage = made.extensions.get_extension_for_class(x509.ExtendedKeyUsage).value
+        if name != "hub":  # whoever has this certificate can be nobody's hub
+            assert set(usage) == {ExtendedKeyUsageOID.CLIENT_AUTH}
+            with pytest.raises(x509.ExtensionNotFound):
+                made.extensions.get_extension_for_class(x509.SubjectAlternativeName)
+            continue
         assert set(usage) == {ExtendedKeyUsageOID.SERVER_AUTH, ExtendedKeyUsageOID.CLIENT_AUTH}
         names = made.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
         assert {name, "localhost", "labpc"} <= set(names.get_values_for_type(x509.DNSName))
         assert "192.168.1.7" in map(str, names.get_values_for_type(x509.IPAddress))
     assert pki("check", folder=tmp_path / "pki")[0] == 0
+
+
+def older(folder: Path, name: str, ends: list[x509.ObjectIdentifier] | None) -> None:
+    """Put a certificate into a folder that is good for some ends of a link, None: unsaid."""
+    authority = read_authority(folder)
+    new = make_certificate(authority, name, "demo", hosts=[], days=365, now=NOW)
+    builder = (
+        x509.CertificateBuilder()
+        .subject_name(new.certificate.subject)
+        .issuer_name(new.certificate.issuer)
+        .public_key(new.key.public_key())
+        .serial_number(x509.random_serial_number())
+        .not_valid_before(NOW)
+        .not_valid_after(NOW + dt.timedelta(days=365))
+    )
+    if ends is not None:
+        builder = builder.add_extension(x509.ExtendedKeyUsage(ends), critical=False)
+    made = builder.sign(authority.key, hashes.SHA256())
+    write_pair(folder, name, Pair(made, new.key), owner=None)
+
+
+BOTH = [ExtendedKeyUsageOID.SERVER_AUTH, ExtendedKeyUsageOID.CLIENT_AUTH]
+
+
+@pytest.mark.parametrize("ends", [BOTH, None, [ExtendedKeyUsageOID.ANY_EXTENDED_KEY_USAGE]])
+@pytest.mark.parametrize("name", [name for name in NAMES if name != "hub"])
+def test_an_older_certificate_that_could_be_the_hub_is_wrong(
+    folder: Path, name: str, ends: list[x509.ObjectIdentifier] | None
+) -> None:
+    """Named, with the verb that makes a new one, and the one that ends a stolen one."""
+    older(folder, name, ends)
+    (finding,) = wrong(folder)
+    assert (finding.verdict, finding.name) == ("wrong", name)
+    assert "can stand in for the hub until 2027-01-01" in finding.text
+    assert "forcemesh pki init --again" in finding.text
+    assert finding.remedy == f"forcemesh pki issue {name} --again"
+    issue(folder, name)
+    assert wrong(folder) == []
+
+
+def test_a_hub_with_a_clients_certificate_is_wrong(folder: Path) -> None:
+    """It would be turned away by everybody; the check says so before the cell is up."""
+    older(folder, "hub", [ExtendedKeyUsageOID.CLIENT_AUTH])
+    (finding,) = wrong(folder)
+    assert "every client turns a hub away" in finding.text
+
+
+def test_only_the_hub_has_hosts(tmp_path: Path) -> None:
+    """Nobody connects to a monitor; to ask for its host is a mistake, and said to be one."""
+    pki("init", folder=tmp_path)
+    code, said = pki("issue", "monitor", "--again", "--host", "labpc", folder=tmp_path)
+    assert (code, "--host is for hub and panel-page" in said) == (2, True)
+    assert pki("issue", "hub", "--again", "--host", "labpc", folder=tmp_path)[0] == 0
 
 
 def test_only_the_owner_reads_any_file(tmp_path: Path) -> None:
@@ -148,6 +207,22 @@ def test_compose_settings_are_written_beside_what_was_there(tmp_path: Path) -> N
     for name in ("calibration", "recordings"):  # containers write there
         about = (tmp_path / name).stat()
         assert (about.st_uid, about.st_gid) == (int(user), int(group))
+
+
+def test_only_its_owner_reads_the_settings_that_hold_the_panels_token(tmp_path: Path) -> None:
+    """`.env` is 0600, also where an older one was not; never half written, nothing left beside."""
+    env = tmp_path / ".env"
+    env.write_text("CELL=mine.yaml\n")
+    env.chmod(0o644)
+    assert pki("init", "--env", str(env), folder=tmp_path / "pki")[0] == 0
+    assert stat.S_IMODE(env.stat().st_mode) == 0o600
+    assert env.stat().st_uid == tmp_path.stat().st_uid
+    words = dict(line.split("=", 1) for line in env.read_text().splitlines())
+    assert len(words["FORCEMESH_PANEL_TOKEN"]) >= 32
+    assert words["FORCEMESH_BUS"] == "tls"  # certificates are used where they are named
+    assert words["FORCEMESH_CALIBRATION"] == "./calibration"
+    assert words["FORCEMESH_RECORDINGS"] == "./recordings"
+    assert [path.name for path in tmp_path.glob(".env*")] == [".env"]
 
 
 def test_a_good_folder_is_good(folder: Path) -> None:

@@ -7,16 +7,20 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
 
+from cli import processes
 from cli.processes import MODULES, Supervisor, processes_of
 from cli.runfile import FOLDER_VARIABLE, is_alive, read_run
 from cli.running import Process, how_ended
 from common.cell import Cell
 from common.config import load_cell
+from common.endpoints import Reading
 from common.errors import ForcemeshError
+from common.messages import ArbiterStatus
 from common.topics import ROLES
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -106,8 +110,8 @@ def test_lines_of_a_process_carry_its_role(cell: Cell) -> None:
 
 def test_a_killed_process_is_named_with_its_signal(cell: Cell) -> None:
     """The supervisor and the run file, also after the end, say who was killed by what."""
-    processes = [python("wrench", SLEEPER), python("robot", SLEEPER)]
-    with Supervisor(cell, DEMO, processes=processes) as supervisor:
+    both = [python("wrench", SLEEPER), python("robot", SLEEPER)]
+    with Supervisor(cell, DEMO, processes=both) as supervisor:
         victim = pids_of(cell)[1]
         os.kill(victim, signal.SIGKILL)
         until(lambda: supervisor.died)
@@ -134,12 +138,73 @@ def test_a_process_that_gives_up_is_named_with_its_code_and_last_words(cell: Cel
 
 def test_a_death_while_waiting_for_readiness_ends_the_wait(cell: Cell) -> None:
     """Nobody waits for a cell that cannot become ready, and the error names the dead."""
-    processes = [python("wrench", "raise SystemExit(3)")]
+    wrench = [python("wrench", "raise SystemExit(3)")]
     with (
-        Supervisor(cell, DEMO, processes=processes) as supervisor,
+        Supervisor(cell, DEMO, processes=wrench) as supervisor,
         pytest.raises(ForcemeshError, match=r"wrench .*exit code 3"),
     ):
         supervisor.wait_ready(PATIENCE_S)
+
+
+class Hours:
+    """A clock on which only sleep takes time, and a bus whose hub answers after so long."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, cell: Cell, heard_after_s: float) -> None:
+        """Stand in for time and bus of the supervisor."""
+        self._now_s = 0.0
+        self._cell, self._heard_after_s = cell, heard_after_s
+        monkeypatch.setattr(processes, "time", self)
+        monkeypatch.setattr(processes, "POLL_S", 1.0)
+        monkeypatch.setattr(processes, "open_bus", lambda *_, **__: nullcontext())
+        monkeypatch.setattr(processes, "CellView", lambda *_: self)
+
+    def monotonic(self) -> float:
+        """Return the time [s]."""
+        return self._now_s
+
+    def sleep(self, for_s: float) -> None:
+        """Let it pass."""
+        self._now_s += for_s
+
+    def pid(self, _role: str) -> int | None:
+        """Return the hub's process once it is heard."""
+        return pids_of(self._cell)[0] if self._now_s >= self._heard_after_s else None
+
+    def arbiter(self) -> Reading[ArbiterStatus]:
+        """Return that nobody is heard."""
+        return Reading(None, None, 0.0, "arbiter/status missing", silent=True)
+
+
+def test_a_hub_that_is_slow_to_come_up_is_waited_for(cell: Cell, monkeypatch) -> None:
+    """A minute, on a machine that is busy; after ten seconds it is said what is waited for."""
+    Hours(monkeypatch, cell, 60.0)
+    said: list[str] = []
+    hub = [python("hub", SLEEPER)]
+    with Supervisor(cell, DEMO, processes=hub, say=lambda _name, line: said.append(line)):
+        assert [line for line in said if "still waiting for the hub at tcp/" in line] == [
+            "after 10 s still waiting for the hub at tcp/127.0.0.1:7447"
+        ]
+
+
+def test_a_hub_that_is_never_heard_ends_the_wait_some_time(cell: Cell, monkeypatch) -> None:
+    """Its process lives and is not heard: that is said, with the address."""
+    Hours(monkeypatch, cell, float("inf"))
+    with (
+        pytest.raises(ForcemeshError, match=r"the hub at tcp/.* was not heard in 120 s"),
+        Supervisor(cell, DEMO, processes=[python("hub", SLEEPER)]),
+    ):
+        pass
+
+
+def test_a_hub_that_dies_ends_the_wait_at_once(cell: Cell) -> None:
+    """However long a slow one would be waited for."""
+    began_s = time.monotonic()
+    with (
+        pytest.raises(ForcemeshError, match=r"hub .*exit code 3"),
+        Supervisor(cell, DEMO, processes=[python("hub", "raise SystemExit(3)")]),
+    ):
+        pass
+    assert time.monotonic() - began_s < processes.UP_WITHIN_S / 2.0
 
 
 def test_a_process_that_will_not_end_is_killed_with_its_children(cell: Cell) -> None:

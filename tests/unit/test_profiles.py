@@ -8,22 +8,27 @@ from typing import Any
 import pytest
 import yaml
 
-from common.in_use import PLAYERS, Choice, misfit
+from common.in_use_fit import PLAYERS, Choice, misfit
 from common.topics import ROLES
 from tests.fakes.compose_file import (
     CELL_OF,
     COMPOSE,
     COMPOSE_FILE,
-    ON_THE_BUS,
     PROFILES,
     ROOT,
     RUN,
+    SAY,
     SERVICES,
+    STANDS_BACK,
     profile,
     variables,
 )
 from tools.compose_rig import compose_command
 
+SAFE = {
+    "FORCEMESH_BUS": "tls", "FORCEMESH_CERTIFICATES": "pki", "FORCEMESH_PANEL_TOKEN": "0" * 32,
+    "FORCEMESH_CALIBRATION": "./calibration",
+}  # fmt: skip
 WAIT = ["python", "-m", "common.in_use", "run"]
 
 process = pytest.mark.parametrize("name", RUN)
@@ -43,13 +48,27 @@ def test_the_word_changes_no_other_container(name: str) -> None:
     """What does not play robot or sensor belongs to no profile, and nothing in it reads one."""
     assert "profiles" not in SERVICES[name]
     assert variables(SERVICES[name]) <= {
-        "FORCEMESH_FILES", "FORCEMESH_USER", "FORCEMESH_PUBLISH", "FORCEMESH_PANEL_TOKEN",
+        "FORCEMESH_BUS", "FORCEMESH_CALIBRATION", "FORCEMESH_PANEL_TOKEN", "FORCEMESH_PUBLISH_HUB",
+        "FORCEMESH_PUBLISH_PANEL", "FORCEMESH_RECORDINGS", "FORCEMESH_USER",
     }  # fmt: skip
+
+
+def test_no_word_at_all_is_the_simulated_cell() -> None:
+    """`docker compose up` starts a whole cell, and asks for nothing that a checkout does not have.
+
+    No variable is required, and each file that is named lies in the repository.
+    """
+    started = {name for name, entry in SERVICES.items() if "profiles" not in entry}
+    assert started == profile("sim")
+    assert ":?" not in COMPOSE_FILE.read_text("utf-8")
+    for entry in COMPOSE["secrets"].values():
+        file = entry["file"].replace("${FORCEMESH_PKI:-./", "").replace("}", "")
+        assert "make pki" in (ROOT / file).read_text("utf-8")
 
 
 @process
 def test_the_cell_file_changes_no_container_but_the_one_that_says_it(name: str) -> None:
-    """CELL is read in one place; what runs in two profiles runs there with the same settings."""
+    """CELL is read by what says it; what runs in two profiles runs there with the same settings."""
     assert "CELL" not in variables(SERVICES[name])
 
 
@@ -63,7 +82,7 @@ def test_compose_itself_reads_the_same_in_every_other_container(tmp_path: Path) 
     }
     for (word, file), containers in read.items():
         assert set(containers) >= profile(word)
-        for name in profile(word) - {f"{word}-cell"}:
+        for name in profile(word) - set(SAY):
             everywhere = [other[name] for other in read.values() if name in other]
             assert all(entry == containers[name] for entry in everywhere), (name, file)
     assert read["sim", ""]["sim-cell"] != read["sim", "mine.yaml"]["sim-cell"]
@@ -82,17 +101,18 @@ def understood(word: str, pki: Path, **environment: str) -> dict[str, Any]:
 def test_a_profile_says_its_cell_file_in_one_place(word: str) -> None:
     """Its own container does, alone in its profile; CELL names another file."""
     entry = SERVICES[f"{word}-cell"]
-    assert entry["profiles"] == [word]
+    assert entry.get("profiles", ["sim"]) == [word]
     assert entry["command"] == ["python", "-m", "common.in_use", "keep", word]
-    assert entry["healthcheck"]["test"][1:] == ["python", "-m", "common.in_use", "check", word]
-    assert entry["environment"] == {"FORCEMESH_CELL": f"/cells/${{CELL:-{CELL_OF[word]}}}"}
+    assert entry["environment"]["FORCEMESH_CELL"] == f"/cells/${{CELL:-{CELL_OF[word]}}}"
+    others = {name for name, each in SERVICES.items() if "CELL" in variables(each)}
+    assert others == set(SAY)
     assert "entrypoint" not in entry
 
 
 @pytest.mark.parametrize("word", PROFILES)
 def test_the_cell_file_of_a_profile_fits_its_players(word: str) -> None:
     """Its robot and sensor are containers of the profile; there is none for a real robot."""
-    complaint = misfit(Choice(word, ROOT / "cells" / CELL_OF[word]))
+    complaint = misfit(Choice(word, ROOT / "cells" / CELL_OF[word]), SAFE)
     assert complaint == "" if CELL_OF[word] else "CELL=my-cell.yaml" in complaint
     assert set(PLAYERS) == set(PROFILES)
 
@@ -101,11 +121,8 @@ def test_the_cell_file_of_a_profile_fits_its_players(word: str) -> None:
 def test_container_waits_for_the_cell_file_of_a_profile_in_which_it_is(name: str) -> None:
     """It starts when one is in use: any, or for who plays robot or sensor one of its own."""
     entry = SERVICES[name]
-    assert entry["entrypoint"] == [*WAIT, *entry.get("profiles", []), "--"]
-    test = entry["healthcheck"]["test"]
-    if "profiles" in entry and name in ON_THE_BUS:
-        # Another one may play its role: it is not well because that one is.
-        assert test[1 : len(entry["entrypoint"]) + 1] == entry["entrypoint"]
+    words = ["sim"] if name in STANDS_BACK else entry.get("profiles", [])
+    assert entry["entrypoint"] == [*WAIT, *words, "--"]
 
 
 def test_what_says_the_cell_file_is_in_memory_and_ends_with_the_containers() -> None:
@@ -115,15 +132,16 @@ def test_what_says_the_cell_file_is_in_memory_and_ends_with_the_containers() -> 
     assert {"size=64k", "noexec", "nosuid", "nodev"} <= set(options["o"].split(","))
 
 
-@pytest.mark.parametrize("word", PROFILES)
+@pytest.mark.parametrize("word", ["", "emulated", "real"])
 def test_make_up_is_compose_with_that_word_alone(word: str) -> None:
-    """No second word; it ends with why the cell file is not in use, where it is not."""
+    """No second word, none for the simulation; it says why the cell file is not in use if not."""
     outside = {k: v for k, v in os.environ.items() if not k.startswith(("MAKE", "MFLAGS"))}
     command = ["make", "-n", "up", f"PROFILE={word}", "COMPOSE=compose"]
     done = subprocess.run(
         command, cwd=ROOT, env=outside, capture_output=True, text=True, check=True
     )
-    assert done.stdout.splitlines()[1:] == [
-        f"compose --profile {word} up -d --build ",
-        f"compose --profile {word} exec -T {word}-cell python -m common.in_use check {word}",
+    compose, keeper = f"compose --profile {word}" if word else "compose", word or "sim"
+    assert done.stdout.splitlines() == [
+        f"{compose} up -d --build ",
+        f"{compose} exec -T {keeper}-cell python -m common.in_use check {keeper}",
     ]

@@ -37,6 +37,14 @@ def numbers(path: Path, topic: str = "wrench") -> list[int]:
     return [said.fields["seq"] for said in RecordedFile(path).said(topic)]
 
 
+def events(path: Path) -> list[str]:
+    """Return what happened during a recording; the file is whole."""
+    read = RecordedFile(path)
+    assert list(read.said())
+    assert read.is_whole
+    return [event.what for event in read.events]
+
+
 def test_it_records_from_a_start_to_a_stop(begin: Begin) -> None:
     """Every message between the two and none outside, in one whole file; the answers name it."""
     bench = begin()
@@ -114,6 +122,35 @@ def test_a_fault_during_a_recording_is_noted_in_it(begin: Begin) -> None:
     read = RecordedFile(path)
     assert len(list(read.said())) > 30
     assert [event.what for event in read.events] == ["force"]
+
+
+def test_a_stop_right_after_another_one_has_its_file_by_its_own_code(begin: Begin) -> None:
+    """A force stop in the tail of a daily hold: both are kept apart, each with what was before."""
+    bench = begin(after_fault_s=10.0)
+    bench.pass_s(2.0)
+    bench.trip(code="hold")
+    bench.pass_s(1.0)
+    bench.trip(code="force")
+    bench.pass_s(12.0)
+    causes = {RecordedFile(path).about["cause"]: path for path in bench.files()}
+    assert set(causes) == {"hold", "force"}
+    assert "-STOP-force" in causes["force"].name
+    assert events(causes["hold"]) == ["hold", "force"]
+    assert events(causes["force"]) == ["force"]
+    assert numbers(causes["force"])[0] == 1  # memory, from before both
+
+
+def test_the_same_stop_again_goes_on_in_its_file(begin: Begin) -> None:
+    """Two of a kind within the seconds after the first: one file, as long after the second."""
+    bench = begin(after_fault_s=3.0)
+    bench.trip()
+    bench.pass_s(2.0)
+    bench.trip()
+    bench.pass_s(2.0)
+    assert bench.status().recording
+    bench.pass_s(3.0)
+    (path,) = bench.files()
+    assert events(path) == ["force", "force"]
 
 
 def test_what_a_fault_began_gives_way_to_a_start(begin: Begin) -> None:

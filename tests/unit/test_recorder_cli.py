@@ -15,6 +15,7 @@ from cli.__main__ import app
 from cli.virtual import VirtualCell
 from common import topics
 from common.clock import ManualClock
+from common.codec import decode
 from common.config import load_cell
 from common.memory import MemoryTransport
 from common.requests import ArmRequest, Empty, ForceStartRequest, HoldRequest, RecordRequest
@@ -23,6 +24,7 @@ from services.recorder.playing import chosen, play
 from services.recorder.reading import Heard, RecordedFile
 from services.recorder.service import Recorder
 
+MESSAGES: dict[str, Any] = {topic.key: topic.message for topic in topics.TOPICS}
 DEMO = Path(__file__).resolve().parents[2] / "cells" / "demo.yaml"
 
 
@@ -80,10 +82,22 @@ def test_a_replay_says_the_same_bytes_in_the_same_time(recording: Path) -> None:
     heard = list(RecordedFile(recording).heard())
     transport, clock = Kept(), ManualClock()
     began_ns = clock.now_ns()
-    count = play(heard, transport, "other", clock=clock)
+    count = play(heard, transport, "demo", clock=clock)
     assert count == len(heard) > 2000
-    assert transport.said == [(f"other/{each.topic}", each.data) for each in heard]
+    assert transport.said == [(f"demo/{each.topic}", each.data) for each in heard]
     assert clock.now_ns() - began_ns == heard[-1].at_ns - heard[0].at_ns
+
+
+def test_a_replay_as_another_cell_says_so_in_every_message(recording: Path) -> None:
+    """Readers of that cell take them; but for the address nothing has changed."""
+    heard = list(RecordedFile(recording).heard())[:200]
+    transport = Kept()
+    play(heard, transport, "other", clock=ManualClock())
+    for each, (key, data) in zip(heard, transport.said, strict=True):
+        header, message = decode(data, MESSAGES[each.topic], f"other/{each.topic}")
+        then, before = decode(each.data, MESSAGES[each.topic], f"demo/{each.topic}")
+        assert key == header.topic
+        assert (header.model_copy(update={"topic": then.topic}), message) == (then, before)
 
 
 @pytest.mark.parametrize("speed", [0.5, 4.0])
@@ -233,7 +247,7 @@ WRONG = [
     (("report", "{}", "--no-3d", "-o", "/proc/none"), 2, "/proc/none: cannot be written"),
     (("replay", "{}", "--only", "wrnch"), 2, "did you mean wrench?"),
     (("replay", "{}", "--to-service", "robot"), 2, "must be one of wrench, regulator, arbiter"),
-    (("replay", "{}", "--as", "Not A Name"), 2, "cell: string should match pattern"),
+    (("replay", "{}", "--as", "Not A Name"), 2, "--as: cell: must be at most 31 small"),
     (("replay", "{}", "--speed", "0"), 2, "Invalid value for '--speed'"),
     (("replay", "{}", "--onto", "nothing.yaml"), 2, "no such file"),
 ]

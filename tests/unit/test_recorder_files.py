@@ -32,7 +32,7 @@ each_topic = pytest.mark.parametrize("topic", TOPICS, ids=lambda topic: topic.ke
 
 def header(seq: int, topic: Topic[Any], stamp_ns: int, boot: str = CLOCK) -> Header:
     """Return the head of a message."""
-    return Header(seq=seq, epoch=1, boot=boot, stamp_ns=stamp_ns, topic=topic.key)
+    return Header(seq=seq, epoch=1, boot=boot, stamp_ns=stamp_ns, topic=f"demo/{topic.key}")
 
 
 def recorded(folder: Path, frames: list[Frame], finish: bool = True) -> Path:
@@ -198,7 +198,7 @@ def test_the_mcap_package_reads_it_with_every_check(tmp_path: Path) -> None:
     assert all(said[topic.key] == 3 for topic in TOPICS)
     assert [m.log_time for *_, m in messages] == [WALL_NS + frame.at_ns for frame in frames]
     assert all(schema.encoding == "jsonschema" for schema, *_ in messages if schema)
-    assert all(json.loads(message.data)["topic"] == c.topic for _, c, message in messages)
+    assert all(json.loads(message.data)["topic"] == f"demo/{c.topic}" for _, c, message in messages)
     assert about.metadata["wall_minus_monotonic_ns"] == str(WALL_NS)
     assert cell.name == "cell.yaml"
 

@@ -4,7 +4,7 @@ import pytest
 
 from common.messages import RecorderStatus
 from services.panel.tabs import all_tabs
-from services.panel.tabs.record import NOBODY, words
+from services.panel.tabs.record import words
 
 FILE = "/somewhere/demo-20261122T080000Z-01.mcap"
 
@@ -12,18 +12,21 @@ FILE = "/somewhere/demo-20261122T080000Z-01.mcap"
 @pytest.mark.parametrize(
     ("status", "said"),
     [
-        (None, NOBODY),
+        (None, "no recorder is heard"),
         (RecorderStatus(memory_s=61.0), "not recording"),
         (RecorderStatus(memory_s=61.0), "Memory reaches back 61 s"),
-        (RecorderStatus(recording=True, cause="asked", recorded_s=7.0), "● recording** for 7 s"),
-        (RecorderStatus(recording=True, cause="force"), "begun by `force`"),
-        (RecorderStatus(file=FILE, messages=5, lost=2), "`demo-20261122T080000Z-01.mcap`: 5 mes"),
+        (RecorderStatus(recording=True, cause="asked", recorded_s=7.0), "● recording</b> for 7 s"),
+        (RecorderStatus(recording=True, cause="force"), "begun by <code>force</code>"),
+        (
+            RecorderStatus(file=FILE, messages=5, lost=2),
+            "<code>demo-20261122T080000Z-01.mcap</code>: 5 messages",
+        ),
         (RecorderStatus(valid=False, reason="0.5 GB are free"), "⚠ 0.5 GB are free"),
     ],
 )
 def test_what_the_recorder_says_is_shown(status: RecorderStatus | None, said: str) -> None:
     """Silence, rest, a recording of either cause, what was lost, and a fault."""
-    assert said in words(status)
+    assert said in words(status).source
 
 
 def test_the_tab_is_one_of_the_panels() -> None:

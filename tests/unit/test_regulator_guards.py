@@ -22,7 +22,7 @@ from common.convert import pose_of, record_of
 from common.frames import rotation_between
 from common.messages import RegulatorTarget, RobotCommand
 from common.requests import ArmRequest, Empty, ForceStartRequest
-from services.regulator.guards import GuardSettings, Seen, Watch, watch
+from services.regulator.guards import GuardSettings, Seen, Watch, carried, watch
 from services.regulator.oscillation import HALF_WAVES, Swing, SwingSettings, follow
 from services.regulator.settings import PROBE_N, law_settings
 from tests.fakes.arbiter_world import T_START
@@ -109,8 +109,7 @@ def test_a_wall_that_vanishes_while_pressing_is_followed_slowly_and_not_far() ->
     press = Press(cell_with(sim__gap_m=0.001), 20.0)
     press.cell.advance(1.0)
     assert press.force_N() == pytest.approx(20.0, abs=1.0)
-    plate = press.arm.model.geom("plate").id
-    press.arm.model.geom_contype[plate] = press.arm.model.geom_conaffinity[plate] = 0
+    press.arm.plate.point_m[2] -= 0.1
     before_m = press.height_m()
     press.cell.advance(0.1)
     seen_m, speed_m_s = press.height_m(), LAW.approach_m_s
@@ -382,3 +381,35 @@ def test_work_told_late_is_no_gift() -> None:
         late.append(2e4 * depth_m)
         now, trip = watch(now, seen("contact", -depth_m, late[-4]), GUARDS)
         assert trip is None
+
+
+def turning(force_N: float, **changes: Any) -> Seen:
+    """Return one sample of a tool that may turn and that is to press with 8 N."""
+    unproven = np.array([True, True, False])
+    fields: dict[str, Any] = {"turns": True, "limited": unproven, "setpoint_N": 8.0}
+    return replace(seen("contact", 0.0, force_N), **fields | changes)
+
+
+@given(st.floats(0.0, 200.0))
+def test_a_tool_that_turns_by_unproven_torques_presses_little_more_than_it_is_to(force_N) -> None:
+    """Half the set point and touch_N more, once it was at the set point; proved axes may press."""
+    most_N = 12.0 + CELL.force.touch_N
+    now, _ = watch(Watch(), turning(6.0), GUARDS)
+    _, trip = watch(now, turning(force_N), GUARDS)
+    assert (trip is not None) is (force_N > most_N)
+    if trip is not None:
+        assert (trip.code, trip.limit) == ("sensor_sign", pytest.approx(most_N))
+    proved = turning(force_N, limited=np.zeros(3, dtype=bool))
+    for fine in (proved, turning(force_N, turns=False), turning(force_N, presses=False)):
+        assert watch(now, fine, GUARDS)[1] is None
+
+
+def test_a_set_point_that_is_lowered_makes_no_rise_of_the_force() -> None:
+    """The force that was wanted before may fall first; once it has, it must not grow again."""
+    now, _ = watch(Watch(), turning(6.0), GUARDS)
+    now, trip = watch(carried(now), turning(30.0), GUARDS)
+    assert trip is None
+    now, trip = watch(now, turning(8.0), GUARDS)
+    assert trip is None
+    _, trip = watch(now, turning(30.0), GUARDS)
+    assert trip is not None

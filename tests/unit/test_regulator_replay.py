@@ -50,7 +50,7 @@ def test_another_wrench_gives_other_commands(lines) -> None:
     spoiled = []
     for line in lines:
         fields = json.loads(line)
-        if fields.get("topic") == "wrench":
+        if fields.get("topic") == "demo/wrench":
             x, y, z = fields["force_N"]
             fields["force_N"] = (x, y, z + 0.1)
         spoiled.append(json.dumps(fields))

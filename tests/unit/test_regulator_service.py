@@ -11,6 +11,7 @@ from common.endpoints import Origin
 from common.frames import rotation_between
 from common.messages import ArbiterStatus
 from common.requests import Empty, ForceStartRequest, GainsRequest
+from services.regulator.settings import law_settings
 from services.regulator.tuning import tune
 from tests.fakes.arbiter_world import T_START
 from tests.fakes.bench import CELL
@@ -21,6 +22,8 @@ from tests.fakes.regulator_bench import (
     RegulatorBench,
     assert_stopped,
 )
+
+TWO_HOSTS = CELL.robot.model_copy(update={"hosts": ("pc", "controller")})
 
 
 @pytest.fixture
@@ -60,6 +63,19 @@ def test_it_starts_where_the_arm_is(bench: RegulatorBench, mode: Any, force_N: f
     assert (said.valid, said.mode, said.host) == (True, mode, "pc")
     assert said.pose is not None
     assert pose_of(said.pose).homogeneous == pytest.approx(T_START.homogeneous, abs=1e-12)
+
+
+def test_the_target_carries_the_set_point_and_the_law(bench: RegulatorBench) -> None:
+    """What was asked for, not what the ramp has come to; nothing while it is stopped."""
+    bench.step()
+    assert (bench.said().setpoint_N, bench.said().law) == (None, None)
+    bench.push((0.0, 0.0, 5.0))
+    bench.start(ForceStartRequest(mode="position", setpoint_N=15.0))
+    bench.pass_s(0.05)
+    assert (bench.said().setpoint_N, bench.said().law) == (15.0, CELL.force.law)
+    bench.start(ForceStartRequest(mode="position", setpoint_N=25.0, law="plain"))
+    bench.pass_s(0.05)
+    assert (bench.said().setpoint_N, bench.said().law) == (25.0, "plain")
 
 
 def test_position_moves_the_flange_along_the_force_at_the_tuned_rate(bench: RegulatorBench) -> None:
@@ -180,6 +196,34 @@ def test_a_start_needs_fresh_inputs(bench: RegulatorBench, topic: Any) -> None:
     assert (reply.accepted, reply.code) == (False, "stale")
     assert f"{topic.key} stale" in reply.text
     assert_stopped(bench, "stopped")
+
+
+@pytest.mark.parametrize("stiffer", [0.3, 1.0, 3.0])
+def test_the_controller_seeks_contact_no_faster_than_the_law_on_the_pc(stiffer: float) -> None:
+    """It goes by gain times set point: until the tool touches, the set point is less than asked."""
+    bench = RegulatorBench(CELL.model_copy(update={"robot": TWO_HOSTS}))
+    bench.pass_s(0.1)
+    gain = stiffer * KI
+    assert bench.ask(topics.GAINS, GainsRequest(force_i_m_per_Ns=(gain,) * 3)).accepted
+    wanted = ForceStartRequest(mode="position", host="controller", setpoint_N=30.0)
+    assert bench.start(wanted).accepted
+    bench.pass_s(1.0)
+    most_N = law_settings(CELL).approach_m_s / gain
+    assert sought_N(bench) == pytest.approx(min(most_N, 30.0), rel=1e-3)
+    bench.push((0.0, 0.0, 5.0))
+    before_N = sought_N(bench)
+    for _ in range(60):
+        bench.step()
+        assert -1e-9 <= sought_N(bench) - before_N <= CELL.force.setpoint_ramp_N_s * PERIOD_S + 1e-9
+        before_N = sought_N(bench)
+    assert before_N == pytest.approx(30.0)
+
+
+def sought_N(bench: RegulatorBench) -> float:
+    """Return the set point that the controller is sent."""
+    feedback = bench.said().feedback
+    assert feedback is not None
+    return float(np.linalg.norm(feedback.setpoint_force_N))
 
 
 # --- gains ----------------------------------------------------------------------------------------

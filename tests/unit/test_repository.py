@@ -175,7 +175,7 @@ def test_ci_runs_what_a_person_runs() -> None:
     assert "set -euo pipefail" in text
     calls = [line for line in text.splitlines() if line.startswith(("make ", "timeout "))]
     assert calls[:-1] == ["make check", "make test", "make test-long", "make chaos"]
-    assert calls[-1].startswith("timeout --kill-after=60 1500 make compose-test ARGS=--optional ||")
+    assert calls[-1].startswith("timeout --kill-after=60 1200 make compose-test ARGS=--optional ||")
     assert run("bash", "-n", script).returncode == 0
 
 
@@ -192,12 +192,12 @@ def test_pre_commit_downloads_nothing() -> None:
 
 
 @pytest.mark.parametrize(
-    ("file_lines", "function_lines", "code"), [(300, 60, 0), (301, 60, 1), (300, 61, 1)]
+    ("file_lines", "function_lines", "code"), [(450, 60, 0), (451, 60, 1), (450, 61, 1)]
 )
 def test_sizes_fail_above_the_limits(
     tmp_path: Path, file_lines: int, function_lines: int, code: int
 ) -> None:
-    """300 lines of file and 60 of function pass; one more of either does not."""
+    """450 lines of file and 60 of function pass; one more of either does not."""
     function = ["def f():", *["    x = 1"] * (function_lines - 1)]
     module = function + ["y = 1"] * (file_lines - len(function))
     (tmp_path / "common").mkdir()

@@ -17,14 +17,13 @@ from common import topics
 from common.cell import Cell
 from common.config import cell_from_tree
 from common.convert import record_of
+from common.errors import ConfigError
 from common.frames import Array
 from common.messages import Mode
 from common.payload import Payload, predict
 from common.requests import ArmRequest, Empty, ForceStartRequest, MoveRequest
 from services.wrench.tare import TareLimits, tare
 from sim.robot import service as robot_service
-from sim.robot.arm import SimArm
-from sim.robot.engine import mujoco
 from sim.robot.ft_sensor import FtSample
 from tests.fakes.bench import CELL
 
@@ -122,8 +121,8 @@ class Bench:
 
     def _stopped(self) -> bool:
         """Look at the truth; tell whether the arbiter holds."""
-        if self.arm.data.ncon or self._p_touch is not None:
-            force_N = true_force_N(self.arm)
+        force_N = float(np.linalg.norm(self.arm.true_wrench().force_N))
+        if force_N > 0.0 or self._p_touch is not None:
             p = self.arm.data.site_xpos[self._site].copy()
             if self._p_touch is None and force_N > 0.5:
                 self._p_touch = p
@@ -132,15 +131,6 @@ class Bench:
             self._peak_N = max(self._peak_N, force_N)
         status = self.status.read(self.cell.clock.now_ns()).message
         return status is not None and status.state in {"HOLDING", "FAULT"}
-
-
-def true_force_N(arm: SimArm) -> float:
-    """Return how hard the plate truly pushes the tool; quick, because it is asked every tick."""
-    total, push = np.zeros(3), np.zeros(6)
-    for index in range(arm.data.ncon):
-        mujoco.mj_contactForce(arm.model, arm.data, index, push)
-        total += push[:3] @ arm.data.contact[index].frame.reshape(3, 3)
-    return float(np.linalg.norm(total))
 
 
 def shows_pressing(force: Array, cell: Cell) -> float:
@@ -271,28 +261,59 @@ def biases() -> tuple[Array, Array]:
     return np.array(CELL.payload.bias_force_N), np.array(CELL.payload.bias_torque_Nm)
 
 
+IN_GRAMS = "must be at most 50 kg, found 1000 kg; is that in grams?"
+IN_MM = "is that in millimetres?"
+
+
+@pytest.mark.parametrize(
+    ("dotted", "value", "asks"),
+    [
+        ("payload.mass_kg", 1000.0, f": {IN_GRAMS}"),
+        ("payload.com_m", (12.0, -8.0, 60.0), f".2: must be at most 1 m, found 60 m; {IN_MM}"),
+        ("tool.T_flange_tcp", 160.0, f".position_m.2: must be at most 2 m, found 160 m; {IN_MM}"),
+        (
+            "sensor.T_flange_sensor",
+            20.0,
+            f".position_m.2: must be at most 2 m, found 20 m; {IN_MM}",
+        ),
+    ],
+)
+def test_a_cell_in_wrong_units_is_refused_and_asked_for_its_unit(dotted, value, asks: str) -> None:
+    """Before there is a cell at all: nothing runs that could move."""
+    if "T_flange" in dotted:
+        value = {"position_m": (0.0, 0.0, value)}
+    with pytest.raises(ConfigError) as refused:
+        cell_with(**{dotted.replace(".", "__"): value})
+    assert dotted + asks in str(refused.value)
+
+
 @pytest.mark.parametrize(
     "wrong",
-    [{"payload__mass_kg": 1000.0}, {"payload__com_m": (12.0, -8.0, 60.0)}],
-    ids=["grams for kilograms", "millimetres for metres"],
+    [
+        {"payload__mass_kg": CELL.payload.mass_kg * 2.20462},
+        {"payload__mass_kg": CELL.payload.mass_kg * 9.80665},
+        {"payload__com_m": tuple(10.0 * x_m for x_m in CELL.payload.com_m)},
+    ],
+    ids=["pounds for kilograms", "newtons for kilograms", "decimetres for metres"],
 )
-def test_a_payload_in_wrong_units_is_refused_before_anything_moves(wrong) -> None:
-    """The true weight does not fit; the tare says by how much."""
+def test_a_payload_in_wrong_units_that_could_be_is_refused_before_anything_moves(wrong) -> None:
+    """Within the plausible ranges the true weight does not fit; the tare says by how much."""
     cell = VirtualCell(cell_with(**wrong))
     cell.advance(0.4)
     reply = cell.client.ask(topics.TARE, Empty())
     assert (reply.accepted, reply.code) == (False, "contact")
+    assert "the bias would change by" in reply.text
 
 
 @pytest.mark.parametrize("lever", ["tool__T_flange_tcp", "sensor__T_flange_sensor"])
 def test_a_lever_in_wrong_units_moves_nothing_or_presses_as_it_should(lever, monkeypatch) -> None:
-    """A tool of 160 m is refused; a sensor that is thought to be at 20 m does no harm."""
+    """Within the plausible ranges: a tool of 1.6 m is refused, a sensor at 2 m does no harm."""
     true = cell_with()
     assert true.sim is not None
     settings = robot_service.sim_settings(true, true.sim)
     monkeypatch.setattr(robot_service, "sim_settings", lambda *_: settings)
-    millimetres = {"position_m": (0.0, 0.0, 160.0 if lever.startswith("tool") else 20.0)}
-    bench = Bench(cell_with(**{lever: millimetres}))
+    too_long = {"position_m": (0.0, 0.0, 1.6 if lever.startswith("tool") else 2.0)}
+    bench = Bench(cell_with(**{lever: too_long}))
     if lever.startswith("tool"):
         reply = bench.cell.client.ask(topics.ARM, ArmRequest())
         assert not reply.accepted

@@ -9,6 +9,7 @@ import pytest
 from cli.virtual import VirtualCell
 from common.client import Cell
 from common.config import load_cell
+from tests.fakes.axes_checked import axes_are_checked
 
 ROOT = Path(__file__).resolve().parents[2]
 PROGRAMS = sorted((ROOT / "examples").glob("*.py"))
@@ -75,6 +76,7 @@ def test_align_turns_by_the_tilt_of_the_plate() -> None:
 def test_guide_follows_a_push_and_goes_back() -> None:
     """Pushed with 8 N for the time: centimetres away, and back where it began."""
     world, cell = armed(gap_m=0.1)
+    axes_are_checked(world.client)
     start = np.array(world.arm.T_base_flange.translation)
     tool = world.arm.model.body("tool").id
     guide = load("guide")

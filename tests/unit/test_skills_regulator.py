@@ -240,7 +240,8 @@ def test_the_adaptive_law_goes_along_points_only_across_what_it_presses(changes,
     bench.push((0.0, 0.0, 5.0))
     bench.start(PRESS.model_copy(update={"law": "adaptive"} | changes))
     bench.live(0.1)
-    assert bench.ask(topics.FORCE_PATH, PathRequest(points_m=((0.1, 0.1, 0.0),))).code == code
+    ahead = tuple(bench.p + np.array([0.01, 0.01, 0.0]))
+    assert bench.ask(topics.FORCE_PATH, PathRequest(points_m=(ahead,))).code == code
     assert bench.ask(topics.FORCE_PATH, PathRequest()).accepted  # to stand is always allowed
 
 

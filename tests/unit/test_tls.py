@@ -16,6 +16,7 @@ from common.bus_settings import (
 from common.cell import Cell
 from common.config import load_cell
 from common.errors import BusError, ConfigError
+from common.published import HUB_PUBLISHED
 from common.tls import (
     FOLDER_VARIABLE,
     NAME_VARIABLE,
@@ -80,6 +81,21 @@ def test_no_process_uses_an_open_bus_unless_told_in_so_many_words(endpoint: str,
     with pytest.raises(BusError, match=r"refused: .*pki init.*insecure: true"):
         security_of(cell(), role, endpoint)
     assert security_of(cell(insecure=True), role, endpoint) == {}
+
+
+@pytest.mark.parametrize("endpoint", ["tcp/hub:7447", "tcp/0.0.0.0:7447"])
+def test_a_hub_in_a_container_is_judged_by_what_compose_publishes(
+    endpoint: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Published on loopback it stays here; on any other address, or none, it is refused."""
+    monkeypatch.setenv(HUB_PUBLISHED, "127.0.0.1")
+    assert security_of(cell(), "arbiter", endpoint) == {}
+    with pytest.raises(BusError, match="refused"):  # a name that is not the hub of this machine
+        security_of(cell(), "arbiter", "tcp/labpc:7447")
+    for wider in ("0.0.0.0", "192.168.1.7", "::", "labpc", ""):
+        monkeypatch.setenv(HUB_PUBLISHED, wider)
+        with pytest.raises(BusError, match=r"refused: .*pki init"):
+            security_of(cell(), "arbiter", endpoint)
 
 
 @given(st.ip_addresses())

@@ -1,5 +1,6 @@
 """What tune advises is safe by its own margins, and a cell takes the file that it writes."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -9,18 +10,28 @@ from hypothesis import strategies as st
 
 from cli.tuning import advice, words
 from cli.tuning.advice import Measured, advise
-from cli.tuning.identify import Servo, Spring
+from cli.tuning.answer import Answer
 from cli.tuning.margins import Loop, margins
+from cli.tuning.servo import Servo
+from cli.tuning.spring import Spring
+from common.cell import Cell
 from common.config import load_cell
 from common.errors import ConfigError, DataError
+from common.messages import Host
 from services.regulator.tuning import tune
 from tests.fakes.bench import CELL
 
 CELL_FILE = Path(__file__).resolve().parents[2] / "cells" / "demo.yaml"
+SERVO = Servo(0.03, 5e-4, 0.005, 0.012)
+SPRING = Spring(2e4, 100.0)
 measured = st.builds(
-    lambda delay, lag, k: Measured(Servo(delay, lag, 1e-6, 1e-5), Spring(k, 0.01 * k)),
+    lambda delay, lag, share, deviation, k: Measured(
+        Servo(delay + lag, deviation, share * lag, lag), Spring(k, 0.01 * k)
+    ),
     st.floats(0.0, 0.1),
     st.floats(0.002, 0.05),
+    st.floats(0.2, 1.0),
+    st.floats(5e-4, 3e-3),
     st.floats(3.0, 5.3).map(lambda x: 10.0**x),
 )
 
@@ -77,36 +88,123 @@ def test_the_lines_give_a_cell_the_gains_that_are_recommended(
     assert gain <= 1.01 * one.force.gain
     assert gain >= 0.85 * one.force.gain
     assert cell.force.approach_m_s <= cell.approach_limit_m_s
-    assert found.servo.delay_s <= cell.robot.delay_s <= found.servo.delay_s + 0.0025
+    arm_s = cell.robot.delay_s + cell.robot.lag_s
+    assert found.servo.bound_s - 1e-9 <= arm_s <= found.servo.bound_s + 0.0015
+    least_s, most_s = found.servo.lags_s
+    assert least_s <= cell.robot.lag_s <= most_s + 1e-4
     assert load_cell(folder / "cell.yaml", {"robot.delay_s": 0.2}).robot.delay_s == 0.2
 
 
 def test_a_gain_that_does_not_bear_what_was_found_is_called_so() -> None:
     """Ten times the rule's: not stable; none at all: does nothing; no press: it is said."""
-    found = Measured(Servo(0.02, 0.01, 1e-6, 1e-5), Spring(2e4, 100.0))
+    found = Measured(SERVO, SPRING)
     one = advised(found, force_now=10.0 * advised(found).force.gain, torque_now=0.0)
     lines = words.told(CELL, found, [one], advice.lines(CELL, found, [one]))
     assert any("now" in line and "NOT STABLE" in line for line in lines)
     assert any("does nothing" in line for line in lines)
-    assert any("20000 +- 100 N/m" in line for line in lines)
+    assert any("20000 +- 200 N/m" in line for line in lines)
+    assert any("together 30.0 +- 1.0 ms" in line and "20.7 ms)" in line for line in lines)
+    assert any("told apart: the lag is 5.0 to 12.0 ms (cell file: 10.7" in line for line in lines)
     blind = Measured(found.servo, None)
     lines = words.told(CELL, blind, [advised(blind)], advice.lines(CELL, blind, [advised(blind)]))
     assert any("stiffness not measured (cell file: 20000)" in line for line in lines)
-    plain = advice.as_dict(blind, [advised(blind, force_now=0.0)], {})
+    plain = advice.as_dict(CELL, blind, [advised(blind, force_now=0.0)], {})
     assert plain["hosts"]["pc"]["position_now"]["delay_s"] is None
     assert plain["tau_s"] == pytest.approx(advised(blind).tau_s)
 
 
 def test_the_slower_host_decides_what_the_cell_file_says() -> None:
-    """One delay serves both: the controller's, when its loop is the slower one."""
-    found = Measured(Servo(0.02, 0.01, 1e-6, 1e-5), Spring(2e4, 100.0), controller_tau_s=0.12)
+    """One delay serves both: the controller's, when its loop is the slower one, with its bound."""
+    found = Measured(SERVO, SPRING, Answer(0.12, 0.002))
     both = [
         advise(CELL, found, host, force_now=1e-3, torque_now=0.1) for host in ("pc", "controller")
     ]
-    assert both[1].tau_s == pytest.approx(0.12)
+    assert both[1].tau_s == pytest.approx(0.124)
     assert both[1].force.gain < both[0].force.gain
     robot = advice.lines(CELL, found, both)["robot"]
-    assert robot["delay_s"] == pytest.approx(0.02 + 0.12 - both[0].tau_s, abs=0.0025)
+    longer_s = 0.124 - both[0].tau_s
+    assert robot["delay_s"] + robot["lag_s"] == pytest.approx(SERVO.bound_s + longer_s, abs=1.5e-3)
+    lines = words.told(CELL, found, both, advice.lines(CELL, found, both))
+    assert any("answers after 120 +- 4 ms" in line for line in lines)
+
+
+def test_the_gains_are_for_the_worst_split_and_for_two_deviations_more_delay() -> None:
+    """No gain is larger than that of either end of the range; less sure means less gain."""
+    found = Measured(SERVO, SPRING)
+    one = advised(found)
+    for lag_s in SERVO.lags_s:
+        exact = replace(SERVO, deviation_s=0.0, lag_least_s=lag_s, lag_most_s=lag_s)
+        assert one.force.gain < advised(replace(found, servo=exact)).force.gain
+    unsure = replace(SERVO, deviation_s=5e-3)
+    assert advised(replace(found, servo=unsure)).force.gain < one.force.gain
+
+
+def test_the_cells_own_lag_stays_where_it_may_be_and_none_is_zero() -> None:
+    """10.7 ms of the demo's cell lie in the range; elsewhere it is the nearest end."""
+    for least_s, most_s, said_s in (
+        (0.005, 0.012, 0.0107), (0.002, 0.004, 0.004), (0.015, 0.018, 0.015), (0.0, 0.0, 1e-4),
+    ):  # fmt: skip
+        found = Measured(replace(SERVO, lag_least_s=least_s, lag_most_s=most_s), None)
+        robot = advice.lines(CELL, found, [advised(found)])["robot"]
+        assert robot["lag_s"] == pytest.approx(said_s)
+        assert robot["delay_s"] + robot["lag_s"] == pytest.approx(SERVO.bound_s, abs=1.1e-3)
+
+
+@pytest.mark.parametrize(
+    ("found", "loop_hz", "says"),
+    [
+        (Measured(replace(SERVO, sum_s=0.16), SPRING), 250.0, "too slow: all delay of the loop"),
+        (Measured(SERVO, SPRING, Answer(0.16, 0.01)), 250.0, "loop is 180 ms, the law was"),
+        (Measured(SERVO, SPRING), 14.0, "too slow: the loop turns 14 times a second"),
+        (Measured(SERVO, Spring(2.5e5, 1e3)), 250.0, "too stiff: 2.5e+05 N/m"),
+        (Measured(SERVO, Spring(9e2, 10.0)), 250.0, "too soft: 900 N/m, at 250 Hz"),
+        (Measured(SERVO, Spring(4e3, 10.0)), 60.0, "contact.stiffness_N_m at 5000 or above"),
+        (Measured(SERVO, Spring(1e3, 10.0)), 250.0, ""),
+        (Measured(SERVO, Spring(2e5, 1e3)), 15.0, ""),
+    ],
+)
+def test_nothing_is_recommended_beyond_what_the_law_was_measured_for(
+    found: Measured, loop_hz: float, says: str
+) -> None:
+    """What is too slow, too stiff or too soft is said, and no gain and no line of a file."""
+    cell = at_hz(loop_hz)
+    hosts: tuple[Host, ...] = ("pc",) if found.controller is None else ("pc", "controller")
+    both = [advise(cell, found, host, force_now=1e-3, torque_now=0.1) for host in hosts]
+    sections = advice.lines(cell, found, both)
+    why_not = advice.refused(cell, found, both)
+    assert says in why_not
+    assert bool(why_not) == bool(says)
+    lines = words.told(cell, found, both, sections)
+    assert any("recommended  " in line for line in lines) != bool(says)
+    assert ("for the cell file:" in lines) != bool(says)
+    assert lines[-1].startswith("nothing is recommended: too") == bool(says)
+    plain = advice.as_dict(cell, found, both, sections)
+    assert (plain["cell_file"] is None) == bool(says)
+    assert all(("gains" in host) != bool(says) for host in plain["hosts"].values())
+    assert plain["refused"] == (why_not or None)
+
+
+def test_what_the_adaptive_law_does_not_bear_is_remarked() -> None:
+    """Where the cell's law is the adaptive one: softest contact of its map, delay not sharp."""
+    adaptive = {"force": CELL.force.model_copy(update={"law": "adaptive"})}
+    found = Measured(replace(SERVO, deviation_s=0.002), SPRING)
+    sections = advice.lines(CELL, found, [advised(found)])
+    assert advice.remarks(CELL, found, sections) == []
+    said = advice.remarks(CELL.model_copy(update=adaptive), found, sections)
+    assert len(said) == 1
+    assert "too long" in said[0]
+    slow = at_hz(15.0).model_copy(update=adaptive)
+    said = advice.remarks(slow, found, sections)
+    assert "holds from 2000 N/m on" in said[0]
+    sharp = replace(found, servo=SERVO)
+    assert len(advice.remarks(slow, sharp, advice.lines(CELL, sharp, [advised(sharp)]))) == 1
+    assert len(said) == 2
+
+
+def at_hz(loop_hz: float) -> Cell:
+    """Return the demo's cell with another rate of its loop."""
+    rates = CELL.rates.model_copy(update={"control_hz": loop_hz, "robot_hz": loop_hz})
+    return CELL.model_copy(update={"rates": rates})
 
 
 @pytest.mark.parametrize(

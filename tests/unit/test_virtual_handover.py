@@ -27,7 +27,7 @@ def press(lab: Lab, host: Any) -> None:
     """Press on the plate under force feedback."""
     wish = ForceStartRequest(mode="position", host=host, setpoint_N=PRESS_N)
     assert lab.ask(topics.FORCE_START, wish).accepted
-    lab.cell.advance(1.8)
+    lab.cell.advance(2.5)
     assert lab.status.commander == "regulator"
     assert lab.force_N == pytest.approx(PRESS_N, abs=2.0)
 

@@ -1,20 +1,21 @@
 """Another calibration while the cell is up: taken at rest and free, refused with the reason."""
 
+import json
 from typing import Any
 
 import numpy as np
 import pytest
 
 from common import topics
-from common.calibration import CalibrationSection
+from common.calibration import CalibrationSection, Residuals
 from common.cell import Cell
 from common.cell_terms import FrameSection
 from common.messages import RegulatorTarget, RobotStatus
 from common.requests import CalibrationRequest, Empty, Reply
 from common.service import Measuring
 from services.wrench.calibrated import of_cell
-from tests.fakes.wrench_bench import BIAS_N, IDEAL, WrenchBench
-from tests.unit.test_calibration import calibration
+from tests.fakes.wrench_bench import BIAS_N, BIAS_NM, IDEAL, WrenchBench
+from tests.unit.test_calibration import NOTHING_LEFT, calibration
 
 TRUTH = IDEAL.payload
 HEAVY = TRUTH.model_copy(update={"mass_kg": 2.0})
@@ -24,6 +25,11 @@ FRAMES = {"T_flange_tcp": IDEAL.tool.T_flange_tcp, "T_flange_sensor": IDEAL.sens
 def of_the_demo(**changes: Any) -> CalibrationSection:
     """Return a calibration that is true for the bench's tool."""
     return calibration(**({"payload": TRUTH, **FRAMES} | changes))
+
+
+def left(force_N: float = 0.02, torque_Nm: float = 0.001) -> Residuals:
+    """Return what the worst fresh pose of a verification left."""
+    return NOTHING_LEFT.model_copy(update={"force_max_N": force_N, "torque_max_Nm": torque_Nm})
 
 
 def with_calibration(found: CalibrationSection | None, **payload: Any) -> Cell:
@@ -82,6 +88,9 @@ OTHERS = [
         "90.0 degrees",
     ),
     ({"payload": HEAVY}, "2.00 kg, but contact.inertia_kg is 1.2"),
+    ({"verified": None}, "not verified"),
+    ({"verified": left(force_N=2.1)}, "2.10 N"),
+    ({"verified": left(torque_Nm=0.31)}, "0.310 N m"),
 ]
 
 
@@ -141,6 +150,32 @@ def test_a_calibration_that_leaves_a_force_is_refused_with_it(bench: WrenchBench
     assert bench.said().calibration == "cell file"
 
 
+def test_a_calibration_that_leaves_a_torque_is_refused_with_it(bench: WrenchBench) -> None:
+    """Its force may be right and its torque wrong: judged about the TCP, as the preflight does."""
+    bias_Nm = tuple((BIAS_NM + np.array([0.0, 0.0, 0.5])).tolist())
+    reply = ask(bench, of_the_demo(payload=TRUTH.model_copy(update={"bias_torque_Nm": bias_Nm})))
+    assert (reply.accepted, reply.code) == (False, "contact")
+    assert (reply.value, reply.limit) == (pytest.approx(0.5, abs=1e-6), IDEAL.force.idle_max_Nm)
+    assert "0.50 N m" in reply.text
+    bench.settle()
+    assert bench.said().calibration == "cell file"
+
+
+@pytest.mark.parametrize("turn_rad", [(0.0, 0.0, np.pi), (0.15, 0.15, 0.0)])
+def test_a_large_mounting_rotation_is_refused_with_the_reason(
+    bench: WrenchBench, turn_rad: tuple[float, float, float]
+) -> None:
+    """A sensor that sits turned is for the cell file to say, not for a fit to hide."""
+    text = of_the_demo().model_dump_json()
+    turned = json.loads(text) | {"revision": ""}
+    turned["payload"]["mounting_rotation_rad"] = turn_rad
+    request = CalibrationRequest(calibration_json=json.dumps(turned))
+    reply = bench.ask(topics.CALIBRATE, request)
+    assert (reply.accepted, reply.code) == (False, "malformed")
+    assert "T_flange_sensor" in reply.text
+    assert "the limit is 0.2 rad" in reply.text
+
+
 @pytest.mark.parametrize(("changes", "told"), OTHERS)
 def test_a_calibration_of_something_else_is_refused(
     bench: WrenchBench, changes: dict[str, Any], told: str
@@ -196,4 +231,7 @@ def test_the_filters_delay_is_told(bench: WrenchBench) -> None:
     cell = bench.cell
     expected_s = cell.filter.lowpass_s + (cell.filter.median - 1) / 2 / cell.rates.sensor_hz
     assert isinstance(bench.service, Measuring)
-    assert bench.service.numbers(0) == {"filter_delay_s": pytest.approx(expected_s)}
+    told = bench.service.numbers(bench.clock.now_ns())
+    assert told.keys() == {"filter_delay_s", "tare_age_h"}
+    assert told["filter_delay_s"] == pytest.approx(expected_s)
+    assert 0.0 <= told["tare_age_h"] < 1.0

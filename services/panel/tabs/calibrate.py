@@ -6,19 +6,21 @@ import numpy as np
 import viser
 from viser import uplot
 
+from common.markup import Html, html, joined
+from services.panel.prose import Prose, paragraphs
 from services.panel.tabs import Refresh, Tab
 from services.panel.viewer import Answer, Viewer, put
 from services.panel.watch import Snapshot
 from services.panel.wizard import Progress
 
 HEIGHT = 150
-WORDS = {
+WORDS: dict[str, Html | str] = {
     "idle": "Payload and sensor bias, by moving the tool through poses inside its workspace.",
     "planning": "planning …",
     "asking": "waiting for an answer to the question",
     "running": "running",
-    "done": "✔ **done**: the cell uses the new calibration",
-    "failed": "✖ **ended without a new calibration**",
+    "done": html("✔ <b>done</b>: the cell uses the new calibration"),
+    "failed": html("✖ <b>ended: the cell uses no new calibration</b>; the notes say why"),
 }
 
 
@@ -26,7 +28,7 @@ def build(viewer: Viewer) -> Refresh:
     """Fill the tab."""
     gui, wizard = viewer.gui, viewer.wizard
     most_mm_s = 1e3 * viewer.cell.limits.speed_m_s
-    state = gui.add_markdown(WORDS["idle"])
+    state = Prose(gui, paragraphs(WORDS["idle"]))
     poses = gui.add_slider("Poses", min=6, max=40, step=1, initial_value=10)
     fresh = gui.add_slider("Fresh poses", min=1, max=20, step=1, initial_value=4)
     speed = gui.add_slider(
@@ -36,7 +38,7 @@ def build(viewer: Viewer) -> Refresh:
     stop = gui.add_button("Stop calibrating", icon=viser.Icon.PLAYER_STOP, visible=False)
     bar = gui.add_progress_bar(0.0, visible=False)
     plot = _LeftPlot(gui)
-    notes = gui.add_markdown("")
+    notes = Prose(gui)
     asked = False  # whether this person is the one who is to be asked
 
     @start.on_click
@@ -58,15 +60,13 @@ def build(viewer: Viewer) -> Refresh:
             asked = False
             viewer.confirm("Calibrate", _question(now), "Move now", wizard.go, if_not=wizard.cancel)
         runs = now.phase in {"planning", "asking", "running"}
-        for handle, visible in ((start, not runs), (stop, runs), (bar, now.phase == "running")):
+        for handle, visible in ((start, not runs), (stop, runs), (bar, runs_now(now))):
             if handle.visible != visible:
                 handle.visible = visible
-        if now.phase == "running":
+        if runs_now(now):
             put(bar, 100.0 * now.share)
-        said = WORDS[now.phase] + (f": {now.text}" if now.phase == "running" else "")
-        for line, text in ((state, said), (notes, notes_of(now))):
-            if line.content != text:
-                line.content = text
+        state.show(paragraphs(f"running: {now.text}" if runs_now(now) else WORDS[now.phase]))
+        notes.show(notes_of(now))
         plot.show(now)
 
     return refresh
@@ -124,18 +124,27 @@ class _LeftPlot:
         )
 
 
-def _question(now: Progress) -> str:
-    return now.plan.replace("\n", "\n\n")
+def runs_now(now: Progress) -> bool:
+    """Tell whether the arm is being moved from pose to pose."""
+    return now.phase == "running"
 
 
-def notes_of(now: Progress) -> str:
-    """Return the verdict, what was found, and what was said besides, as Markdown."""
-    notes = [f"`{note}`" for note in now.notes]
+def _question(now: Progress) -> Html:
+    return paragraphs(*(line for line in now.plan.split("\n") if line))
+
+
+def notes_of(now: Progress) -> Html:
+    """Return the verdict, what was found, and what was said besides."""
+    notes = paragraphs(*(html("<code>{}</code>", note) for note in now.notes))
     if not now.left:
-        return "\n\n".join(notes)
-    rows = [f"| {' | '.join(row)} |" for row in now.left["found"]]
-    table = "\n".join(["| found | | ± |", "|---|---|---|", *rows])
-    return "\n\n".join([f"**{now.left['verdict']}**", table, *notes])
+        return notes
+    rows = joined(_row(row) for row in now.left["found"])
+    head = html("<tr><th>found</th><th></th><th>±</th></tr>")
+    return html("<p><b>{}</b></p><table>{}{}</table>{}", now.left["verdict"], head, rows, notes)
+
+
+def _row(cells: list[object]) -> Html:
+    return html("<tr>{}</tr>", joined(html("<td>{}</td>", cell) for cell in cells))
 
 
 TAB = Tab(30, "Calibrate", viser.Icon.TARGET, build)

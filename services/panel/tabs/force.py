@@ -1,23 +1,31 @@
 """Force feedback: arm, tare, press with a set point, gains while it runs."""
 
+import threading
+from contextlib import suppress
 from typing import Any, get_args
 
 import viser
 
 from common.client import Cell
-from common.messages import Gains, Mode, Preset, StartLaw
+from common.clock import NS_PER_S
+from common.errors import ForcemeshError
+from common.markup import Html, html
+from common.messages import Gains, Mode, Preset, StartLaw, Vec3
 from common.requests import ForceStartRequest, GainsRequest
+from services.panel.following import Followed
+from services.panel.prose import Prose, paragraphs
 from services.panel.tabs import Refresh, Tab
 from services.panel.viewer import Viewer, put
 from services.panel.watch import Snapshot
 
+READ_S = 5.0  # between two readings of the regulator's gains, which no topic carries
 GAIN_ROWS = (  # field, label, what one of the form's units is in SI
     ("force_p_m_per_N", "force P [µm/N]", 1e-6),
     ("force_i_m_per_Ns", "force I [mm/(N s)]", 1e-3),
     ("torque_p_rad_per_Nm", "torque P [mrad/(N m)]", 1e-3),
     ("torque_i_rad_per_Nms", "torque I [rad/(N m s)]", 1.0),
 )
-ARM_TEXT = (
+ARM_TEXT = paragraphs(
     "The motors obey from now on. Is everybody out of reach, and a hand at the emergency stop?"
 )
 
@@ -25,7 +33,7 @@ ARM_TEXT = (
 def build(viewer: Viewer) -> Refresh:
     """Fill the tab."""
     gui = viewer.gui
-    now = gui.add_markdown("…")
+    now = Prose(gui, paragraphs("…"))
     arm = gui.add_button("Arm", icon=viser.Icon.POWER, color="orange")
     tare = gui.add_button(
         "Tare", icon=viser.Icon.SCALE, hint="Take the present reading as zero; nothing may touch."
@@ -42,13 +50,12 @@ def build(viewer: Viewer) -> Refresh:
     with gui.add_folder("Press"):
         form = _PressForm(viewer)
     with gui.add_folder("Gains", expand_by_default=False):
-        _GainsForm(viewer)
+        gains = _GainsForm(viewer)
 
     def refresh(heard: Snapshot) -> None:
-        text = _now(heard)
-        if now.content != text:
-            now.content = text
+        now.show(now_text(heard))
         form.refresh(heard)
+        gains.refresh(heard)
         status = heard.arbiter.fresh
         is_armed = status is not None and status.goes_on
         if arm.visible == is_armed:
@@ -76,6 +83,12 @@ class _PressForm:
         self._stop = gui.add_button(
             "Stop force feedback", icon=viser.Icon.PLAYER_STOP, color="gray", visible=False
         )
+        self._followed = {
+            "setpoint_N": Followed(self._setpoint),
+            "mode": Followed(self._mode),
+            "host": Followed(self._host),
+            "law": Followed(self._law),
+        }
         self._start.on_click(self._on_start)
         self._change.on_click(lambda _event: viewer.do("Set point", self._begin))
         self._stop.on_click(
@@ -83,18 +96,22 @@ class _PressForm:
         )
 
     def refresh(self, heard: Snapshot) -> None:
-        """Offer what makes sense now."""
+        """Offer what makes sense now; what the cell presses with is what every form shows."""
+        target = heard.target.fresh
+        for name, field in self._followed.items():
+            field.follow(getattr(target, name, None))
         runs = heard.target.message is not None and heard.target.message.mode is not None
         for handle, visible in ((self._start, not runs), (self._change, runs), (self._stop, runs)):
             if handle.visible != visible:
                 handle.visible = visible
 
     def _request(self) -> ForceStartRequest:
+        law = self._law.value
         return ForceStartRequest(
             mode=self._mode.value,
             host=self._host.value,
-            law=self._law.value,
-            setpoint_N=float(self._setpoint.value),
+            law=law,
+            setpoint_N=0.0 if law == "guide" else float(self._setpoint.value),
         )
 
     def _begin(self, cell: Cell) -> str:
@@ -102,19 +119,34 @@ class _PressForm:
 
     def _on_start(self, _event: object) -> None:
         wanted = self._request()
-        text = (
-            f"The tool moves along its own z axis until it touches, then presses with "
-            f"**{wanted.setpoint_N:g} N** (mode {wanted.mode}, on the {wanted.host}). It gives up "
-            f"after {1e3 * self._viewer.cell.force.search_m:.0f} mm without contact."
+        text = start_question(wanted, self._viewer.cell.force.search_m)
+        label = "Guide now" if wanted.law == "guide" else "Press now"
+        self._viewer.confirm_and_do("Start pressing", text, label, self._begin)
+
+
+def start_question(wanted: ForceStartRequest, search_m: float) -> Html:
+    """Return what is going to happen, for the person who is to let it happen."""
+    if wanted.law == "guide":
+        return html(
+            "<p>The tool gives way to a hand: <b>it moves wherever it is pushed</b> (mode {}). Is "
+            "there nothing but air around it, and nobody in reach but the one who guides?</p>",
+            wanted.mode,
         )
-        self._viewer.confirm_and_do("Start pressing", text, "Press now", self._begin)
+    return html(
+        "<p>The tool moves along its own z axis until it touches, then presses with "
+        "<b>{} N</b> (mode {}, on the {}). It gives up after {} mm without contact.</p>",
+        f"{wanted.setpoint_N:g}",
+        wanted.mode,
+        wanted.host,
+        f"{1e3 * search_m:.0f}",
+    )
 
 
 class _GainsForm:
     """The regulator's gains; it ramps to new ones by itself, also while it presses."""
 
     def __init__(self, viewer: Viewer) -> None:
-        gui = viewer.gui
+        gui, self._viewer = viewer.gui, viewer
         preset = gui.add_button_group(
             "Preset", get_args(Preset), hint="Of the gain rule for this cell's stiffest contact."
         )
@@ -124,7 +156,8 @@ class _GainsForm:
         }
         read = gui.add_button("Read", icon=viser.Icon.REFRESH, color="gray")
         apply = gui.add_button("Apply", icon=viser.Icon.CHECK, hint="About base x, y, z.")
-        self._are_read = False
+        self._followed = {field: Followed(handle) for field, handle in self._rows.items()}
+        self._are_read, self._read_at_ns = False, 0
         preset.on_click(
             lambda _event: viewer.do(
                 f"Gains {preset.value}", lambda cell: self._set(cell, {"preset": preset.value})
@@ -132,6 +165,20 @@ class _GainsForm:
         )
         read.on_click(lambda _event: viewer.do("Gains", self._read))
         apply.on_click(lambda _event: viewer.do("Gains", self._apply))
+
+    def refresh(self, heard: Snapshot) -> None:
+        """Show the regulator's gains, whoever has set them; they are asked for now and then."""
+        if heard.target.silent or heard.now_ns - self._read_at_ns < READ_S * NS_PER_S:
+            return
+        self._read_at_ns = heard.now_ns
+        threading.Thread(target=self._follow, daemon=True).start()
+
+    def _follow(self) -> None:
+        with suppress(ForcemeshError):
+            gains = self._viewer.watch.client.force.gains()
+            for field, shown in in_rows(gains).items():
+                self._followed[field].follow(shown)
+            self._are_read = True
 
     def _read(self, cell: Cell) -> str:
         self._show(cell.force.gains())
@@ -150,28 +197,42 @@ class _GainsForm:
         reply = cell.force.ask_gains(GainsRequest(**wanted))
         if reply.gains is not None:
             self._show(reply.gains)
-        warning = f"  \n⚠ {reply.text}" if reply.text else ""
+        warning = f"\n⚠ {reply.text}" if reply.text else ""
         return f"set; the regulator ramps to them{warning}"
 
     def _show(self, gains: Gains) -> None:
+        for field, shown in in_rows(gains).items():
+            put(self._rows[field], shown)
+            self._followed[field].follow(shown)
         self._are_read = True
-        for field, _, unit in GAIN_ROWS:
-            x, y, z = (part / unit for part in getattr(gains, field))
-            put(self._rows[field], (x, y, z))
 
 
-def _now(heard: Snapshot) -> str:
-    """Return one line about what runs now."""
+def in_rows(gains: Gains) -> dict[str, Vec3]:
+    """Return gains in the units of the form, by field."""
+    rows = {}
+    for field, _, unit in GAIN_ROWS:
+        x, y, z = (part / unit for part in getattr(gains, field))
+        rows[field] = (x, y, z)
+    return rows
+
+
+def now_text(heard: Snapshot) -> Html:
+    """Return what runs now, and what is in the way."""
     target, wrench, status = heard.target.message, heard.wrench.fresh, heard.arbiter.fresh
     if wrench is None:
-        return f"⚠ no wrench: {heard.hub_fault or heard.wrench.fault}"
-    force = sum(part * part for part in wrench.force_N) ** 0.5
-    doing = "force feedback is off"
+        return paragraphs(f"⚠ no wrench: {heard.hub_fault or heard.wrench.fault}")
+    force_N = sum(part * part for part in wrench.force_N) ** 0.5
+    doing = html("force feedback is off")
     if target is not None and target.mode is not None:
-        doing = f"**{target.mode}** on the {target.host}, {target.contact}"
-    calibrated = "" if wrench.calibrated else f"  \n⚠ not calibrated: {wrench.calibration_fault}"
-    armed = "" if status is None or status.goes_on else "  \nnot armed"
-    return f"**{force:.1f} N** · {doing}{armed}{calibrated}"
+        doing = html("<b>{}</b> on the {}, {}", target.mode, target.host, target.contact)
+    if target is not None and target.setpoint_N is not None:
+        doing = html("{}, set point <b>{} N</b>", doing, f"{target.setpoint_N:g}")
+    lines: list[Html | str] = [html("<b>{} N</b> · {}", f"{force_N:.1f}", doing)]
+    if status is not None and not status.goes_on:
+        lines.append("not armed")
+    if not wrench.calibrated:
+        lines.append(f"⚠ not calibrated: {wrench.calibration_fault}")
+    return paragraphs(*lines)
 
 
 TAB = Tab(10, "Force", viser.Icon.ARROW_BAR_TO_DOWN, build)

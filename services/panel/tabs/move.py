@@ -11,8 +11,11 @@ import viser
 from common.client import Cell
 from common.convert import pose_of, record_of, vec6
 from common.frames import Oat, R_from_oat, oat_from_R, pose
+from common.markup import Html, html
 from common.messages import RobotState, Vec3
 from common.requests import MoveRequest
+from services.panel.backing_off import BackOff
+from services.panel.prose import Prose, paragraphs
 from services.panel.tabs import Refresh, Tab
 from services.panel.viewer import Answer, Viewer, ask, put
 from services.panel.watch import Snapshot
@@ -21,23 +24,26 @@ STEPS_MM = ("1", "5", "10", "50")
 UNLOCKED_S = 60.0
 USUAL_MM_S = 50.0
 ARROWS = ("−x", "+x", "−y", "+y", "−z", "+z")
-JOG_TEXT = (
-    "For a minute after the last jog, **each click moves the arm at once**, without asking again. "
-    "Is everybody out of reach, and a hand at the emergency stop?"
+JOG_TEXT = html(
+    "<p>For a minute after the last jog, <b>each click moves the arm at once</b>, without asking "
+    "again. Is everybody out of reach, and a hand at the emergency stop?</p>"
 )
-ARM_TEXT = "Arm for moves alone: also without calibration and in contact. Nothing presses."
+ARM_TEXT = paragraphs(
+    "Arm for moves alone: also without calibration and in contact. Nothing presses."
+)
 
 
 def build(viewer: Viewer) -> Refresh:
     """Fill the tab."""
     gui = viewer.gui
-    where = gui.add_markdown("…")
+    where = Prose(gui, paragraphs("…"))
     arm = gui.add_button("Arm for jog", icon=viser.Icon.POWER, color="orange")
     arm.on_click(
         lambda _event: viewer.confirm_and_do(
             "Arm for jog", ARM_TEXT, "Arm now", lambda cell: cell.arm("jog").text
         )
     )
+    BackOff(viewer)
     most_mm_s = 1e3 * viewer.cell.limits.speed_m_s
     speed = gui.add_slider(
         "Speed [mm/s]", min=1.0, max=most_mm_s, step=1.0, initial_value=min(USUAL_MM_S, most_mm_s)
@@ -51,9 +57,7 @@ def build(viewer: Viewer) -> Refresh:
         _GoTo(viewer, mover)
 
     def refresh(heard: Snapshot) -> None:
-        text = where_text(heard)
-        if where.content != text:
-            where.content = text
+        where.show(where_text(heard))
         jog.refresh()
 
     return refresh
@@ -184,7 +188,7 @@ class _Joints:
         text = "All joints move to " + ", ".join(f"{angle:g}" for angle in angles) + " degrees."
         self._viewer.confirm(
             "Move the joints",
-            text,
+            paragraphs(text),
             "Move now",
             lambda: self._mover.begin("Move the joints", lambda _cell: request),
         )
@@ -220,7 +224,7 @@ class _GoTo:
         text = f"The flange moves to {x:g}, {y:g}, {z:g} mm, on the way that the controller takes."
         self._viewer.confirm(
             "Move to a pose",
-            text,
+            paragraphs(text),
             "Move now",
             lambda: self._mover.begin("Move to a pose", lambda _cell: request),
         )
@@ -232,19 +236,18 @@ def vector(axis: int, amount: float) -> Vec3:
     return (x, y, z)
 
 
-def where_text(heard: Snapshot) -> str:
+def where_text(heard: Snapshot) -> Html:
     """Return where the flange is, as on the pendant."""
     robot = heard.robot.fresh
     if robot is None:
-        return f"⚠ {heard.hub_fault or heard.robot.fault}"
+        return paragraphs(f"⚠ {heard.hub_fault or heard.robot.fault}")
     T = pose_of(robot)
     x, y, z = (1e3 * float(part) for part in T.translation)
     o, a, t = (math.degrees(angle) for angle in oat_from_R(T.rotation))
     joints = ", ".join(f"{math.degrees(angle):z.1f}" for angle in robot.joint_rad)
-    return (
-        f"flange **{x:z.1f}, {y:z.1f}, {z:z.1f}** mm · O A T {o:z.1f}, {a:z.1f}, {t:z.1f}°  \n"
-        f"joints {joints}°"
-    )
+    flange, turned = f"{x:z.1f}, {y:z.1f}, {z:z.1f}", f"{o:z.1f}, {a:z.1f}, {t:z.1f}"
+    line = html("flange <b>{}</b> mm · O A T {}°<br>joints {}°", flange, turned, joints)
+    return paragraphs(line)
 
 
 def _arrived(state: RobotState) -> str:

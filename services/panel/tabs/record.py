@@ -4,8 +4,10 @@ import viser
 
 from common import topics
 from common.errors import BusError
+from common.markup import Html, html
 from common.messages import RecorderStatus
 from common.requests import Empty, RecordRequest
+from services.panel.prose import Prose, paragraphs
 from services.panel.tabs import Refresh, Tab
 from services.panel.viewer import Viewer
 from services.panel.watch import Snapshot
@@ -17,7 +19,7 @@ NOBODY = "⚠ no recorder is heard: it comes with `forcemesh up`; `forcemesh sta
 def build(viewer: Viewer) -> Refresh:
     """Fill the tab."""
     gui = viewer.gui
-    now = gui.add_markdown("…")
+    now = Prose(gui, paragraphs("…"))
     label = gui.add_text("Name", "", hint="Goes into the name of the file.")
     past = gui.add_checkbox("With the last minutes", initial_value=False)
     start = gui.add_button("Start recording", icon=viser.Icon.PLAYER_RECORD)
@@ -41,9 +43,7 @@ def build(viewer: Viewer) -> Refresh:
 
     def refresh(_heard: Snapshot) -> None:
         status = heard_of_it(viewer)
-        text = words(status)
-        if now.content != text:
-            now.content = text
+        now.show(words(status))
         asked = status is not None and status.recording and status.cause == "asked"
         if start.disabled != (asked or status is None):
             start.disabled = asked or status is None
@@ -63,24 +63,27 @@ def heard_of_it(viewer: Viewer) -> RecorderStatus | None:
     return None if reading.silent else reading.message
 
 
-def words(status: RecorderStatus | None) -> str:
+def words(status: RecorderStatus | None) -> Html:
     """Return what the recorder says, for people."""
     if status is None:
-        return NOBODY
-    lines = [f"⚠ {status.reason}"] if status.reason else []
+        return paragraphs(NOBODY)
+    lines: list[Html | str] = [f"⚠ {status.reason}"] if status.reason else []
     file = status.file.rpartition("/")[2]
     if status.recording:
-        why = "" if status.cause == "asked" else f", begun by `{status.cause}`"
-        lines.append(f"**● recording** for {status.recorded_s:.0f} s{why}")
+        asked = status.cause == "asked"
+        why = html("") if asked else html(", begun by <code>{}</code>", status.cause)
+        lines.append(html("<b>● recording</b> for {} s{}", f"{status.recorded_s:.0f}", why))
     else:
         lines.append("not recording")
     if file:
-        lines.append(f"`{file}`: {status.messages} messages, {status.lost} lost")
+        lines.append(
+            html("<code>{}</code>: {} messages, {} lost", file, status.messages, status.lost)
+        )
     lines.append(
         f"Memory reaches back {status.memory_s:.0f} s: a stop of the arm writes it out by itself. "
         f"{status.free_bytes / 1e9:.1f} GB are free."
     )
-    return "\n\n".join(lines)
+    return paragraphs(*lines)
 
 
 TAB = Tab(80, "Record", viser.Icon.PLAYER_RECORD, build)

@@ -141,9 +141,8 @@ def test_the_hanging_tool_pulls_the_sensor_along_gravity():
         q = np.radians(np.array(settings.home_deg)) + rng.uniform(-0.5, 0.5, 6)
         arm.command_joints(np.clip(q, arm.kinematics.lower_rad, arm.kinematics.upper_rad))
         arm.data.qpos[:6] = arm.q_command  # put it there: this is about the rest
-        arm.data.qpos[6:] = 0.0
         run(arm, 0.8)
-        if arm.data.ncon:
+        if arm.true_wrench().force_N.any():
             continue
         attitudes += 1
         R_base_sensor = arm.T_base_flange.rotation @ settings.T_flange_sensor.rotation
@@ -192,7 +191,7 @@ def test_the_disc_touches_where_the_truth_says(tilt_deg):
         arm.command_joints(flange_moved(arm, (0.0, 0.0, -0.0048 - 1e-6 * tick), T))
         for _ in range(5):
             arm.step()
-        if touched is None and arm.data.ncon:
+        if touched is None and arm.true_wrench().force_N.any():
             touched = arm.lift_off_m
     assert touched == pytest.approx(0.0, abs=2e-6)
 
@@ -214,7 +213,8 @@ def test_the_plate_gives_way_in_tilt_with_its_own_stiffness():
     truth, point = arm.true_wrench(), arm.plate.point_m
     lever = arm.data.site("tcp").xpos - point
     on_plate = -(truth.torque_Nm + np.cross(lever, truth.force_N))
-    assert arm.data.joint("plate_tilt_x").qpos[0] == pytest.approx(on_plate[0] / k_tilt, rel=0.05)
+    rise_along_y = arm.plate.springs.slope[1]  # the plate turns about its x
+    assert rise_along_y == pytest.approx(on_plate[0] / k_tilt, rel=0.05)
 
 
 def test_divergence_is_an_error_and_leaves_no_log_behind(tmp_path, monkeypatch):

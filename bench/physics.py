@@ -1,0 +1,57 @@
+"""What a millisecond of the simulated arm costs: MuJoCo's step and the plate, one run here."""
+
+from time import thread_time_ns
+
+import numpy as np
+from rich.table import Table
+
+from sim.robot.arm import SimArm
+from sim.robot.settings import SimSettings
+
+MOST_US = 80.0
+ROUNDS, TICKS = 20, 500
+PRESS_N = 20.0
+
+
+def arm_at(tilt_deg: float, push_N: float) -> SimArm:
+    """Return an arm at rest that pushes about so hard on a plate with this tilt; 0: free."""
+    arm = SimArm(SimSettings(tilt_deg=tilt_deg), seed=0)
+    settings, T = arm.settings, arm.T_base_flange
+    if push_N > 0.0:
+        T.translation[2] -= settings.gap_m + push_N / settings.stiffness_N_m
+    found = arm.kinematics.solve(T, arm.q, jump_rad=1.0)
+    if found.q is None:
+        raise ValueError(found.reason)
+    arm.command_joints(found.q)
+    for _ in range(TICKS):
+        arm.step()
+    return arm
+
+
+def costs_us(arm: SimArm) -> list[float]:
+    """Return the mean of each round of ticks [us]: physics and contact, without set points."""
+    found = []
+    for _ in range(ROUNDS):
+        start_ns = thread_time_ns()
+        for _ in range(TICKS):
+            arm.advance()
+        found.append((thread_time_ns() - start_ns) / TICKS / 1e3)
+    return found
+
+
+def table() -> Table:
+    """Return median and worst round for a tool that is free, lies flat and stands on its edge."""
+    rows = Table(
+        title=f"CPU time of a tick of physics and contact, us: at most {MOST_US:g}",
+        title_justify="left",
+    )
+    for name in ("tool", "median", "worst round"):
+        rows.add_column(name, justify="left" if name == "tool" else "right")
+    for name, tilt_deg, push_N in (
+        ("free", 0.0, 0.0),
+        ("flat on the plate", 0.0, PRESS_N),
+        ("on its edge", 10.0, PRESS_N),
+    ):
+        found = costs_us(arm_at(tilt_deg, push_N))
+        rows.add_row(name, f"{np.median(found):.1f}", f"{max(found):.1f}")
+    return rows

@@ -1,0 +1,215 @@
+"""What subscriptions of one client cost the hub: `python -m bench subscriptions`.
+
+`python -m bench.subscriptions --write` puts the table into docs/network.md.
+
+A hub in a process of its own passes on what a cell publishes, 1500 messages a second, to one reader
+as always. Beside it one client subscribes in different ways, wildcards over everything, each with
+its own round of the same length; rounds are repeated in turn. What is compared within one run are
+processor seconds of the hub and the way of a message through it.
+"""
+
+import argparse
+import json
+import multiprocessing
+import os
+import socket
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+import zenoh
+from rich.console import Console
+from rich.table import Table
+
+from common.bus_settings import client_settings, hub_settings
+from common.cell import Cell
+from common.config import load_cell
+from common.topics import TOPICS
+
+DEMO = Path(__file__).parents[1] / "cells" / "demo.yaml"
+PAGE = Path(__file__).parents[1] / "docs" / "network.md"
+BEGIN, END = "<!-- subscriptions -->", "<!-- end of subscriptions -->"
+COLUMNS = ("one client beside the cell", "hub's processor", "way of a message", "declared in")
+ROUNDS = 5
+ROUND_S = 1.5
+RATE_HZ = 1500
+SIZE_B = 300
+# name: sessions of the client, subscriptions in each
+WAYS: dict[str, tuple[int, int]] = {
+    "nobody else": (0, 0),
+    "1 session, 1 subscription": (1, 1),
+    "1 session, 100 subscriptions": (1, 100),
+    "1 session, 1000 subscriptions": (1, 1000),
+    "4 sessions, 1 subscription each": (4, 1),
+    "16 sessions, 1 subscription each": (16, 1),
+}
+
+
+@dataclass(slots=True)
+class Found:
+    """What was measured of one way to subscribe."""
+
+    cpu_s: list[float] = field(default_factory=list)  # of the hub, per 1000 messages
+    way_ms: list[float] = field(default_factory=list)  # of a message, median of a round
+    declared_s: list[float] = field(default_factory=list)  # until all were declared
+
+
+def rows(found: dict[str, Found]) -> list[list[str]]:
+    """Return a row for each way to subscribe, beside one subscription of one session."""
+    base = found["1 session, 1 subscription"]
+    return [
+        [
+            name,
+            f"{median(each.cpu_s) / median(base.cpu_s):.2f}",
+            f"{median(each.way_ms) / median(base.way_ms):.2f}",
+            f"{median(each.declared_s) * 1e3:.0f} ms",
+        ]
+        for name, each in found.items()
+    ]
+
+
+def table() -> Table:
+    """Measure, and return the table."""
+    result = Table(*COLUMNS)
+    for row in rows(measure()):
+        result.add_row(*row)
+    return result
+
+
+def with_table(text: str, found: dict[str, Found], when: datetime) -> str:
+    """Return the page with what was measured between its marks."""
+    before, rest = text.split(BEGIN)
+    after = rest.split(END)[1]
+    stamp = (
+        f"{when:%Y-%m-%d}, {os.cpu_count()} cores, medians of {ROUNDS} rounds of "
+        f"{RATE_HZ * ROUND_S:.0f} messages, by `python -m bench.subscriptions --write`; "
+        "1.00 is one subscription of one session:"
+    )
+    lines = [
+        stamp,
+        "",
+        f"| {' | '.join(COLUMNS)} |",
+        "|---|---:|---:|---:|",
+        *(f"| {' | '.join(row)} |" for row in rows(found)),
+    ]
+    return "\n".join([f"{before}{BEGIN}", *lines, f"{END}{after}"])
+
+
+def main() -> None:
+    """Print the table, or write it."""
+    parser = argparse.ArgumentParser(prog="python -m bench.subscriptions", description=__doc__)
+    parser.add_argument("--write", action="store_true", help=f"put it into docs/{PAGE.name}")
+    if parser.parse_args().write:
+        found = measure()
+        PAGE.write_text(with_table(PAGE.read_text("utf-8"), found, datetime.now(UTC)), "utf-8")
+    else:
+        Console().print(table())
+
+
+def measure() -> dict[str, Found]:
+    """Go round all ways several times."""
+    with socket.create_server(("127.0.0.1", 0)) as probe:
+        endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+    cell = load_cell(DEMO, {"bus.endpoint": endpoint})
+    found = {name: Found() for name in WAYS}
+    with _hub(cell) as pid, _session(cell) as writer, _session(cell) as reader:
+        arrived: list[float] = []
+
+        def hear(sample: zenoh.Sample) -> None:
+            sent_ns = int.from_bytes(sample.payload.to_bytes()[:8], "little")
+            arrived.append((time.monotonic_ns() - sent_ns) * 1e-6)
+
+        kept = reader.declare_subscriber(f"{cell.cell}/{TOPICS[0].key}", hear)
+        publishers = [writer.declare_publisher(f"{cell.cell}/{topic.key}") for topic in TOPICS]
+        for _ in range(ROUNDS):
+            for name, (sessions, each) in WAYS.items():
+                with ExitStack() as stack:
+                    began_s = time.monotonic()
+                    _subscribe(cell, sessions, each, stack)
+                    found[name].declared_s.append(time.monotonic() - began_s)
+                    time.sleep(0.3)
+                    arrived.clear()
+                    before_s = _cpu_s(pid)
+                    count = _publish(publishers)
+                    found[name].cpu_s.append((_cpu_s(pid) - before_s) / count * 1000)
+                    found[name].way_ms.append(median(arrived))
+        kept.undeclare()
+    return found
+
+
+def patterns(cell: str) -> list[str]:
+    """Return wildcards that differ, everything first: the same one twice is declared once."""
+    parts = sorted({word[a:b] for topic in TOPICS for word in topic.key.split("/")
+                    for a in range(len(word)) for b in range(a + 1, len(word) + 1)})  # fmt: skip
+    return [f"{cell}/**", *(f"{cell}/$*{a}$*/$*{b}$*" for a in parts[::7] for b in parts[::3])]
+
+
+def _subscribe(cell: Cell, sessions: int, each: int, stack: ExitStack) -> None:
+    for _ in range(sessions):
+        session = stack.enter_context(_session(cell))
+        for pattern in patterns(cell.cell)[:each]:
+            heard = session.declare_subscriber(pattern, zenoh.handlers.RingChannel(1))
+            stack.callback(lambda _: None, heard)
+
+
+def _publish(publishers: list[Any]) -> int:
+    """Publish at the rate of a cell for a round; return how many messages."""
+    count, began_s = 0, time.monotonic()
+    while (passed_s := time.monotonic() - began_s) < ROUND_S:
+        while count < passed_s * RATE_HZ:
+            stamp = time.monotonic_ns().to_bytes(8, "little")
+            publishers[count % len(publishers)].put(stamp + b"\0" * (SIZE_B - 8))
+            count += 1
+        time.sleep(0.001)
+    return count
+
+
+def _cpu_s(pid: int) -> float:
+    fields = Path(f"/proc/{pid}/stat").read_text("ascii").rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def _opened(cell: Cell) -> zenoh.Session:
+    settings = client_settings(cell.bus.endpoint, "monitor", {})
+    give_up_s = time.monotonic() + 30.0
+    while True:
+        try:
+            return zenoh.open(zenoh.Config.from_json5(json.dumps(settings)))
+        except zenoh.ZError:
+            if time.monotonic() > give_up_s:
+                raise
+            time.sleep(0.1)
+
+
+@contextmanager
+def _session(cell: Cell) -> Iterator[zenoh.Session]:
+    session = _opened(cell)
+    try:
+        yield session
+    finally:
+        session.close()
+
+
+def _be_the_hub(cell: Cell) -> None:
+    with zenoh.open(zenoh.Config.from_json5(json.dumps(hub_settings(cell, cell.bus.endpoint)))):
+        time.sleep(3600.0)
+
+
+@contextmanager
+def _hub(cell: Cell) -> Iterator[int]:
+    process = multiprocessing.get_context("spawn").Process(target=_be_the_hub, args=(cell,))
+    process.start()
+    try:
+        yield process.pid or 0
+    finally:
+        process.terminate()
+        process.join()
+
+
+if __name__ == "__main__":
+    main()

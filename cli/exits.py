@@ -1,0 +1,35 @@
+"""Exit codes: one table from exceptions to codes, for every verb."""
+
+from common.errors import (
+    BusError,
+    ConfigError,
+    DataError,
+    ForcemeshError,
+    RefusedError,
+    SetupError,
+)
+
+OK, NOT_WELL, USAGE, REFUSED, NO_ANSWER, INTERRUPTED = 0, 1, 2, 3, 4, 130
+EXITS = {
+    OK: "done and well",
+    NOT_WELL: "not well: a process died, a role is silent, a move did not get there",
+    USAGE: "wrong usage, or a file that cannot be used, certificates among them",
+    REFUSED: "refused, with the reason",
+    NO_ANSWER: "no answer: the cell is not up, or does not say what was waited for",
+    INTERRUPTED: "interrupted; what moved was asked to hold",
+}
+TABLE: tuple[tuple[type[BaseException], int], ...] = (  # the first row that fits counts
+    (ConfigError, USAGE),
+    (DataError, USAGE),
+    (SetupError, USAGE),
+    (RefusedError, REFUSED),
+    (BusError, NO_ANSWER),
+    (ForcemeshError, NOT_WELL),
+    (OSError, USAGE),
+    (KeyboardInterrupt, INTERRUPTED),
+)
+
+
+def exit_code_of(error: BaseException) -> int:
+    """Return the exit code of a verb that ends with an exception."""
+    return next((code for kind, code in TABLE if isinstance(error, kind)), NOT_WELL)

@@ -1,0 +1,97 @@
+"""Backing off under the arbiter: which goal frees the arm, and when it has done so. Pure.
+
+The rules are those of common/back_off.py, which the robot's process keeps again by itself.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pinocchio as pin
+
+from common import back_off
+from common.back_off import BackOff, Plan
+from common.convert import pose_of, record_of
+from common.faults import tripped
+from common.guard import MEASURED_SLACK_M
+from common.limits import Limits
+from common.messages import RobotState, Speed, Trip, WrenchAtTcp
+from common.requests import MoveRequest
+from services.arbiter.bounds import Bounds
+from services.arbiter.inputs import Inputs
+
+SPEED = Speed(mechanical_m_s=back_off.SPEED_M_S)
+
+
+@dataclass(frozen=True, slots=True)
+class Freeing:
+    """One backing off, from arming to its end."""
+
+    plan: Plan
+    run: BackOff
+    limits: Limits  # the cell's own: they say when the arm is free
+    bounds: Bounds  # where it may go meanwhile
+    blind: bool  # without sensor or wrench: what these say is not waited for
+    unknown: tuple[Trip, ...] = ()  # why it is blind: still a fault when it ends
+
+    @property
+    def request(self) -> MoveRequest:
+        """The move that frees the arm."""
+        pose = record_of(self.plan.goal(self.run.T_start))
+        return MoveRequest(kind="pose", pose=pose, speed_m_s=back_off.SPEED_M_S)
+
+
+def is_blind(inputs: Inputs) -> bool:
+    """Tell whether nothing valid is known of the force."""
+    return inputs.wrench.fresh is None or inputs.sensor.fresh is None
+
+
+def begin(inputs: Inputs, robot: RobotState, bounds: Bounds, *, confirmed: bool) -> Freeing | Trip:
+    """Return the way out from here, or why there is none.
+
+    Args:
+        inputs: What is known now.
+        robot: Where the arm is.
+        bounds: The cell's limits and tool.
+        confirmed: Whether a person has agreed to go back without a force to follow.
+    """
+    T, blind = pose_of(robot), is_blind(inputs)
+    wrench = None if blind else inputs.wrench.fresh
+    plan = back_off.plan(bounds.limits, T, bounds.T_flange_tcp, wrench, confirmed=confirmed)
+    if isinstance(plan, Trip):
+        return plan
+    around = back_off.freed(bounds.limits, T * bounds.T_flange_tcp, MEASURED_SLACK_M)
+    return Freeing(
+        plan=plan,
+        run=BackOff(T, inputs.now_ns),
+        limits=bounds.limits,
+        bounds=replace(bounds, limits=around, T_armed=T),
+        blind=blind,
+    )
+
+
+def watch(
+    freeing: Freeing, robot: RobotState, wrench: WrenchAtTcp | None, now_ns: int
+) -> tuple[Freeing, Trip | None]:
+    """Return it a period later, and why it must end: the arm is free, or it does not get free."""
+    T = pose_of(robot)
+    run, trip = freeing.run.felt(wrench)
+    trip = trip or run.moved(T, now_ns)
+    freeing = replace(freeing, run=run)
+    T_base_tcp = T * freeing.bounds.T_flange_tcp
+    if trip is None and back_off.is_over(freeing.plan.kind, freeing.limits, T_base_tcp, wrench):
+        trip = tripped("back_off", f"free after {told(freeing, T, wrench)}")
+    return freeing, trip
+
+
+def at_its_end(freeing: Freeing, robot: RobotState, wrench: WrenchAtTcp | None) -> Trip:
+    """Return the trip of a whole way that was gone."""
+    return tripped("still_loaded", f"went its whole way: {told(freeing, pose_of(robot), wrench)}")
+
+
+def told(freeing: Freeing, T_base_flange: pin.SE3, wrench: WrenchAtTcp | None) -> str:
+    """Return how far the tool went and what it feels now."""
+    way = T_base_flange.translation - freeing.run.T_start.translation
+    force = "the force is not known"
+    if wrench is not None:
+        force = f"{float(np.linalg.norm(wrench.force_N)):.1f} N now"
+    return f"{1e3 * float(np.linalg.norm(way)):.1f} mm, {force}"

@@ -1,0 +1,222 @@
+"""A sprung plate without mass under the flat face of a disc: the law of contact. Pure.
+
+The plate gives way along its normal by u and tilts by the slopes s; both are damped springs
+(Kelvin-Voigt). Without mass it is always where the disc lets it be: of all states that the disc
+does not cut, the one of least energy. With the disc's centre c and the unit vector b along its
+back, in the plate's frame at rest, the gap at the nearest point of the rim is
+
+    gap(u, s) = c_z - u - s . c_xy - r |b_xy + b_z s|  >= 0
+
+(sim.robot.contact has the same distance for a rigid plane). The force N is the multiplier of this
+one condition: it pushes or is zero, and the centre of pressure is a point of the disc.
+
+Within its plane the plate gives way under the contact by z and twists by psi. Friction holds the
+disc's face to that spring up to Coulomb's limit and lets it slip beyond (elastic-plastic bristle;
+Dupont et al., Single state elastoplastic friction models, IEEE TAC 47(5), 2002). Force and torque
+share an ellipsoid (Howe and Cutkosky, Practical force-motion models for sliding manipulation,
+IJRR 15(6), 1996); the torque's lever is half the chord of the rim through the centre of pressure:
+r for a disc that lies flat, zero for one on its edge.
+
+Each step is implicit in the state of its end: a projection on the gap, then one on the ellipsoid
+(return mapping). The springs follow the midpoint rule, so what they store is what was put in;
+dampers and slip only take, for any step. Hence the plate never gives more work than it took.
+"""
+
+import math
+from dataclasses import dataclass
+
+from sim.robot.settings import SimSettings
+
+HALF_SIDE_M = 0.08  # the plate ends here: beyond it there is nothing to touch
+DEEPEST_TOUCH_M = 0.002  # a disc that is first met deeper than this is below the plate
+LEAST_LEVER_M = 1e-6
+NEWTON_STEPS = 40
+FORCE_EXACT_N = 1e-9
+
+Vector2 = tuple[float, float]
+Vector3 = tuple[float, float, float]
+_ORIGIN = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Disc:
+    """The disc's face at the end of a step and its speed over it, in the plate's frame at rest."""
+
+    centre_m: Vector3
+    back: Vector3  # unit vector from the face into the tool
+    velocity_m_s: Vector3  # of the centre
+    turn_rad_s: Vector3
+    radius_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class Push:
+    """What the plate does to the disc, in the plate's frame at rest, about the disc's centre."""
+
+    force_N: Vector3 = (0.0, 0.0, 0.0)
+    torque_Nm: Vector3 = (0.0, 0.0, 0.0)
+    normal_N: float = 0.0
+
+
+@dataclass(slots=True)
+class SprungPlate:
+    """The plate's springs and where they stand."""
+
+    stiffness_N_m: float  # along the normal and within the plane
+    tilt_stiffness_Nm_rad: float  # about any axis
+    relaxation_s: float  # damping over stiffness, of every spring
+    friction: float
+
+    travel_m: float = 0.0  # u, at the plate's middle; negative is pushed in
+    slope: Vector2 = (0.0, 0.0)  # s: rise along x and y
+    shear_m: Vector2 = (0.0, 0.0)  # z: within the plane, under the contact
+    twist_rad: float = 0.0  # psi: about the normal, under the contact
+    touched: bool = False
+
+    @classmethod
+    def of(cls, settings: SimSettings) -> "SprungPlate":
+        """Return the plate of a cell at rest."""
+        return cls(
+            stiffness_N_m=settings.stiffness_N_m,
+            tilt_stiffness_Nm_rad=settings.plate_tilt_stiffness_Nm_rad,
+            relaxation_s=settings.plate_relaxation_s,
+            friction=settings.friction,
+        )
+
+    @property
+    def energy_J(self) -> float:
+        """What the springs hold."""
+        lengths2 = self.travel_m**2 + self.shear_m[0] ** 2 + self.shear_m[1] ** 2
+        angles2 = self.slope[0] ** 2 + self.slope[1] ** 2 + self.twist_rad**2
+        return 0.5 * (self.stiffness_N_m * lengths2 + self.tilt_stiffness_Nm_rad * angles2)
+
+    def step(self, disc: Disc, dt_s: float) -> Push:
+        """Let the disc move for `dt_s` [s] to where it is said to be; return what it feels."""
+        rule = _Midpoint.of(self, dt_s)
+        free_slope = (rule.kept * self.slope[0], rule.kept * self.slope[1])
+        squeeze = _Squeeze(disc, rule, rule.kept * self.travel_m, free_slope)
+        normal_N, arm = (0.0, _ORIGIN) if self._misses(disc, squeeze) else squeeze.solve()
+        self.touched = normal_N > 0.0
+        self.travel_m, self.slope = squeeze.travel_m(normal_N), squeeze.slope(normal_N, arm)
+        fx, fy, twist_Nm = self._rub(disc, arm, normal_N, rule)
+        force = (fx - normal_N * self.slope[0], fy - normal_N * self.slope[1], normal_N)
+        tx, ty, tz = _cross(arm, force)
+        return Push(force, (tx, ty, tz + twist_Nm), normal_N)
+
+    def _misses(self, disc: Disc, squeeze: "_Squeeze") -> bool:
+        """Whether the disc is beside the plate or below it."""
+        beside = max(abs(disc.centre_m[0]), abs(disc.centre_m[1])) > HALF_SIDE_M
+        return beside or (not self.touched and squeeze.at(0.0)[0] < -DEEPEST_TOUCH_M)
+
+    def _rub(self, disc: Disc, arm: Vector3, normal_N: float, rule: "_Midpoint") -> Vector3:
+        """Let friction hold or slip; return its force [N, N] and torque [Nm] on the disc."""
+        vx, vy, _ = _sum(disc.velocity_m_s, _cross(disc.turn_rad_s, arm))
+        (zx, zy), psi = self.shear_m, self.twist_rad
+        fx = -rule.k * (zx + rule.dt_s * vx - rule.kept * zx)
+        fy = -rule.k * (zy + rule.dt_s * vy - rule.kept * zy)
+        twist_Nm = -rule.k_tilt * (psi + rule.dt_s * disc.turn_rad_s[2] - rule.kept * psi)
+        limit_N = self.friction * normal_N
+        lever_m = math.sqrt(max(0.0, disc.radius_m**2 - math.hypot(*arm) ** 2))
+        if lever_m < LEAST_LEVER_M:
+            twist_Nm, lever_m = 0.0, 1.0  # on its edge a disc turns freely
+        used_N = math.hypot(fx, fy, twist_Nm / lever_m)
+        if used_N > limit_N:
+            share = limit_N / used_N
+            fx, fy, twist_Nm = share * fx, share * fy, share * twist_Nm
+        self.shear_m = (rule.kept * zx - fx / rule.k, rule.kept * zy - fy / rule.k)
+        self.twist_rad = rule.kept * psi - twist_Nm / rule.k_tilt
+        return fx, fy, twist_Nm
+
+
+@dataclass(frozen=True, slots=True)
+class _Midpoint:
+    """Midpoint rule of damped springs: the force is k (x1 - kept x0), free they keep so much."""
+
+    k: float
+    k_tilt: float
+    kept: float
+    dt_s: float
+
+    @classmethod
+    def of(cls, plate: SprungPlate, dt_s: float) -> "_Midpoint":
+        rate = plate.relaxation_s / dt_s + 0.5
+        k, k_tilt = rate * plate.stiffness_N_m, rate * plate.tilt_stiffness_Nm_rad
+        return cls(k, k_tilt, 1.0 - 1.0 / rate, dt_s)
+
+
+@dataclass(frozen=True, slots=True)
+class _Squeeze:
+    """The projection on the gap: one equation for the normal force, which the gap rises with."""
+
+    disc: Disc
+    rule: _Midpoint
+    free_m: float  # where the plate would go if nothing pressed on it
+    free_slope: Vector2
+
+    def travel_m(self, normal_N: float) -> float:
+        """Return u under a force."""
+        return self.free_m - normal_N / self.rule.k
+
+    def slope(self, normal_N: float, arm_m: Vector3) -> Vector2:
+        """Return s under a force at a centre of pressure."""
+        x, y, _ = self.disc.centre_m
+        give = normal_N / self.rule.k_tilt
+        return (
+            self.free_slope[0] - give * (x + arm_m[0]),
+            self.free_slope[1] - give * (y + arm_m[1]),
+        )
+
+    def solve(self) -> tuple[float, Vector3]:
+        """Return the normal force [N] and the centre of pressure from the disc's centre [m]."""
+        gap_m, _, arm_m = self.at(0.0)
+        low, high = 0.0, -self.rule.k * gap_m  # tilting can only lessen the force
+        if high <= 0.0:
+            return 0.0, _ORIGIN
+        normal_N = self._flat_N()
+        for _ in range(NEWTON_STEPS):
+            if not low < normal_N <= high:
+                normal_N = 0.5 * (low + high)
+            gap_m, rises, arm_m = self.at(normal_N)
+            low, high = (normal_N, high) if gap_m < 0.0 else (low, normal_N)
+            step_N = gap_m / rises
+            if abs(step_N) < FORCE_EXACT_N:
+                break
+            normal_N -= step_N
+        return normal_N, arm_m
+
+    def at(self, normal_N: float) -> tuple[float, float, Vector3]:
+        """Return gap, its rise with the force, and the centre of pressure [m, m/N, m]."""
+        (x, y, z), (bx, by, bz), r = self.disc.centre_m, self.disc.back, self.disc.radius_m
+        give, (free_x, free_y) = normal_N / self.rule.k_tilt, self.free_slope
+        # The relative tilt is q - give bz arm: on an edge the arm is the rim's lowest point, along
+        # q; when that would tilt the disc beyond flat, it lies flat with its arm within the rim.
+        qx, qy = bx + bz * (free_x - give * x), by + bz * (free_y - give * y)
+        q, rises = math.hypot(qx, qy), 1.0 / self.rule.k
+        tilt = q - give * r * bz * bz
+        if tilt <= 0.0 < give:
+            gap_m = z - self.travel_m(normal_N) + (bx * x + by * y) / bz
+            arm_x, arm_y = qx / (give * bz), qy / (give * bz)
+            return gap_m, rises, (arm_x, arm_y, -(arm_x * bx + arm_y * by) / bz)
+        ex, ey = (qx / q, qy / q) if q > 0.0 else (0.0, 0.0)
+        arm = (r * bz * ex, r * bz * ey, -r * (ex * bx + ey * by))
+        sx, sy = self.slope(normal_N, arm)
+        gap_m = z - self.travel_m(normal_N) - sx * x - sy * y - r * tilt
+        rises += ((x + arm[0]) ** 2 + (y + arm[1]) ** 2) / self.rule.k_tilt
+        if q > 0.0:
+            rises -= give * r * (bz * (x * ey - y * ex)) ** 2 / (self.rule.k_tilt * q)
+        return gap_m, rises, arm
+
+    def _flat_N(self) -> float:
+        """Return the force on a disc that lies flat: a first guess."""
+        (x, y, z), (bx, by, bz) = self.disc.centre_m, self.disc.back
+        if abs(bz) < 0.1:
+            return 0.0
+        return self.rule.k * (self.free_m - z - (bx * x + by * y) / bz)
+
+
+def _sum(a: Vector3, b: Vector3) -> Vector3:
+    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
+
+
+def _cross(a: Vector3, b: Vector3) -> Vector3:
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]

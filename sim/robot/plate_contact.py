@@ -1,0 +1,60 @@
+"""The plate beside MuJoCo's physics: reads the disc's motion, puts the plate's push on it."""
+
+import math
+
+import numpy as np
+
+from sim.robot.engine import mujoco
+from sim.robot.plate import Disc, SprungPlate
+from sim.robot.scene import plate_at_rest
+from sim.robot.settings import SimSettings
+
+_SITE = mujoco.mjtObj.mjOBJ_SITE
+
+
+class PlateContact:
+    """The plate that the disc touches: where it lies, its springs, and the push of each step.
+
+    It acts between the two halves of a step, when MuJoCo has the state and has not used the forces
+    yet. The push goes onto the massless body `disc`, whose origin is the TCP: so the force/torque
+    sensor feels it like any other load on the tool.
+    """
+
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, settings: SimSettings) -> None:
+        """Lay the plate where it rests; `point_m` and `springs` may be changed at any time."""
+        rest = plate_at_rest(settings)
+        self.point_m, self.normal = rest.point_m.copy(), rest.normal
+        self.springs = SprungPlate.of(settings)
+        self._model, self._data, self._R_base_plate = model, data, rest.R_base_plate
+        self._radius_m = settings.disc_radius_m
+        self._tcp, self._disc = model.site("tcp").id, model.body("disc").id
+        self._twist = np.zeros(6)  # MuJoCo's order: rotation, translation
+
+    def act(self) -> None:
+        """Push the disc for the model's next time step."""
+        dt_s = self._model.opt.timestep
+        push = self.springs.step(self._disc_after(dt_s), dt_s)
+        both = np.array((push.force_N, push.torque_Nm)) @ self._R_base_plate.T
+        self._data.xfrc_applied[self._disc] = both.ravel()
+
+    def _disc_after(self, dt_s: float) -> Disc:
+        """Return the disc where its speed takes it by the end of the step."""
+        data, twist = self._data, self._twist
+        mujoco.mj_objectVelocity(self._model, data, _SITE, self._tcp, twist, 0)
+        from_plate = data.site_xpos[self._tcp] - self.point_m
+        back = -data.site_xmat[self._tcp][2::3]
+        rows = np.array((from_plate, back, twist[3:], twist[:3])) @ self._R_base_plate
+        (x, y, z), (bx, by, bz), (vx, vy, vz), (wx, wy, wz) = rows.tolist()
+        bx, by, bz = (
+            bx + dt_s * (wy * bz - wz * by),
+            by + dt_s * (wz * bx - wx * bz),
+            bz + dt_s * (wx * by - wy * bx),
+        )
+        size = math.hypot(bx, by, bz)
+        return Disc(
+            centre_m=(x + dt_s * vx, y + dt_s * vy, z + dt_s * vz),
+            back=(bx / size, by / size, bz / size),
+            velocity_m_s=(vx, vy, vz),
+            turn_rad_s=(wx, wy, wz),
+            radius_m=self._radius_m,
+        )

@@ -1,0 +1,114 @@
+"""Text of others in a real browser: it stands there letter by letter, and nothing of it acts.
+
+The page is served by this process from snapshots of its own: no cell is needed to say the worst.
+"""
+
+from types import SimpleNamespace
+
+import pytest
+
+from common import topics
+from common.errors import RefusedError
+from common.messages import RecorderStatus
+from common.requests import Reply
+from services.panel.wizard import Progress
+from tests.browser.spoken import SpokenWatch, said, served
+from tests.fakes.hostile_text import filled, harmless, hostile, reading, snapshot, texts_of
+
+pytestmark = [pytest.mark.browser, pytest.mark.long, pytest.mark.timeout(300)]
+
+READY = {  # tab: what it shows once it was told of the cell
+    "Force": "not calibrated",
+    "Move": "flange",
+    "Calibrate": "running:",
+    "Record": "recording for",
+    "Faults": "not ready:",
+}
+TAGS = "e => [...e.querySelectorAll('*')].map(one => one.tagName + '#' + (one.id ? 'id' : ''))"
+FORMS = "xpath=ancestor::*[@role='tablist'][1]/../.."
+FOREIGN = "#x, iframe, object, embed, a[href*='example'], img[src*='passwd'], em, del, h1, strong"
+
+
+def spoken(text) -> SpokenWatch:
+    """Return a watch on a cell that says such texts, also in every refusal."""
+
+    def refuse(*_args, **_named):
+        reply = filled(Reply, text)
+        raise RefusedError(reply.code, reply.text, remedy=text("remedy"))
+
+    watch = SpokenWatch(snapshot(text))
+    status = filled(RecorderStatus, text).model_copy(update={"recording": True})
+    watch.client = SimpleNamespace(
+        tare=refuse, clear=refuse, hold=refuse, feed=lambda _topic: said(reading(status))
+    )
+    return watch
+
+
+def calibrating(text) -> Progress:
+    """Return a calibration in which every text is foreign."""
+    progress = Progress()
+    progress.heard({"note": text("note")})
+    found = [[text("found"), text("value"), text("deviation")]]
+    left = {"fit_N": [], "fresh_N": [], "limit_N": 1.0, "verdict": text("verdict"), "found": found}
+    progress.heard({"left": left})
+    progress.heard({"progress": 0.5, "text": text("progress")})
+    return progress
+
+
+def shown(cockpit, address):
+    """Return of each tab its elements and its text, and the page."""
+    page = cockpit().open(address)
+    page.click("Tare")
+    page.until_said("Tare")
+    tags, texts = {}, {}
+    for tab, shown_there in READY.items():
+        page.tab(tab)
+        panel = page.page.get_by_role("tab", name="Faults").locator(FORMS)
+        panel.get_by_text(shown_there).first.wait_for()
+        tags[tab] = panel.evaluate(TAGS)
+        texts[tab] = panel.evaluate("e => e.textContent")
+    texts["all"] = "\n".join([*texts.values(), page.page.evaluate("document.body.textContent")])
+    texts["title"] = page.page.evaluate("document.querySelector('#fm-state').title")
+    return tags, texts, page
+
+
+def test_text_of_others_is_shown_as_text_and_nothing_of_it_becomes_an_element(monkeypatch, cockpit):
+    """The same elements as with harmless text; each field that is shown stands there whole."""
+    with served(monkeypatch, spoken(harmless), calibrating(harmless)) as address:
+        expected, harmless_texts, _ = shown(cockpit, address)
+    with served(monkeypatch, spoken(hostile), calibrating(hostile)) as address:
+        tags, texts, page = shown(cockpit, address)
+        assert page.page.locator(FOREIGN).count() == 0
+        assert page.page.evaluate("window.ran") is None
+        page.picture("panel-foreign")
+    assert tags == expected
+    heard = snapshot(hostile)
+    status, wrench = heard.arbiter.message, heard.wrench.message
+    assert status is not None
+    assert wrench is not None
+    named = {
+        *texts_of(status.trips),
+        *texts_of(status.not_ready),
+        status.clears,
+        *(one.fault for one in heard.health.values()),
+        wrench.calibration_fault,
+        hostile("note"),
+        hostile("found"),
+        hostile("deviation"),
+        hostile("verdict"),
+        hostile("progress"),
+        hostile("RecorderStatus.cause"),
+        hostile("Reply.text"),
+    }
+    for text in named:
+        assert text in texts["all"], text[:40]
+    assert status.trips[0].text in texts["title"]
+    assert set(harmless_texts) == set(texts)
+
+
+def test_every_message_with_a_text_is_among_them():
+    """A field that is added to a message is filled, too."""
+    for topic in topics.TOPICS:
+        message = filled(topic.message, hostile)
+        assert texts_of(message)
+        assert all(len(text) == 500 for text in texts_of(message) if "<b" in text)

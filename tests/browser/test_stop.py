@@ -1,0 +1,88 @@
+"""What a page says of Stop motion when the answer is late or lost, beside what the cell says."""
+
+import threading
+from types import SimpleNamespace
+
+import pytest
+
+from common.endpoints import Reading
+from common.errors import BusError
+from common.messages import ArbiterState, ArbiterStatus
+from common.requests import Reply
+from services.panel.watch import Snapshot
+from tests.browser.spoken import SpokenWatch, served
+
+pytestmark = [pytest.mark.browser, pytest.mark.long, pytest.mark.timeout(300)]
+
+SILENCE_S = 60.0  # longer than the page waits before it speaks
+
+
+class StoppedWatch(SpokenWatch):
+    """A cell that is in a state, and answers a hold as the test says."""
+
+    def __init__(self, state: ArbiterState, hold) -> None:
+        super().__init__(Snapshot())
+        self.state = state
+        self.client = SimpleNamespace(hold=hold, feed=self.feed)
+
+    def look(self) -> Snapshot:
+        """Return the state as it is now."""
+        status = ArbiterStatus(state=self.state)
+        fresh = Reading(status, None, 0.01, "", silent=False)
+        return Snapshot(now_ns=self.clock.now_ns(), hub_fault="", arbiter=fresh)
+
+
+def lost(_reason):
+    """Hold, without an answer."""
+    raise BusError("no answer to request/hold within 2 s")
+
+
+def said(page) -> str:
+    """Return what the page says of the stop."""
+    return page.page.locator("#fm-said").inner_text()
+
+
+def test_an_answer_that_is_lost_is_not_called_missing_where_the_arm_is_held(monkeypatch, cockpit):
+    """The panel looks at the state before it speaks."""
+    with served(monkeypatch, StoppedWatch("HOLDING", lost)) as address:
+        page = cockpit().open(address)
+        page.until_state("HOLDING")
+        page.page.keyboard.press("Shift+S")
+        page.page.get_by_text("the arm is held, the cell says HOLDING").wait_for()
+        assert "NO ANSWER" not in said(page)
+
+
+def test_what_was_called_unanswered_is_taken_back_when_the_arm_is_held(monkeypatch, cockpit):
+    """The cell does not answer and its arm may move: NO ANSWER, until the state says it is held."""
+    watch = StoppedWatch("ACTIVE", lost)
+    with served(monkeypatch, watch) as address:
+        page = cockpit().open(address)
+        page.until_state("ACTIVE")
+        page.page.keyboard.press("Shift+S")
+        page.page.get_by_text("NO ANSWER from the cell").wait_for()
+        watch.state = "HOLDING"
+        page.page.get_by_text("taken back: the arm is held, the cell says HOLDING").wait_for()
+        assert "NO ANSWER" not in said(page)
+
+
+@pytest.mark.parametrize("state", ["HOLDING", "ACTIVE"])
+def test_a_panel_that_is_slow_to_answer_is_judged_by_the_state(monkeypatch, cockpit, state):
+    """Held: said so. Not held: NO ANSWER; and the answer counts, however late it comes."""
+    answered = threading.Event()
+
+    def late(_reason):
+        answered.wait(SILENCE_S)
+        return Reply(accepted=True, text="holding at last")
+
+    with served(monkeypatch, StoppedWatch(state, late)) as address:
+        page = cockpit().open(address)
+        page.until_state(state)
+        page.page.keyboard.press("Shift+S")
+        if state == "HOLDING":
+            page.page.get_by_text("the arm is held, the cell says HOLDING").wait_for()
+            answered.set()
+        else:
+            page.page.get_by_text("NO ANSWER from the panel").wait_for()
+            answered.set()
+            page.page.get_by_text("Stop motion: holding at last").wait_for()
+        assert "NO ANSWER" not in said(page)

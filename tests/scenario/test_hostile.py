@@ -1,0 +1,41 @@
+"""A hostile outsider with Zenoh and MessagePack alone against a running cell, in processes."""
+
+import ast
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+pytestmark = [pytest.mark.realtime, pytest.mark.processes, pytest.mark.timeout(1800)]
+
+ROOT = Path(__file__).parents[2]
+
+
+def test_no_hostile_request_or_message_ends_a_process_or_moves_a_held_arm() -> None:
+    """Every process lives, a held arm rests, every hold works. `make hostile` sends 10 000."""
+    count = 400
+    command = [sys.executable, "-m", "tools.hostile", "--up", "--count", str(count)]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    found = json.loads(done.stdout)
+    assert found["sent"] == count
+    assert found["processes_ended"] == found["unforeseen_errors"] == []
+    assert found["moved_while_held_rad"] < 1e-3
+    assert found["holds_that_worked"] == found["holds"] > count // 100
+    assert found["times_armed"] > 0
+    assert found["replies"]["malformed"] > count // 10
+
+
+def test_the_outsider_imports_nothing_of_forcemesh() -> None:
+    """What it knows of the cell it could have read in the documentation."""
+    tree = ast.parse((ROOT / "tools" / "hostile.py").read_text(encoding="utf-8"))
+    names = {
+        name.partition(".")[0]
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Import | ast.ImportFrom)
+        for name in ([node.module or ""] if isinstance(node, ast.ImportFrom) else
+                     [alias.name for alias in node.names])
+    }  # fmt: skip
+    assert names - set(sys.stdlib_module_names) == {"zenoh", "msgpack"}

@@ -1,0 +1,81 @@
+"""`forcemesh up` with each kind of process killed: it comes back, held, and status names it."""
+
+import os
+import signal
+import time
+
+import pytest
+
+from cli.record import WITHOUT_VARIABLE
+from cli.runfile import read_run
+from common import topics
+from common.bus import open_bus
+from common.config import load_cell
+from common.messages import MAY_MOVE
+from common.requests import ArmRequest, Empty, ForceStartRequest
+from tests.scenario.test_calibrate_processes import wait_for
+from tests.scenario.test_demo_processes import Watcher, status_of
+
+PATIENCE_S = 60.0  # of the test: a loaded machine is slow to start processes
+MODULES = {
+    "hub": "services.hub", "robot": "sim.robot", "wrench": "services.wrench",
+    "regulator": "services.regulator", "arbiter": "services.arbiter",
+    "recorder": "services.recorder",
+}  # fmt: skip
+
+pytestmark = [pytest.mark.realtime, pytest.mark.long, pytest.mark.timeout(400)]
+
+
+def pid_of(cell: str, role: str) -> int:
+    """Return the process that the run file names for a role; 0 while none lives."""
+    entry = (run := read_run(cell)) and run.entry(role)
+    return entry.pid if entry and entry.ended is None else 0
+
+
+def until(what, name: str) -> None:
+    """Wait until something is so."""
+    give_up_s = time.monotonic() + PATIENCE_S
+    while not what():
+        assert time.monotonic() < give_up_s, name
+        time.sleep(0.05)
+
+
+def press(bus) -> None:
+    """Clear, arm and press, as a person does; what is late is asked again."""
+    give_up_s = time.monotonic() + PATIENCE_S
+    for request, message in (
+        (topics.CLEAR, Empty()),
+        (topics.ARM, ArmRequest()),
+        (topics.FORCE_START, ForceStartRequest(mode="position", setpoint_N=5.0)),
+    ):
+        while True:
+            reply = bus.ask(request, message, 5.0)
+            if reply.accepted or request is topics.CLEAR:
+                break
+            assert time.monotonic() < give_up_s, reply
+            time.sleep(0.2)
+
+
+def test_each_kind_of_process_comes_back_held_and_is_named(cell_file, start, monkeypatch):
+    """Kill -9 in motion, one after the other: another process plays the role, a person arms."""
+    monkeypatch.delenv(WITHOUT_VARIABLE, raising=False)
+    cell = load_cell(cell_file)
+    wait_for(start("-m", "cli", "up", "--cell", cell_file, "--no-panel"), "is up")
+    with open_bus(cell, topics.CLIENT, patience_s=PATIENCE_S) as bus:
+        watcher = Watcher(bus)
+        for role in MODULES:
+            until(lambda role=role: pid_of(cell.cell, role), f"{role} is started")
+            victim = pid_of(cell.cell, role)
+            if role != "recorder":
+                press(bus)
+            os.kill(victim, signal.SIGKILL)
+            until(lambda role=role, gone=victim: pid_of(cell.cell, role) not in (0, gone), role)
+            well = lambda: all(row["alive"] for row in status_of(cell_file)["services"])  # noqa: E731
+            until(well, f"all alive after {role}")
+            status = status_of(cell_file)
+            if role != "recorder":
+                assert status["state"] not in MAY_MOVE, (role, status)
+            (death,) = (each for each in status["restarts"] if each["name"] == role)
+            assert (death["times"], death["how"]) == (1, "killed by SIGKILL")
+        press(bus)
+        watcher.until(lambda: watcher.state() in MAY_MOVE)

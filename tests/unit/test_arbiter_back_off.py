@@ -1,0 +1,258 @@
+"""Backing off under the arbiter: who may, what goes out, how it ends."""
+
+from math import hypot
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from common.back_off import FARTHEST_M, RISE_N, SPEED_M_S
+from common.convert import pose_of, record_of
+from common.faults import FAULTS
+from common.frames import rotation_between
+from common.messages import MAY_MOVE, RobotCommand, RobotState, Vec3, WrenchAtTcp
+from common.requests import Reply
+from tests.fakes.arbiter_world import MOVE_DOWN, PERIOD_NS, T_START, World
+
+DT_S = PERIOD_NS * 1e-9
+
+
+def loaded(force_N: Vec3 = (0.0, 0.0, 75.0)) -> World:
+    """Return an arbiter that holds above its ceiling."""
+    world = World().make_armed()
+    world.change("wrench", force_N=force_N)
+    world.tick()
+    assert world.core.state == "HOLDING"
+    world.pass_s(1.1)
+    return world
+
+
+def robot_of(world: World) -> RobotState:
+    """Return what the robot says."""
+    robot = world.messages["robot"]
+    assert isinstance(robot, RobotState)
+    return robot
+
+
+def back_off(world: World, *, confirmed: bool = False) -> Reply:
+    """Ask for it."""
+    return world.core.back_off(world.inputs(), confirmed=confirmed)
+
+
+def step(world: World, command: RobotCommand) -> None:
+    """Let the robot do what it is told, at the speed that it is told."""
+    if command.kind != "goal" or command.goal is None or command.goal.pose is None:
+        return
+    T, wanted = pose_of(robot_of(world)), pose_of(command.goal.pose)
+    way = wanted.translation - T.translation
+    far_m = float(np.linalg.norm(way))
+    share = min(1.0, command.speed.mechanical_m_s * DT_S / far_m) if far_m > 0.0 else 1.0
+    world.place(pin.SE3(wanted.rotation, T.translation + share * way))
+    state = "done" if share == 1.0 else "running"
+    report = {"id": command.goal.id, "state": state}
+    world.change("robot", goal=robot_of(world).goal.model_copy(update=report))
+
+
+def spring(world: World, stiffness_N_m: float, force_N: float) -> None:
+    """Let the plate below push less the higher the tool is."""
+    up_m = float(pose_of(robot_of(world)).translation[2] - T_START.translation[2])
+    world.change("wrench", force_N=(0.0, 0.0, max(0.0, force_N - stiffness_N_m * up_m)))
+
+
+def codes(world: World) -> list[str]:
+    """Return why the arm stands."""
+    return [trip.code for trip in world.core.status().trips]
+
+
+@pytest.mark.parametrize("stiffness_N_m", [3000.0, 20_000.0, 200_000.0])
+def test_an_arm_above_its_ceiling_is_freed(stiffness_N_m: float) -> None:
+    """Arming is refused and names the way; backing off ends below half of the ceiling, held."""
+    world = loaded()
+    for purpose in ("all", "jog"):
+        reply = world.core.arm(world.inputs(), purpose)
+        assert (reply.accepted, reply.code) == (False, "force")
+    assert "forcemesh back-off" in FAULTS["force"].remedy
+    assert "forcemesh back-off" in world.core.status().clears
+    reply = back_off(world)
+    assert reply.accepted, reply
+    assert "along the measured force" in reply.text
+    assert world.core.status().armed_for == "back_off"
+    for _ in range(2000):
+        command = world.tick()
+        if command.permission is None:
+            break
+        assert command.permission.purpose == "back_off"
+        step(world, command)
+        spring(world, stiffness_N_m, 75.0)
+    assert world.core.state == "HOLDING"
+    assert codes(world) == ["back_off"]
+    assert "free after" in world.core.status().trips[0].text
+    wrench = world.messages["wrench"]
+    assert isinstance(wrench, WrenchAtTcp)
+    assert hypot(*wrench.force_N) < 0.5 * world.cell.limits.force_N
+    world.pass_s(1.1)
+    assert world.core.arm(world.inputs(), "jog").accepted
+
+
+def test_a_tool_outside_the_workspace_is_led_back_in() -> None:
+    """Straight, and no farther than it needs."""
+    world = World().make_armed()
+    outside = pin.SE3(T_START.rotation, T_START.translation + np.array([0.412, 0.0, 0.0]))
+    world.place(outside)
+    world.tick()
+    assert codes(world) == ["workspace"]
+    world.pass_s(1.1)
+    assert world.core.arm(world.inputs(), "jog").code == "workspace"
+    assert back_off(world).accepted
+    for _ in range(2000):
+        command = world.tick()
+        if command.permission is None:
+            break
+        step(world, command)
+    assert codes(world) == ["back_off"]
+    x_m = robot_of(world).position_m[0]
+    assert 0.3985 < x_m <= 0.4
+
+
+def test_where_no_force_can_be_followed_it_asks_again_and_goes_5_mm_back() -> None:
+    """The sensor is gone: a fault. Afterwards it is one still."""
+    world = loaded()
+    world.silent.update({"sensor", "wrench", "sensor/health"})
+    world.pass_s(1.1)
+    assert world.core.arm(world.inputs(), "jog").accepted is False
+    reply = back_off(world)
+    assert (reply.accepted, reply.code) == (False, "no_direction")
+    reply = back_off(world, confirmed=True)
+    assert reply.accepted, reply
+    for _ in range(1000):
+        command = world.tick()
+        if command.permission is None:
+            break
+        step(world, command)
+    up_m = pose_of(robot_of(world)).translation - T_START.translation
+    assert up_m == pytest.approx([0.0, 0.0, 0.005], abs=1e-5)
+    assert world.core.state == "FAULT"
+    assert codes(world)[0] == "still_loaded"
+
+
+def test_out_of_a_fault_too_and_not_without_a_robot() -> None:
+    """Out of FAULT and BOOT it is possible without a sensor; never without the robot."""
+    world = World().make_armed()
+    world.silent.update({"sensor", "wrench"})
+    world.tick()
+    assert world.core.state == "FAULT"
+    world.pass_s(1.1)
+    assert back_off(world, confirmed=True).accepted
+    fresh = World()
+    fresh.silent.update({"sensor", "wrench"})
+    fresh.pass_s(1.1)
+    assert fresh.core.state == "BOOT"
+    fresh.silent.add("robot")
+    assert back_off(fresh, confirmed=True).accepted is False
+    fresh.silent.discard("robot")
+    fresh.pass_s(1.1)
+    assert back_off(fresh, confirmed=True).accepted
+
+
+def test_it_is_refused_where_there_is_nothing_to_free_and_while_the_arm_may_move() -> None:
+    """Already free; armed."""
+    world = World().make_ready()
+    assert back_off(world, confirmed=True).code == "already"
+    armed = World().make_armed()
+    assert back_off(armed).code == "state"
+
+
+def test_nothing_else_is_obeyed_meanwhile() -> None:
+    """No move, no force feedback, no other purpose; hold is."""
+    world = loaded()
+    assert back_off(world).accepted
+    assert world.core.move(MOVE_DOWN, world.inputs()).code == "busy"
+    assert world.core.arm(world.inputs()).code == "state"
+    world.propose(record_of(T_START))
+    kinds = {world.tick().kind for _ in range(200)}
+    assert kinds <= {"idle", "goal"}
+    assert world.core.hold("enough").accepted
+    assert (world.tick().kind, codes(world)) == ("hold", ["hold"])
+
+
+def test_a_force_that_rises_ends_it() -> None:
+    """By more than 3 N above the least so far, though it is far below the ceiling."""
+    world = loaded((0.0, 0.0, 65.0))
+    assert back_off(world).accepted
+    world.tick(50)
+    for force, goes_on in ((50.0, True), (40.0, True), (42.9, True), (43.1, False)):
+        world.change("wrench", force_N=(0.0, 0.0, force))
+        assert (world.tick().permission is not None) == goes_on
+    assert codes(world) == ["force"]
+
+
+def test_a_whole_way_that_did_not_free_the_arm_says_so() -> None:
+    """Soft: 20 mm take 16 N away; backing off again goes on."""
+    world = loaded()
+    for again in range(2):
+        assert back_off(world).accepted
+        for _ in range(2000):
+            command = world.tick()
+            if command.permission is None:
+                break
+            step(world, command)
+            spring(world, 800.0, 75.0)
+        assert codes(world) == ["still_loaded"], again
+        assert "whole way" in world.core.status().trips[0].text
+        world.pass_s(1.1)
+
+
+forces = st.lists(
+    st.tuples(*[st.floats(-120.0, 120.0)] * 3, st.integers(1, 60)), min_size=1, max_size=8
+)
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.floats(-60.0, 60.0), st.floats(20.0, 100.0), forces)
+def test_whatever_the_wrench_does_force_way_speed_and_turn_stay_in_their_bounds(
+    sideways_N, up_N, then
+) -> None:
+    """A permission is given only while the force is within its ratchet; the goal is one, short."""
+    world = loaded((sideways_N, 0.0, up_N + 60.0))
+    if not back_off(world).accepted:
+        return
+    start, lowest_N, goals = pose_of(robot_of(world)), np.inf, set()
+    for *force_N, periods in then:
+        world.change("wrench", force_N=tuple(force_N))
+        for _ in range(periods):
+            command = world.tick()
+            force = hypot(*force_N)
+            if command.permission is not None:
+                assert force <= lowest_N + RISE_N
+            lowest_N = min(lowest_N, force)
+            if command.kind != "goal":
+                assert command.kind in {"idle", "hold"}
+                continue
+            assert command.goal is not None
+            assert command.goal.pose is not None
+            goals.add(command.goal.pose)
+            T = pose_of(command.goal.pose)
+            assert np.linalg.norm(T.translation - start.translation) <= FARTHEST_M + 1e-9
+            assert np.linalg.norm(rotation_between(start.rotation, T.rotation)) < 1e-6
+            assert command.speed.mechanical_m_s * command.speed.modular_fraction <= SPEED_M_S
+            step(world, command)
+    assert len(goals) <= 1
+
+
+# --- moves in contact -----------------------------------------------------------------------------
+
+
+def test_a_move_stops_at_a_force_rise_of_its_own() -> None:
+    """20 N above the least of the move, long before the ceiling of 60."""
+    world = World().make_armed()
+    world.change("wrench", force_N=(0.0, 0.0, 10.0))
+    assert world.core.move(MOVE_DOWN, world.inputs()).accepted
+    world.tick(50)
+    for force, goes_on in ((29.0, True), (31.0, False)):
+        world.change("wrench", force_N=(0.0, 0.0, force))
+        assert (world.tick().permission is not None) == goes_on
+    assert codes(world) == ["force"]
+    assert "limits.move_rise_N" in world.core.status().trips[0].text
+    assert world.core.state not in MAY_MOVE

@@ -1,0 +1,103 @@
+"""Delay and monitor speed as measured, against what the gains rely on; and how old the zero is."""
+
+from typing import Any
+
+import pytest
+
+from common import topics
+from common.config import load_cell
+from tests.contract.rig import DEMO_CELL
+from tests.fakes.arbiter_world import CELL, World
+from tests.fakes.lab import Lab
+
+ALLOWED_S = CELL.robot.delay_s + CELL.robot.lag_s
+DEMO_TCP = DEMO_CELL.with_name("demo-tcp.yaml")
+
+
+def measured(world: World, role: str = "robot", **numbers: float) -> World:
+    """Let a process say what it has measured."""
+    world.change(f"{role}/health", numbers=numbers)
+    return world
+
+
+def refusals(world: World) -> tuple[str, str]:
+    """Arm for all and, where that is refused, for jog; return both codes."""
+    reply = world.core.arm(world.inputs())
+    return reply.code, world.core.arm(world.inputs(), "jog").code
+
+
+@pytest.mark.parametrize(
+    ("role", "numbers", "code"),
+    [
+        ("robot", {}, "ok"),
+        ("robot", {"monitor_speed_fraction": 1.0}, "ok"),
+        ("robot", {"monitor_speed_fraction": 0.2}, "ok"),  # 50 mm/s: as fast as it presses
+        ("robot", {"monitor_speed_fraction": 0.19}, "monitor_speed"),
+        ("robot", {"streamed_round_trip_p50_s": 0.99 * ALLOWED_S}, "ok"),
+        ("robot", {"streamed_round_trip_p50_s": 1.01 * ALLOWED_S}, "delay"),
+        ("robot", {"taken_round_trip_p50_s": 1.0}, "ok"),  # of a program that idled
+        ("wrench", {"tare_age_h": 7.9}, "ok"),
+        ("wrench", {"tare_age_h": 8.1}, "tare"),
+    ],
+)
+def test_the_preflight_compares_what_is_measured(role: str, numbers: dict, code: str) -> None:
+    """For force feedback alone: one can always jog."""
+    world = measured(World(), role, **numbers).make_ready()
+    for_all, for_jog = refusals(world)
+    assert for_all == code
+    assert for_jog in {"ok", "already"}
+    if code == "tare":
+        assert "8.1 h old" in " ".join(world.core.status().not_ready)
+
+
+@pytest.mark.parametrize("to", [0.5, 0.98, 0.0])
+def test_a_monitor_speed_that_changes_while_pressing_holds(to: float) -> None:
+    """Up or down; the status says from what to what."""
+    world = measured(World(), monitor_speed_fraction=1.0).make_active("regulator")
+    assert world.tick(50).permission is not None
+    measured(world, monitor_speed_fraction=to)
+    assert world.tick().permission is None
+    (trip,) = world.core.status().trips
+    assert (world.core.state, trip.code) == ("HOLDING", "monitor_speed")
+    assert f"became {100 * to:g} %, it was 100 %" in trip.text
+
+
+def test_a_monitor_speed_that_changes_in_a_move_is_a_person_s_business() -> None:
+    """A move is slower then, and that is all."""
+    world = measured(World(), monitor_speed_fraction=1.0).make_active("operator")
+    measured(world, monitor_speed_fraction=0.3)
+    assert world.tick(20).permission is not None
+
+
+@pytest.mark.parametrize(("share", "goes_on"), [(1.4, True), (1.6, False)])
+def test_a_controller_that_becomes_late_while_pressing_holds(share: float, goes_on: bool) -> None:
+    """Beyond half as much again as the cell file says."""
+    world = World().make_active("regulator")
+    measured(world, streamed_round_trip_p50_s=share * ALLOWED_S)
+    assert (world.tick(5).permission is not None) == goes_on
+    if not goes_on:
+        assert world.core.status().trips[0].code == "delay"
+
+
+def test_the_pendant_s_speed_turned_down_while_an_emulated_arm_presses_holds() -> None:
+    """Gateway and the program that ships: within a second the arm holds, and says why."""
+    lab = Lab(load_cell(DEMO_TCP))
+    numbers = lab.cell.client.reader(topics.ROBOT_HEALTH)
+    lab.approach()
+    lab.cell.advance(2.5)
+    assert lab.force_N > 10.0
+    measured_s = lab.now(numbers).numbers["streamed_round_trip_p50_s"]
+    assert 0.0 < measured_s < lab.cell.cell.robot.delay_s + lab.cell.cell.robot.lag_s
+    controller: Any = lab.cell.runners["sensor"].service
+    controller.machine.pendant.monitor_speed(30.0)
+    lab.seconds_until(lambda: lab.status.state == "HOLDING", 2.0)
+    assert [trip.code for trip in lab.status.trips] == ["monitor_speed"]
+
+
+def test_a_tare_makes_the_zero_new_again() -> None:
+    """The age counts from the start of the process, or the last tare; a move of the clock shows."""
+    lab = Lab()
+    numbers = lab.cell.client.reader(topics.WRENCH_HEALTH)
+    lab.cell.advance(2.0)
+    since_s = 3600.0 * lab.now(numbers).numbers["tare_age_h"]
+    assert 1.5 < since_s < 2.4

@@ -1,0 +1,267 @@
+"""The way out of a load or of a wall: what it may be, whatever is measured. Pure."""
+
+from math import hypot, radians
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from common import back_off
+from common.back_off import FARTHEST_M, RISE_N, SPEED_M_S, BackOff, Load, Plan, RISE_Nm
+from common.cell import PlaneSection
+from common.config import load_cell
+from common.convert import record_of
+from common.frames import rotation_from_vector
+from common.guard import Guard
+from common.limits import Limits, check_workspace
+from common.messages import Goal, Speed, Trip, Vec3, WrenchAtTcp
+from tests.contract.rig import DEMO_CELL, shifted
+
+CELL = load_cell(DEMO_CELL)
+LIMITS = Limits.of(CELL)
+TOOL = CELL.tool.T_flange_tcp.pose
+DOWN = pin.SE3(np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.5, 0.3]))
+JOINTS = (0.0, 0.0, -1.5, 0.0, -1.5, 0.0)
+MS = 1_000_000
+SLOW = Speed(mechanical_m_s=SPEED_M_S)
+
+numbers = st.floats(-200.0, 200.0)
+vectors = st.tuples(numbers, numbers, numbers)
+spots = st.tuples(st.floats(-1.0, 1.0), st.floats(-0.5, 1.5), st.floats(-0.5, 1.5))
+turns = st.tuples(*[st.floats(-1.7, 1.7)] * 3)
+
+
+def felt(force_N: Vec3 = (0.0, 0.0, 0.0), torque_Nm: Vec3 = (0.0, 0.0, 0.0)) -> WrenchAtTcp:
+    """Return a wrench that counts."""
+    return WrenchAtTcp(calibrated=True, force_N=force_N, torque_Nm=torque_Nm)
+
+
+def plan(T: pin.SE3, wrench: WrenchAtTcp | None, *, confirmed: bool = False) -> Plan | Trip:
+    """Return the way out in the demo's cell."""
+    return back_off.plan(LIMITS, T, TOOL, wrench, confirmed=confirmed)
+
+
+def code(found: Plan | Trip | None) -> str:
+    """Return the rule, or the kind of the plan."""
+    if found is None:
+        return ""
+    return found.code if isinstance(found, Trip) else found.kind
+
+
+# --- the way --------------------------------------------------------------------------------------
+
+
+@given(spots, turns, vectors, vectors, st.booleans(), st.booleans())
+@settings(max_examples=300, deadline=None)
+def test_a_way_out_is_short_leads_nowhere_worse_and_turns_nothing(
+    p, turn, force_N, torque_Nm, known, confirmed
+) -> None:
+    """Whatever is measured and wherever the arm is."""
+    T = pin.SE3(rotation_from_vector(np.array(turn)), np.array(p))
+    wrench = felt(force_N, torque_Nm) if known else None
+    found = plan(T, wrench, confirmed=confirmed)
+    if isinstance(found, Trip):
+        return
+    end = found.goal(T)
+    assert np.array_equal(end.rotation, T.rotation)
+    way_m = float(np.linalg.norm(end.translation - T.translation))
+    assert way_m <= (back_off.BLIND_M if found.kind == "blind" else FARTHEST_M) + 1e-9
+    before, after = (T * TOOL).translation, (end * TOOL).translation
+    low, high = (
+        np.minimum(LIMITS.workspace_min_m, before),
+        np.maximum(LIMITS.workspace_max_m, before),
+    )
+    assert ((after >= low - 1e-9) & (after <= high + 1e-9)).all()
+    if found.kind == "force":
+        assert wrench is not None
+        assert back_off.is_loaded(LIMITS, wrench)
+        cosine = float(found.way_m @ np.array(force_N)) / way_m / hypot(*force_N)
+        assert cosine > 0.8
+    if found.kind == "blind":
+        assert confirmed
+
+
+@pytest.mark.parametrize(
+    ("wrench", "confirmed", "kind"),
+    [
+        (felt((0.0, 0.0, 75.0)), False, "force"),
+        (felt((40.0, 0.0, 40.0)), True, "force"),  # a second confirmation changes no direction
+        (felt((0.0, 0.0, 29.0)), False, "already"),
+        (felt((0.0, 0.0, 10.0), (0.0, 0.0, 6.0)), False, "force"),
+        (felt((0.0, 0.0, 4.0), (0.0, 0.0, 6.0)), False, "no_direction"),
+        (felt((0.0, 0.0, 4.0), (0.0, 0.0, 6.0)), True, "blind"),
+        (felt((0.0, 0.0, -75.0)), False, "no_direction"),  # it would press forward
+        (felt((0.0, 0.0, -75.0)), True, "blind"),
+        (None, False, "no_direction"),
+        (None, True, "blind"),
+        (WrenchAtTcp(force_N=(0.0, 0.0, 75.0)), False, "no_direction"),
+        (WrenchAtTcp(force_N=(0.0, 0.0, 75.0)), True, "blind"),
+    ],
+)
+def test_what_is_followed(wrench: WrenchAtTcp | None, confirmed: bool, kind: str) -> None:
+    """The tool points down: a push upwards comes from below."""
+    assert code(plan(DOWN, wrench, confirmed=confirmed)) == kind
+
+
+def test_a_tool_outside_goes_straight_back_in() -> None:
+    """12 mm beyond a wall: 13 mm back, so that it is inside; 50 mm beyond: 20 mm."""
+    wall_m = float(LIMITS.workspace_max_m[0])
+    for beyond_m, way_m in ((0.012, 0.013), (0.05, FARTHEST_M)):
+        T = pin.SE3(DOWN.rotation, np.array([wall_m + beyond_m, 0.5, 0.3]))
+        found = plan(T, felt())
+        assert isinstance(found, Plan)
+        assert found.kind == "workspace"
+        assert found.way_m == pytest.approx([-way_m, 0.0, 0.0])
+
+
+def test_a_tool_behind_a_plane_goes_along_its_normal() -> None:
+    """A slanted wall."""
+    plane = PlaneSection(point_m=(0.0, 0.0, 0.15), normal=(0.0, 1.0, 2.0))
+    changed = CELL.limits.model_copy(update={"planes": (plane,)})
+    limits = Limits.of(CELL.model_copy(update={"limits": changed}))
+    T = pin.SE3(DOWN.rotation, np.array([0.0, 0.2, 0.20]))
+    assert check_workspace(limits, T * TOOL) is not None
+    found = back_off.plan(limits, T, TOOL, felt(), confirmed=False)
+    assert isinstance(found, Plan)
+    assert found.kind == "workspace"
+    assert float(found.way_m @ limits.planes[0].normal) > 0.0
+
+
+def test_a_force_that_leads_farther_out_is_not_followed() -> None:
+    """Outside above, pushed upwards: the sentence says so."""
+    T = shifted(DOWN, z_m=LIMITS.workspace_max_m[2] - DOWN.translation[2] + 0.165)
+    found = plan(T, felt((0.0, 0.0, 75.0)))
+    assert isinstance(found, Trip)
+    assert found.code == "workspace"
+    assert "farther out" in found.text
+
+
+# --- the ratchet ----------------------------------------------------------------------------------
+
+
+@given(st.lists(st.tuples(vectors, vectors), min_size=1, max_size=40))
+def test_the_ceiling_only_comes_down(samples) -> None:
+    """Whatever the wrench does: what was let through was 3 N above the least so far at most."""
+    load, lowest_N, lowest_Nm = Load(), np.inf, np.inf
+    for force_N, torque_Nm in samples:
+        wrench = felt(force_N, torque_Nm)
+        tripped = load.trip(wrench, "while backing off") is not None
+        too_much = hypot(*force_N) > lowest_N + RISE_N or hypot(*torque_Nm) > lowest_Nm + RISE_Nm
+        assert tripped == too_much
+        load = load.after(wrench)
+        lowest_N, lowest_Nm = min(lowest_N, hypot(*force_N)), min(lowest_Nm, hypot(*torque_Nm))
+        assert (load.lowest_N, load.lowest_Nm) == (lowest_N, lowest_Nm)
+
+
+def test_a_force_that_does_not_fall_is_no_contact() -> None:
+    """A lost bias reads the same wherever the tool goes: it ends after half the way."""
+    run, trip, way_m = BackOff(DOWN, 0), None, 0.0
+    while trip is None and way_m < FARTHEST_M:
+        way_m += 1e-4
+        run, trip = run.felt(felt((0.0, 0.0, 75.0)))
+        trip = trip or run.moved(shifted(DOWN, z_m=way_m), round(way_m / SPEED_M_S * 1e9))
+    assert way_m == pytest.approx(back_off.MUST_FALL_AFTER_M, abs=2e-4)
+    assert trip is not None
+    assert trip.code == "still_loaded"
+    assert "no contact" in trip.text
+
+
+def test_an_arm_that_is_faster_than_it_may_be_is_noticed() -> None:
+    """5 mm/s, with half as much again and 2 mm for reports."""
+    run = BackOff(DOWN, 0)
+    assert run.moved(shifted(DOWN, z_m=0.005), 1000 * MS) is None
+    assert code(run.moved(shifted(DOWN, z_m=0.015), 1000 * MS)) == "speed"
+
+
+# --- the robot's own check ------------------------------------------------------------------------
+
+
+def freed_guard(wrench: WrenchAtTcp | None, T: pin.SE3 = DOWN) -> Guard:
+    """Return a last check under a lease to back off."""
+    guard = Guard(CELL)
+    guard.start(T, 0, "back_off")
+    assert guard.wrench(wrench) is None
+    return guard
+
+
+def goal_to(T: pin.SE3) -> Goal:
+    """Return a goal."""
+    return Goal(id=1, kind="pose", pose=record_of(T))
+
+
+TURNED = pin.SE3(
+    rotation_from_vector(np.array([0.0, 0.0, radians(0.5)])) @ DOWN.rotation, DOWN.translation
+)
+
+
+@pytest.mark.parametrize(
+    ("T", "speed", "rule"),
+    [
+        (shifted(DOWN, z_m=0.020), SLOW, ""),
+        (shifted(DOWN, z_m=0.010), SLOW, ""),
+        (shifted(DOWN, z_m=0.022), SLOW, "state"),
+        (shifted(DOWN, z_m=-0.010), SLOW, "state"),
+        (shifted(DOWN, x_m=0.010, z_m=0.010), SLOW, "state"),
+        (shifted(DOWN, z_m=0.010), Speed(mechanical_m_s=0.006), "speed"),
+        (TURNED, SLOW, "state"),
+    ],
+)
+def test_the_robot_takes_the_goal_alone_that_it_would_have_computed(
+    T: pin.SE3, speed: Speed, rule: str
+) -> None:
+    """75 N from below: up, not far, slowly, without a turn."""
+    guard = freed_guard(felt((0.0, 0.0, 75.0)))
+    assert code(guard.goal(goal_to(T), speed, DOWN, JOINTS)) == rule
+
+
+def test_the_robot_takes_nothing_but_that_goal() -> None:
+    """No joints, no set points; and no goal when there is nothing to get away from."""
+    guard = freed_guard(felt((0.0, 0.0, 75.0)))
+    joints = Goal(id=1, kind="by", joint_rad=(0.0, 0.0, 0.01, 0.0, 0.0, 0.0))
+    assert code(guard.goal(joints, SLOW, DOWN, JOINTS)) == "state"
+    assert code(guard.seed(DOWN, 0)) == "state"
+    assert code(guard.setpoint(shifted(DOWN, z_m=1e-4), DOWN, 4 * MS)) == "state"
+    free = freed_guard(felt((0.0, 0.0, 5.0)))
+    assert code(free.goal(goal_to(shifted(DOWN, z_m=0.01)), SLOW, DOWN, JOINTS)) == "already"
+
+
+def test_the_robot_s_ceiling_is_a_ratchet_then_and_the_cell_s_again_afterwards() -> None:
+    """75, down to 40, up to 43: and 43.1 is too much, far below the ceiling of 60."""
+    guard = freed_guard(felt((0.0, 0.0, 75.0)))
+    for force, rule in ((77.9, ""), (40.0, ""), (43.0, ""), (43.1, "force")):
+        assert code(guard.wrench(felt((0.0, 0.0, force)))) == rule
+    guard.start(DOWN)
+    assert guard.wrench(felt((0.0, 0.0, 59.0))) is None
+    assert code(guard.wrench(felt((0.0, 0.0, 61.0)))) == "force"
+
+
+def test_the_robot_watches_way_and_turn() -> None:
+    """An arm that goes farther than 20 mm, or turns, ends the lease."""
+    for T, rule in (
+        (shifted(DOWN, z_m=0.0205), ""),
+        (shifted(DOWN, z_m=0.024), "tether"),
+        (pin.SE3(rotation_from_vector(np.array([0.0, radians(2.0), 0.0])) @ DOWN.rotation,
+                 DOWN.translation), "tether"),
+    ):  # fmt: skip
+        guard = freed_guard(felt((0.0, 0.0, 75.0)))
+        guard.wrench(felt((0.0, 0.0, 35.0)))
+        assert code(guard.arm(T, JOINTS, 5000 * MS)) == rule
+
+
+# --- moves ----------------------------------------------------------------------------------------
+
+
+def test_a_move_may_not_add_much_to_the_force() -> None:
+    """20 N above the least of the move; between moves only the ceiling counts."""
+    guard = Guard(CELL)
+    guard.start(DOWN)
+    for force, in_move, rule in (
+        (2.0, True, ""), (21.0, True, ""), (23.0, True, "force"), (23.0, False, ""),
+        (40.0, False, ""), (40.0, True, ""), (59.0, True, ""), (10.0, True, ""),
+        (31.0, True, "force"),
+    ):  # fmt: skip
+        assert code(guard.wrench(felt((0.0, 0.0, force)), in_move=in_move)) == rule
+    unknown = WrenchAtTcp(force_N=(0.0, 0.0, 55.0))  # the tool's weight, as it turns
+    assert guard.wrench(unknown, in_move=True) is None

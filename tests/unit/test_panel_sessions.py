@@ -1,0 +1,56 @@
+"""The sessions of a panel: random, bounded, and over after a while."""
+
+import math
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from common.clock import NS_PER_S
+from services.panel.sessions import BYTES, IDLE_S, LASTS_S, MOST, Sessions
+
+HOUR_NS = 3600 * NS_PER_S
+
+
+def test_a_number_opens_what_it_was_given_for_and_no_other_number_opens_anything():
+    """It is long, drawn anew each time, and kept as a hash alone."""
+    sessions = Sessions()
+    numbers = [sessions.begin("operate", 0), sessions.begin("view", 0)]
+    assert [sessions.rights(number, 1) for number in numbers] == ["operate", "view"]
+    assert len({*numbers, sessions.begin("operate", 0)}) == 3
+    assert all(len(number) >= math.ceil(8 * BYTES / 6) for number in numbers)
+    assert not any(number.encode() in key for number in numbers for key in sessions._open)
+    for wrong in ("", numbers[0][:-1], numbers[0] + "A", numbers[0].swapcase(), "é"):
+        assert sessions.rights(wrong, 1) is None
+
+
+@given(st.lists(st.floats(0.0, 30 * 24.0), min_size=1, max_size=40))
+def test_a_session_lasts_while_it_is_used_and_never_longer_than_a_week(pauses_h):
+    """Each use goes on with it; a pause of half a day ends it, and so does its age."""
+    sessions, now_ns = Sessions(), 0
+    number, used_ns, open_ = sessions.begin("operate", 0), 0, True
+    for pause_h in pauses_h:
+        now_ns += round(pause_h * HOUR_NS)
+        left_alone = now_ns - used_ns >= IDLE_S * NS_PER_S
+        open_ = open_ and not left_alone and now_ns < LASTS_S * NS_PER_S
+        assert (sessions.rights(number, now_ns) == "operate") is open_
+        used_ns = now_ns
+
+
+def test_the_number_of_sessions_is_bounded_and_the_one_used_longest_ago_goes():
+    """Who opens many pages takes nobody's place who is at work, and no memory."""
+    sessions = Sessions()
+    mine, idle = sessions.begin("operate", 0), sessions.begin("operate", 0)
+    for count in range(3 * MOST):
+        assert sessions.rights(mine, count) == "operate"
+        sessions.begin("view", count)
+        assert len(sessions) <= MOST
+    assert sessions.rights(idle, 3 * MOST) is None
+
+
+def test_sessions_that_have_ended_make_room():
+    """They are forgotten when the next one begins."""
+    sessions = Sessions()
+    for _ in range(5):
+        sessions.begin("view", 0)
+    sessions.begin("operate", round(IDLE_S * NS_PER_S))
+    assert len(sessions) == 1

@@ -1,0 +1,70 @@
+"""Outside what was measured the adaptive law gives way to the plain one, and says so."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from common.cell import Cell
+from common.requests import ForceStartRequest
+from services.regulator.adaptive import AdaptiveSettings, gain_for
+from services.regulator.adaptive_map import MEASURED, remark, softest_N_m
+from services.regulator.settings import law_settings
+from tests.fakes.bench import CELL
+from tests.fakes.regulator_bench import RegulatorBench
+
+ADAPTIVE = ForceStartRequest(mode="position", law="adaptive")
+
+
+def cell_at(loop_hz: float, delay_s: float) -> Cell:
+    """Return the demo's cell with another loop rate and delay of its arm."""
+    rates = CELL.rates.model_copy(update={"control_hz": loop_hz, "robot_hz": loop_hz})
+    robot = CELL.robot.model_copy(update={"delay_s": delay_s})
+    return CELL.model_copy(update={"rates": rates, "robot": robot})
+
+
+@pytest.mark.parametrize(
+    ("loop_hz", "delay_ms", "softest"),
+    [(250, 10, 1e3), (250, 60, 1e3), (60, 60, 1e3), (40, 45, 5e3), (15, 60, 5e3), (15, 30, 2e3),
+     (14, 30, None), (60, 61, None), (250, 71, None)],
+)  # fmt: skip
+def test_the_map_says_from_which_contact_on_the_law_holds(loop_hz, delay_ms, softest) -> None:
+    """A slow loop with a late arm bears no soft contact; what is beyond all rows bears none."""
+    cell = cell_at(loop_hz, delay_ms / 1e3)
+    assert softest_N_m(cell) == softest
+    assert bool(remark(cell)) == (softest != 1e3)
+
+
+@given(st.floats(15.0, 60.0), st.floats(0.031, 0.06), st.floats(200.0, 2e5))
+def test_below_its_softest_contact_the_gain_is_the_plain_laws(loop_hz, delay_s, k_N_m) -> None:
+    """And nothing is foreseen there; from there on it is its own."""
+    settings = AdaptiveSettings.of(cell_at(loop_hz, delay_s))
+    Ki, w = gain_for(np.full(3, k_N_m), settings, 1.0 / loop_hz)
+    if k_N_m < settings.softest_N_m:
+        assert (Ki <= settings.plain_gain_m_per_Ns * (1.0 + 1e-12)).all()
+        assert not w.any()
+    assert settings.softest_N_m in {row.softest_N_m for row in MEASURED}
+
+
+def test_a_start_outside_the_map_runs_the_plain_law_with_a_sentence() -> None:
+    """The answer and the target name the law that runs."""
+    bench = RegulatorBench(cell_at(60.0, 0.1))
+    bench.pass_s(0.3)
+    reply = bench.start(ADAPTIVE)
+    assert reply.accepted
+    assert "law plain" in reply.text
+    assert "never measured at 60 Hz and 100 ms" in reply.text
+    bench.step()
+    assert bench.said().law == "plain"
+
+
+def test_a_start_inside_the_map_says_nothing_or_from_where_on_it_holds() -> None:
+    """At full rate no word; in a slow loop with a late arm the softest contact."""
+    for cell, says in ((cell_at(250.0, 0.01), ""), (cell_at(40.0, 0.045), "from 5000 N/m on")):
+        bench = RegulatorBench(cell)
+        bench.pass_s(0.3)
+        reply = bench.start(ADAPTIVE)
+        assert "law adaptive" in reply.text
+        assert says in reply.text
+        assert law_settings(cell).approach_m_s > 0.0
+        assert ("plain" in reply.text) == bool(says)

@@ -1,0 +1,93 @@
+"""Held axes hold, and nothing presses along an axis that nothing regulates."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cli.virtual import VirtualCell
+from common import topics
+from common.frames import rotation_from_vector
+from common.requests import ArmRequest, Empty, ForceStartRequest
+from services.regulator.law import LawInput, PiGains, start_at, step
+from services.regulator.settings import law_settings
+from tests.fakes.arbiter_world import T_START
+from tests.fakes.bench import CELL
+from tests.fakes.regulator_bench import T_FLANGE_TCP, RegulatorBench
+
+X_ONLY = (True, False, False, False, False, False)
+Z_HELD = (True, True, False, True, True, True)
+ZERO = np.zeros(3)
+GAINS = PiGains(np.full(3, 1e-6), np.full(3, 1e-3), np.full(3, 0.01), np.full(3, 0.5))
+
+
+def test_a_set_point_along_a_held_axis_is_refused_and_nothing_moves() -> None:
+    """`force start --setpoint 5 --axes x --frame base` went 20 mm down and pressed with 6 N."""
+    world = VirtualCell(CELL)
+    world.advance(1.3)
+    assert world.client.ask(topics.TARE, Empty()).accepted
+    assert world.client.ask(topics.ARM, ArmRequest()).accepted
+    before_m = world.arm.T_base_tcp.translation.copy()
+    wanted = ForceStartRequest(mode="position", setpoint_N=5.0, axes=X_ONLY, frame="base")
+    reply = world.client.ask(topics.FORCE_START, wanted)
+    world.advance(1.0)
+    assert np.linalg.norm(world.arm.T_base_tcp.translation - before_m) < 1e-4
+    assert (reply.accepted, reply.code) == (False, "axes")
+    assert "5 N" in reply.text
+    assert "z" in reply.text
+    assert (reply.value, reply.limit) == (None, None)  # shares of an axis tell a person nothing
+
+
+@pytest.mark.parametrize("axes", [X_ONLY, Z_HELD])
+@pytest.mark.parametrize("frame", ["base", "tool"])
+@pytest.mark.parametrize("mode", ["position", "both"])
+@pytest.mark.parametrize("law", ["plain", "adaptive"])
+def test_it_is_refused_in_every_frame_mode_and_law(
+    axes: Any, frame: Any, mode: Any, law: Any
+) -> None:
+    """A set point needs the tool's axis; at set point 0 the same axes are fine."""
+    bench = RegulatorBench()
+    bench.pass_s(0.1)
+    wanted = ForceStartRequest(mode=mode, setpoint_N=5.0, axes=axes, frame=frame, law=law)
+    reply = bench.start(wanted)
+    assert (reply.accepted, reply.code) == (False, "axes")
+    assert bench.start(wanted.model_copy(update={"setpoint_N": 0.0})).accepted
+    assert bench.start(wanted).code == "axes"  # while it runs as well
+    assert bench.start(wanted.model_copy(update={"axes": (True,) * 6})).accepted
+
+
+def test_mode_orientation_presses_nothing_and_needs_no_axis_to_do_so() -> None:
+    """Its set point is not used."""
+    bench = RegulatorBench()
+    bench.pass_s(0.1)
+    wanted = ForceStartRequest(mode="orientation", setpoint_N=5.0, axes=Z_HELD)
+    assert bench.start(wanted).accepted
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    axes=st.tuples(*[st.booleans()] * 6),
+    turn=st.tuples(*[st.floats(-2.0, 2.0)] * 3),
+    task=st.tuples(*[st.floats(-2.0, 2.0)] * 3),
+    force_N=st.tuples(*[st.floats(-30.0, 30.0)] * 3),
+    setpoint_N=st.floats(0.0, 40.0),
+    mode=st.sampled_from(["position", "orientation", "both"]),
+)
+def test_held_axes_hold_whatever_the_law_does(axes, turn, task, force_N, setpoint_N, mode) -> None:
+    """Approach, press and release: not one step along or about a held axis of the task frame."""
+    T = T_START * T_FLANGE_TCP
+    T.rotation = rotation_from_vector(np.array(turn)) @ T.rotation
+    R_task = rotation_from_vector(np.array(task))
+    law, settings_ = start_at(T), law_settings(CELL)
+    held = ~np.array(axes)
+    for size in (0.0, 0.05, 1.0, 1.0, 0.5, 0.0):  # free, approach, contact, lost
+        sample = LawInput(
+            size * np.array(force_N), size * 0.1 * np.array(force_N), setpoint_N, mode, 0.004,
+            R_base_task=R_task, axes=axes,
+        )  # fmt: skip
+        before = law.T_base_tcp
+        law = step(law, sample, GAINS, settings_)
+        shift_m = R_task.T @ (law.T_base_tcp.translation - before.translation)
+        assert np.abs(shift_m[held[:3]]).max(initial=0.0) < 1e-12

@@ -1,0 +1,66 @@
+"""The lag of a link: commands that leave late freeze the law, those that leave in time never do."""
+
+import numpy as np
+import pinocchio as pin
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from common.convert import record_of
+from common.frames import rotation_from_vector
+from services.regulator.link_lag import Commanded
+from tests.fakes.bench import CELL
+from tests.fakes.regulator_bench import PERIOD_S, T_FLANGE_TCP, RegulatorBench
+
+WINDOW = int(Commanded.of(CELL).window_s / PERIOD_S)  # commands that it holds beside the newest
+motions = st.lists(
+    st.tuples(*[st.floats(-2e-4, 2e-4)] * 3, st.floats(-1e-3, 1e-3)), min_size=40, max_size=80
+)
+
+
+@settings(max_examples=25, deadline=None)
+@given(motions, st.integers(0, 39))
+def test_what_was_commanded_within_the_window_never_lags(steps, late) -> None:
+    """Whatever the way there was: to and fro, round, or standing still."""
+    commanded, sent, T = Commanded.of(CELL), [], pin.SE3.Identity()
+    for x, y, z, turn in steps:
+        T = pin.SE3(rotation_from_vector(np.array([0.0, 0.0, turn])) @ T.rotation, T.translation)
+        T.translation = T.translation + np.array([x, y, z])
+        commanded = commanded.after(T, PERIOD_S)
+        sent.append(T)
+        if late <= WINDOW and late < len(sent):
+            assert not commanded.lag(sent[-1 - late])
+    assert not commanded.lag(None)
+
+
+def test_what_stays_behind_the_window_lags_until_it_is_there() -> None:
+    """A steady motion whose first pose alone has left; once it has caught up nothing lags."""
+    T = pin.SE3.Identity()
+    commanded = Commanded.of(CELL).after(T, PERIOD_S)
+    for number in range(1, 3 * WINDOW):
+        T = pin.SE3(T.rotation, T.translation + np.array([0.0, 0.0, 1e-4]))
+        commanded = commanded.after(T, PERIOD_S)
+        assert commanded.lag(pin.SE3.Identity()) == (number > WINDOW)
+        if number > WINDOW:  # whoever goes back still waits for what has not left
+            again = commanded.anew()
+            assert again.lag(pin.SE3.Identity())
+            assert not again.lag(commanded.oldest)
+            assert again.oldest == commanded.oldest
+    assert not commanded.lag(T)
+
+
+def test_the_law_stands_still_while_nothing_leaves_and_goes_on_from_there() -> None:
+    """A push of 5 N for a second while the robot says the pose of the beginning: no wind-up."""
+    bench = RegulatorBench()
+    bench.push((0.0, 0.0, 5.0))
+    bench.pass_s(0.1)
+    assert bench.start().accepted
+    first = bench.T_base_tcp() * T_FLANGE_TCP.inverse()
+    bench.robot = bench.robot.model_copy(update={"sent": record_of(first)})
+    bench.pass_s((WINDOW + 3) * PERIOD_S)
+    stood = bench.T_base_tcp().translation
+    bench.pass_s(1.0)
+    assert np.linalg.norm(bench.T_base_tcp().translation - stood) < 2e-5
+    flange = bench.T_base_tcp() * T_FLANGE_TCP.inverse()
+    bench.robot = bench.robot.model_copy(update={"sent": record_of(flange)})
+    bench.pass_s(0.02)
+    assert np.linalg.norm(bench.T_base_tcp().translation - stood) > 2e-5

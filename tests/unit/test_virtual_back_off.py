@@ -1,0 +1,112 @@
+"""Above the ceiling in a whole cell on a virtual clock: what is refused, and what frees the arm."""
+
+from contextlib import nullcontext
+
+import numpy as np
+import pytest
+import typer
+
+from cli import verbs_motion
+from cli.context import REFUSED, confirmed
+from common import topics
+from common.client import Cell
+from common.config import load_cell
+from common.errors import ArmStoppedError, RefusedError
+from common.requests import HoldRequest
+from tests.contract.rig import DEMO_CELL
+from tests.fakes.lab import BRAKE_S, Lab
+
+WIDE = load_cell(DEMO_CELL, {"limits.move_rise_N": 1000.0})
+
+
+def client_of(lab: Lab) -> Cell:
+    """A program's way into the lab."""
+    return Cell(lab.cell.cell, commander="operator", bus=lab.cell.client)
+
+
+def test_a_jog_into_the_plate_stops_at_its_force_rise_below_the_ceiling() -> None:
+    """`jog z -80`: 20 N, and what 50 mm/s add until the arm stands; arming goes on, retract too."""
+    lab = Lab()
+    client = client_of(lab)
+    with pytest.raises(ArmStoppedError, match="force rose") as stopped:
+        client.jog((0.0, 0.0, -0.08))
+    assert stopped.value.code == "force"
+    lab.cell.advance(BRAKE_S)
+    assert 20.0 < lab.force_N < lab.cell.cell.limits.force_N
+    lab.cell.advance(1.2)
+    reply = client.arm("jog")
+    assert "loaded with" in reply.text
+    client.move.retract()
+    assert abs(lab.force_N) < 2.0
+    assert client.load_N() is None
+
+
+def test_an_arm_above_its_ceiling_is_freed_by_backing_off() -> None:
+    """Without that limit the jog ends above the ceiling: no arming, but a way out."""
+    lab = Lab(WIDE)
+    client = client_of(lab)
+    with pytest.raises(ArmStoppedError):
+        client.jog((0.0, 0.0, -0.08))
+    lab.cell.advance(1.5)
+    ceiling_N = lab.cell.cell.limits.force_N
+    begun_N, begun_m = lab.force_N, lab.p_m()
+    assert begun_N > ceiling_N
+    for purpose in ("all", "jog"):
+        with pytest.raises(RefusedError, match="forcemesh back-off"):
+            client.arm(purpose, within_s=0.0)
+    end = client.back_off()
+    assert end.code == "back_off", end
+    lab.cell.advance(BRAKE_S)
+    assert lab.status.state == "HOLDING"
+    assert lab.force_N < 0.5 * ceiling_N
+    assert np.linalg.norm(lab.p_m() - begun_m) < 0.02
+    lab.cell.advance(1.2)
+    assert client.arm("jog").accepted
+    client.move.retract()
+    assert abs(lab.force_N) < 2.0
+
+
+def test_the_verb_names_a_next_step_that_is_not_refused(monkeypatch, capsys) -> None:
+    """Freed and still in contact: arming for all would be refused, arming for jog is not."""
+    lab = Lab(WIDE)
+    client = client_of(lab)
+    with pytest.raises(ArmStoppedError):
+        client.jog((0.0, 0.0, -0.08))
+    lab.cell.advance(1.5)
+    monkeypatch.setattr(verbs_motion, "cell_of", lambda _cell: nullcontext(client))
+    verbs_motion.back_off(yes=True)
+    assert "arm for jog, then `forcemesh retract`" in capsys.readouterr().out
+    lab.cell.advance(1.2)
+    with pytest.raises(RefusedError, match="forcemesh retract`; else") as refused:
+        client.arm(within_s=0.0)
+    assert refused.value.code == "payload"
+    assert lab.status.clears.startswith("in contact arm for jog")
+
+
+def test_where_there_is_nothing_to_free_it_says_so() -> None:
+    """Free, and held: refused as already so."""
+    lab = Lab()
+    assert lab.ask(topics.HOLD, HoldRequest(reason="look")).accepted
+    lab.cell.advance(1.5)
+    with pytest.raises(RefusedError) as refused:
+        client_of(lab).back_off()
+    assert refused.value.code == "already"
+
+
+@pytest.mark.parametrize("answer", ["n\n", ""])
+def test_what_is_not_confirmed_is_not_done(
+    answer: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """No, and nobody there: a sentence and the code of a refusal."""
+
+    def asked(*_: object, **__: object) -> bool:
+        if not answer:
+            raise typer.Abort
+        return False
+
+    monkeypatch.setattr(typer, "confirm", asked)
+    with pytest.raises(typer.Exit) as ended:
+        confirmed("may it?", yes=False)
+    assert ended.value.exit_code == REFUSED
+    assert "--yes" in capsys.readouterr().err
+    confirmed("may it?", yes=True)

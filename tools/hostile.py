@@ -1,0 +1,365 @@
+"""A hostile outsider with Zenoh and MessagePack alone: nothing of forcemesh is imported here.
+
+python -m tools.hostile --up [--count 10000]          brings up the simulated demo on a free port
+python -m tools.hostile --endpoint tcp/... --cell NAME
+
+Sends so many hostile requests and messages to a running cell, first while the arm is held, then
+while it is armed, and asks for a hold again and again. Exit code 1 when a process ended, when
+something moved that should not, or when a hold did not work.
+"""
+
+import argparse
+import json
+import math
+import os
+import random
+import socket
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
+from operator import sub
+from pathlib import Path
+from typing import Any
+
+import msgpack
+import zenoh
+
+ROOT = Path(__file__).resolve().parents[1]
+ROLES = ("hub", "robot", "sensor", "wrench", "regulator", "arbiter")
+PATIENCE_S = 90.0  # of a loaded machine
+MOVED_RAD = 1e-3
+SPEED_M_S = 0.6  # no demo moves so fast; its limit is 0.25 m/s
+HOLD_S = 5.0  # until a hold must be seen, on a loaded machine
+ROUND = 100  # attacks between two tries of hold
+
+ENDING = {"request/hold"}  # it would end what an attack on an armed arm is about
+POSE = {"position_m": (0.0, 0.5, 0.4), "orientation_xyzw": (1.0, 0.0, 0.0, 0.0)}
+ANGLES = (0.0, 0.02, 0.0, 0.0, 0.0, 0.0)
+GAIN = (1e-6, 1e-6, 1e-6)
+REQUESTS: dict[str, dict[str, Any]] = {
+    "request/arm": {"purpose": "all"},
+    "request/hold": {"reason": "stop"},
+    "request/clear": {},
+    "request/move": {"kind": "pose", "pose": POSE, "joint_rad": ANGLES, "speed_m_s": 0.02},
+    "request/speed": {"accel_fraction": 0.5, "mechanical_m_s": 0.05, "modular_fraction": 1.0},
+    "request/force/start": {"mode": "position", "setpoint_N": 5.0, "law": "plain", "host": "pc"},
+    "request/force/stop": {},
+    "request/force/gains": {"force_p_m_per_N": GAIN, "torque_i_rad_per_Nms": GAIN},
+    "request/force/path": {"points_m": ((0.0, 0.5, 0.3),), "speed_m_s": 0.01, "append": True},
+    "request/tare": {},
+    "request/calibration": {"calibration_json": "{}"},
+    "request/record/start": {"label": "x", "past": False},
+    "request/record/stop": {},
+}
+NUMBERS = (
+    0.0, -0.0, 5e-324, 1.0, -1.0, 1e6, -1e6, 1e200, -1e200, 1e308, -1e308, math.inf, -math.inf,
+    math.nan, 0, -1, 2**31, 2**63, 2**64 - 1, -(2**63),
+)  # fmt: skip
+ODD: tuple[Any, ...] = (
+    *NUMBERS, None, True, "", "x" * 501, "x" * 5000, "\0", "../..", b"", b"\xff" * 40, (), {},
+    (0.0,) * 70, {"kind": "pose"},
+)  # fmt: skip
+JUNK = (b"", b"\xc1", b"\x80", b"\x93\x01\x02\x03", b"\x91" * 3000, b"\xdf\xff\xff\xff\xff",
+        b"\xdd\xff\xff\xff\xff", b"\xa5ab", b"\0" * 16_000, b"\0" * 100_000)  # fmt: skip
+
+
+def change(value: Any, rng: random.Random) -> Any:
+    """Return a value with one part of it replaced by an odd one."""
+    if isinstance(value, dict) and value and rng.random() < 0.9:
+        name = rng.choice(sorted(value))
+        return {**value, name: change(value[name], rng)}
+    if isinstance(value, tuple) and value and rng.random() < 0.8:
+        at = rng.randrange(len(value))
+        return (*value[:at], change(value[at], rng), *value[at + 1 :])
+    return rng.choice(ODD)
+
+
+def spoiled(fields: dict[str, Any], cell: str, key: str, rng: random.Random) -> bytes:
+    """Return a request or message that is wrong in one way or several."""
+    chance = rng.random()
+    if chance < 0.1:
+        return rng.choice(JUNK)
+    for _ in range(rng.choice((1, 1, 1, 2, 5))):
+        changed = change(fields, rng)
+        fields = changed if isinstance(changed, dict) else {**fields, "": changed}
+    if chance < 0.3:
+        fields = {**fields, "v": rng.choice((0, 1, 2, 3, -1, "2", None))}
+    if chance < 0.4:
+        fields = {**fields, "topic": rng.choice((key, f"other/{key}", f"{cell}/{key}", "", 7))}
+    try:
+        data = bytes(msgpack.packb(fields))
+    except (ValueError, OverflowError):
+        return b"\xc1"
+    return data[: rng.randrange(len(data))] if chance > 0.95 else data
+
+
+class Outsider:
+    """Hears everything that is published in a cell, and says what it should not."""
+
+    def __init__(self, session: zenoh.Session, cell: str, seed: int) -> None:
+        """Listen."""
+        self.session, self.cell = session, cell
+        self.rng = random.Random(seed)  # noqa: S311 - attacks that can be repeated
+        self.newest: dict[str, dict[str, Any]] = {}
+        self.heard_s: dict[str, float] = {}
+        self.fastest_m_s = 0.0
+        self.replies: Counter[str] = Counter()
+        self._lock = threading.Lock()
+        self._epochs: set[int] = set()  # of the cell's own writers: all others are ours
+        self._own = True
+        self._subscriber = session.declare_subscriber(f"{cell}/**", self._hear)
+
+    def _hear(self, sample: zenoh.Sample) -> None:
+        key = str(sample.key_expr).partition("/")[2]
+        try:
+            fields = msgpack.unpackb(sample.payload.to_bytes())
+        except (ValueError, msgpack.UnpackException):
+            return
+        if not isinstance(fields, dict) or not isinstance(fields.get("epoch"), int):
+            return
+        with self._lock:
+            if self._own:
+                self._epochs.add(fields["epoch"])
+            elif fields["epoch"] not in self._epochs:
+                return
+            if key == "robot/state":
+                self._see(self.newest.get(key), fields)
+            self.newest[key], self.heard_s[key] = fields, time.monotonic()
+
+    def _see(self, before: dict[str, Any] | None, now: dict[str, Any]) -> None:
+        if before is None or now["stamp_ns"] - before["stamp_ns"] < 3_000_000:
+            return  # steps that were delayed on their way are not fast
+        way_m = math.dist(before["position_m"], now["position_m"])
+        speed_m_s = way_m / ((now["stamp_ns"] - before["stamp_ns"]) * 1e-9)
+        self.fastest_m_s = max(self.fastest_m_s, speed_m_s)
+
+    def ready(self) -> dict[str, int]:
+        """Wait until every process is heard; return their process numbers."""
+        give_up_s = time.monotonic() + PATIENCE_S
+        wanted = {f"{role}/health" for role in ROLES} | {"robot/state", "arbiter/status"}
+        while not wanted <= set(self.newest):
+            if time.monotonic() > give_up_s:
+                sys.exit(f"never heard: {', '.join(sorted(wanted - set(self.newest)))}")
+            time.sleep(0.1)
+        self._own = False
+        return {role: self.newest[f"{role}/health"]["pid"] for role in ROLES}
+
+    def ask(self, key: str, data: bytes, timeout_s: float = 0.5) -> dict[str, Any] | None:
+        """Ask, again while nobody is found (the link may be coming back); return the reply."""
+        give_up_s = time.monotonic() + timeout_s
+        while (left_s := give_up_s - time.monotonic()) > 0.0:
+            replies = list(self.session.get(f"{self.cell}/{key}", payload=data, timeout=left_s))
+            for reply in replies:
+                if reply.ok is not None:
+                    fields = msgpack.unpackb(reply.ok.payload.to_bytes())
+                    self.replies[str(fields["code"])] += 1
+                    return dict(fields)
+            if replies:
+                break
+            time.sleep(0.02)
+        self.replies["no answer"] += 1
+        return None
+
+    def attack(self, *, forge: bool) -> None:
+        """Send one hostile request or message; forged ones may be such as a writer would send."""
+        if self.rng.random() < 0.5:
+            self._message(forge=forge)
+            return
+        key = self.rng.choice(sorted(REQUESTS if forge else REQUESTS.keys() - ENDING))
+        data = spoiled(REQUESTS[key], self.cell, key, self.rng)
+        if key == "request/arm":  # a good one would be obeyed, and rightly
+            data = spoiled({"purpose": "none"}, self.cell, key, self.rng)
+        self.ask(key, data, 0.3)
+
+    def _message(self, *, forge: bool) -> None:
+        """Publish on a topic of another writer; where nothing is forged, no reader can take it."""
+        key = self.rng.choice(sorted(self.newest))
+        fields = {**self.newest[key], "epoch": self.rng.choice((1, 2, 2**62))}
+        if not forge:
+            fields["topic"] = f"other/{key}"
+        data = spoiled(fields, self.cell, key, self.rng)
+        if not forge and len(data) > 4 and f"{self.cell}/{key}".encode() in data:
+            data = data[:-1]
+        self.session.put(f"{self.cell}/{key}", data)
+
+    def hold_works(self) -> bool:
+        """Ask for a hold as badly as can be; tell whether the arm is held soon after."""
+        bad = (b"", b"\xc1", msgpack.packb({"v": 9}), msgpack.packb({"reason": "x" * 5000}))
+        reply = None
+        give_up_s = time.monotonic() + HOLD_S
+        while reply is None and time.monotonic() < give_up_s:
+            reply = self.ask("request/hold", bytes(self.rng.choice(bad)), HOLD_S)
+        since_s = time.monotonic()
+        held = False
+        while not held and time.monotonic() < give_up_s + HOLD_S:
+            is_new = self.heard_s["robot/command"] > since_s
+            held = is_new and self.newest["robot/command"]["permission"] is None
+            time.sleep(0.01)
+        if reply is None or not reply["accepted"] or not held:
+            state = self.newest["arbiter/status"]["state"]
+            print(f"hold: answered {reply}, held {held}, {state}", file=sys.stderr)
+            return False
+        return True
+
+    def armed(self) -> bool:
+        """Clear, tare and arm, as an operator does; tell whether the arm is armed."""
+        give_up_s = time.monotonic() + 2 * HOLD_S
+        while not (armed := self._armed()) and time.monotonic() < give_up_s:
+            time.sleep(0.5)
+        return armed
+
+    def _armed(self) -> bool:
+        reply = None
+        for key in ("request/hold", "request/clear", "request/tare", "request/arm"):
+            time.sleep(0.05)
+            reply = self.ask(key, b"\x80", HOLD_S)
+        return bool(reply and reply["accepted"])
+
+    def joints(self) -> tuple[float, ...]:
+        """Return the joint angles that the robot has published last [rad]."""
+        return tuple(self.newest["robot/state"]["joint_rad"])
+
+
+def while_armed(outsider: Outsider, count: int) -> tuple[list[bool], int]:
+    """Attack an arm that may move; return what holds did, and how often it was armed."""
+    holds, armed = [], 0
+    for number in range(count):
+        if number % ROUND == 0:
+            time.sleep(1.5)  # until the inputs were good for a second
+            armed += outsider.armed()
+        outsider.attack(forge=False)
+        if number % ROUND == ROUND - 1:
+            holds.append(outsider.hold_works())
+    return holds, armed
+
+
+def while_held(outsider: Outsider, count: int) -> tuple[list[bool], float]:
+    """Attack an arm that must not move; return what holds did, and how far a joint moved."""
+    holds, moved_rad = [outsider.hold_works()], 0.0
+    time.sleep(1.0)  # until it rests
+    rest = outsider.joints()
+    for number in range(count):
+        outsider.attack(forge=True)
+        if number % ROUND == ROUND - 1:
+            holds.append(outsider.hold_works())
+        moved_rad = max(moved_rad, *map(abs, map(sub, outsider.joints(), rest)))
+    return holds, moved_rad
+
+
+def assault(outsider: Outsider, count: int) -> dict[str, Any]:
+    """Send so many hostile requests and messages; return what came of it."""
+    pids = outsider.ready()
+    holds, armed = while_armed(outsider, count // 2)
+    more, moved_rad = while_held(outsider, count - count // 2)
+    holds += more
+    time.sleep(3.0)
+    holds.append(outsider.hold_works())
+    now_s = time.monotonic()
+    silent = [r for r in ROLES if now_s - outsider.heard_s[f"{r}/health"] > 3.0]
+    other = [r for r in ROLES if outsider.newest[f"{r}/health"]["pid"] != pids[r]]
+    broken = [r for r in ROLES if outsider.newest[f"{r}/health"]["code"] == "internal"]
+    return {
+        "sent": count,
+        "processes_ended": sorted({*silent, *other}),
+        "unforeseen_errors": broken,
+        "moved_while_held_rad": moved_rad,
+        "times_armed": armed,
+        "fastest_m_s": outsider.fastest_m_s,
+        "holds": len(holds),
+        "holds_that_worked": sum(holds),
+        "replies": dict(outsider.replies),
+    }
+
+
+def is_well(found: dict[str, Any]) -> bool:
+    """Tell whether nothing came of it."""
+    return bool(
+        not found["processes_ended"]
+        and not found["unforeseen_errors"]
+        and found["moved_while_held_rad"] < MOVED_RAD
+        and found["fastest_m_s"] < SPEED_M_S
+        and found["holds_that_worked"] == found["holds"]
+    )
+
+
+@contextmanager
+def running_cell() -> Iterator[str]:
+    """Bring the demo's cell up on a free port; yield its endpoint."""
+    with socket.create_server(("127.0.0.1", 0)) as probe:
+        endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+    with tempfile.TemporaryDirectory() as folder:
+        moved = {
+            "FORCEMESH_ENDPOINT": endpoint,
+            "FORCEMESH_RUN_FOLDER": folder,
+            "FORCEMESH_RECORDINGS": f"{folder}/recordings",
+        }
+        command = [sys.executable, "-m", "cli", "up", "--no-panel", "--cell", "cells/demo.yaml"]
+        with Path(folder, "log").open("w", encoding="utf-8") as log:
+            up = subprocess.Popen(
+                command, cwd=ROOT, env=os.environ | moved, stdout=log, stderr=subprocess.STDOUT
+            )
+        try:
+            while "is up" not in Path(folder, "log").read_text(encoding="utf-8"):
+                if up.poll() is not None:
+                    sys.exit(f"no cell:\n{Path(folder, 'log').read_text(encoding='utf-8')}")
+                time.sleep(0.2)
+            yield endpoint
+            if up.poll() is not None:
+                sys.exit(f"the cell ended:\n{Path(folder, 'log').read_text(encoding='utf-8')}")
+        finally:
+            up.terminate()
+            up.wait(PATIENCE_S)
+
+
+def connected(endpoint: str) -> zenoh.Session:
+    """Return a session on a hub that may still be starting."""
+    config = {
+        "mode": "client",
+        "connect": {
+            "endpoints": [endpoint],
+            "timeout_ms": 2000,
+            "retry": {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 2},
+        },
+        "scouting": {"multicast": {"enabled": False}},
+    }
+    give_up_s = time.monotonic() + PATIENCE_S
+    while True:
+        try:
+            return zenoh.open(zenoh.Config.from_json5(json.dumps(config)))
+        except zenoh.ZError:
+            if time.monotonic() > give_up_s:
+                sys.exit(f"no hub at {endpoint}: is the cell up?")
+            time.sleep(0.2)
+
+
+def main() -> int:
+    """Assault a cell, print what came of it."""
+    parser = argparse.ArgumentParser(prog="tools.hostile", description=__doc__)
+    parser.add_argument("--up", action="store_true", help="bring the demo up for it")
+    parser.add_argument("--endpoint", default="tcp/127.0.0.1:7447")
+    parser.add_argument("--cell", default="demo", help="its name on the bus")
+    parser.add_argument("--count", type=int, default=10_000)
+    parser.add_argument("--seed", type=int, default=1)
+    given = parser.parse_args()
+    with running_cell() if given.up else _nothing(given.endpoint) as endpoint:
+        session = connected(endpoint)
+        try:
+            found = assault(Outsider(session, given.cell, given.seed), given.count)
+        finally:
+            session.close()
+    print(json.dumps(found, indent=1))
+    return 0 if is_well(found) else 1
+
+
+@contextmanager
+def _nothing(endpoint: str) -> Iterator[str]:
+    yield endpoint
+
+
+if __name__ == "__main__":
+    sys.exit(main())

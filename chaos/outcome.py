@@ -7,7 +7,7 @@ from chaos.cases import Case
 LAST_ACCEPTED_S = 0.150  # in real processes; three periods, at least 100 ms in the demo's cells
 STILL_SIM_S = 0.350
 RAMP_S = 0.150  # of the arm: from 250 mm/s in 100 ms, delay and smoothing of its set points
-LOOP_S = 0.045  # of the controller's program, as the cell file states its delay
+LOOP_S = 0.045  # of the controller's program, from a packet to the arm
 MOVING_M_S = 2e-3  # slower than this the fault did not come in motion
 JUMP_MARGIN = 1.25  # over the cell's speed limit
 DRIFT_M = 5e-4  # a standing arm may settle in contact by so much

@@ -1039,7 +1039,7 @@ strange: ;a fault of before a good hello stays until the next motion
   TIMER 8=0
   TIMER 9=0
 look:
-  TWAIT fm.twatch
+  TWAIT MAXVAL(0.002,fm.twatch*.was) ;at once after RUN: a motion taken ahead may go on
   IF (fm.framed<>.framed) OR (fm.conn<>.conn) THEN ;a new connection may begin at any ID
     .framed=fm.framed
     .conn=fm.conn

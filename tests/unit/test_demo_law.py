@@ -12,9 +12,6 @@ from cli.measures import measure
 from cli.scenario import Plan
 from services.regulator.tuning import tune
 
-# OPEN: since the controller judges every set point by itself its loop is slower than the delay that
-# cells/demo-tcp.yaml says; 5 % must hold again when that is measured anew.
-MOST_PCT = {("demo-tcp.yaml", 5e3): 10.0}
 CELL = Path(__file__).parents[2] / "cells" / "demo.yaml"
 
 
@@ -33,7 +30,7 @@ def test_the_main_job_is_done_in_five_tau_with_the_adaptive_law(file, stiffness_
     found = measure(trace, plan, surface_of(cell), tune(cell).tau_s)
     assert found.settling_s is not None
     assert found.settling_s <= taus * found.tau_s
-    assert found.overshoot_pct <= MOST_PCT.get((file, stiffness_N_m), 5.0)
+    assert found.overshoot_pct <= 5.0
 
 
 @pytest.mark.long

@@ -88,7 +88,7 @@ bench-payload: setup ## payload identification beside the published ones: ARGS="
 bench-force: setup ## how well laws release, hold, find and follow a force: ARGS=--quick, --json, --write makes docs/force.md
 	@$(BIN)/python -m bench.force $(ARGS)
 
-chaos: setup ## kill, freeze and restart every process of a moving cell, see that it holds: ARGS="--seed 7"
+chaos: setup ## kill, freeze and starve every process of a moving cell, also two at once, see that it holds: ARGS="--seed 7"
 	@$(BIN)/python -m chaos $(ARGS)
 
 chaos-full: setup ## the same twenty times each, about 90 minutes, goes on where it was interrupted; writes docs/chaos.md

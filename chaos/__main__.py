@@ -5,7 +5,7 @@ import sys
 from datetime import UTC, datetime
 from pathlib import Path
 
-from chaos.cases import CELLS, TWO, Case, CellName, matrix, named
+from chaos.cases import CELLS, Case, CellName, matrix, named
 from chaos.journal import Journal
 from chaos.memory import limit_file
 from chaos.outcome import violations
@@ -16,8 +16,6 @@ from chaos.table import rows
 ROOT = Path(__file__).resolve().parent.parent
 UNTRIED_SHARE = 0.1  # of the trials a machine may spoil by its stalls; they are named
 
-UNSETTLED = ("memory", *TWO)
-
 
 def main() -> int:
     """Run what the command line asks for; return the exit code."""
@@ -26,8 +24,6 @@ def main() -> int:
                         help="injections per service and kind (default %(default)s)")  # fmt: skip
     parser.add_argument("--only", metavar="ROLE/KIND/PHASE", help="try this one alone")
     parser.add_argument("--cell", choices=CELLS, help="on this cell alone; with --only: sim")
-    parser.add_argument("--unsettled", action="store_true",
-                        help="also memory and two at once, not judged reliably yet")  # fmt: skip
     parser.add_argument("--seed", type=int, default=0, help="decides the moments")
     parser.add_argument("--write", action="store_true", help=f"put the table into {PAGE}")
     parser.add_argument("--journal", type=Path, metavar="FILE",
@@ -52,10 +48,7 @@ def wanted(given: argparse.Namespace) -> list[Case]:
         cell: CellName = given.cell or ("tcp" if role == "sensor" else "sim")
         return [Case(cell, role, kind, phase, given.seed)]
     cases = matrix(given.each, given.seed)
-    if not given.unsettled:  # a simulated robot that comes back at home counts as a jump there
-        print(f"NOT TRIED without --unsettled: {', '.join(UNSETTLED)}", flush=True)
-        cases = [case for case in cases if case.kind not in UNSETTLED]
-    elif limit_file() is None:
+    if limit_file() is None:
         print("NOT TRIED: memory (it needs root and memory control groups)", flush=True)
         cases = [case for case in cases if case.kind != "memory"]
     return [case for case in cases if given.cell in (None, case.cell)]

@@ -34,11 +34,11 @@ def cell(tmp_path: Path) -> Cell:
     return cell
 
 
-def shorten(folder: Path, name: str, cell: Cell) -> float:
+def shorten(folder: Path, name: str, cell: Cell, lives_s: float = LIVES_S) -> float:
     """Let a name's certificate end soon; return when, on the wall clock [s]."""
     authority, now = read_authority(folder), dt.datetime.now(dt.UTC)
     new = make_certificate(authority, name, cell.cell, hosts=[], days=1, now=now)
-    ends = now.replace(microsecond=0) + dt.timedelta(seconds=LIVES_S)
+    ends = now.replace(microsecond=0) + dt.timedelta(seconds=lives_s)
     builder = (
         x509.CertificateBuilder()
         .subject_name(new.certificate.subject)

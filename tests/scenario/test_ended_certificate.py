@@ -1,0 +1,57 @@
+"""A certificate that ends while the arm of a whole cell presses, in processes."""
+
+import subprocess
+import time
+from pathlib import Path
+
+import pytest
+
+from common import topics
+from common.bus import open_bus
+from common.config import load_cell
+from common.messages import MAY_MOVE
+from tests.contract.test_bus_expiry import shorten
+from tests.scenario.test_attacks import PATIENCE_S, ROOT, cell_file  # noqa: F401
+from tests.scenario.test_calibrate_processes import wait_for
+from tests.scenario.test_demo_processes import Watcher, forcemesh, status_of
+from tests.scenario.test_revived import press
+
+LIVES_S = 60.0  # long enough to be up and to press on a loaded machine
+LATE_S = 5.0  # until the hub has closed the link and the others have missed what came over it
+
+pytestmark = [pytest.mark.realtime, pytest.mark.long, pytest.mark.timeout(300)]
+
+
+@pytest.mark.parametrize("role", ["wrench", "arbiter"])
+def test_the_arm_holds_and_the_screen_names_whose_certificate_ended(
+    cell_file: Path,  # noqa: F811
+    tmp_path: Path,
+    start,
+    role: str,
+) -> None:
+    """In mid-press: held soon after, not before; nothing moves again; `pki check` names it."""
+    cell = load_cell(cell_file)
+    ends_s = shorten(tmp_path / "pki", role, cell, LIVES_S)
+    wait_for(start("-m", "cli", "up", "--cell", cell_file, "--no-panel"), "is up")
+    with open_bus(cell, topics.CLIENT, patience_s=PATIENCE_S) as bus:
+        press(bus)
+        watcher = Watcher(bus)
+        watcher.until(lambda: watcher.state() == "ACTIVE")
+        assert time.time() < ends_s - 2.0, "this machine was too slow to see it happen"
+        while time.time() < ends_s - 1.0:
+            assert watcher.state() == "ACTIVE"
+            time.sleep(0.05)
+        watcher.until(watcher.held)
+        assert ends_s - 1.0 < time.time() < ends_s + LATE_S
+        time.sleep(2.0)
+        joints = watcher.joints()
+        status = status_of(cell_file)
+        assert abs(watcher.joints() - joints).max() < 1e-3
+    assert status["state"] not in MAY_MOVE
+    assert role in str(status["services"]), status
+    checked = subprocess.run(
+        forcemesh("pki", "check", "--cell", cell_file),
+        cwd=ROOT, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert checked.returncode != 0
+    assert role in checked.stdout + checked.stderr

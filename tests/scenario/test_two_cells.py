@@ -1,0 +1,83 @@
+"""What one running cell says is delivered to another one by mistake: nothing of it is obeyed."""
+
+from pathlib import Path
+from threading import Lock
+
+import numpy as np
+import pytest
+import zenoh
+
+from common import topics
+from common.bus import open_bus
+from common.config import dump_cell, load_cell
+from tests.scenario.conftest import ROOT, free_port
+from tests.scenario.test_calibrate_processes import wait_for
+from tests.scenario.test_demo_processes import PATIENCE_S, Watcher
+from tests.scenario.test_revived import press, until
+from tools.hostile import connected
+
+STILL_RAD = 1e-3
+MESSAGES = 2000
+
+pytestmark = [pytest.mark.realtime, pytest.mark.long, pytest.mark.timeout(300)]
+
+
+def cell_file(folder: Path, name: str) -> Path:
+    """Return a demo cell of its own on a free port of this machine."""
+    overrides = {"cell": name, "bus.endpoint": f"tcp/127.0.0.1:{free_port()}"}
+    path = folder / f"{name}.yaml"
+    path.write_text(dump_cell(load_cell(ROOT / "cells" / "demo.yaml", overrides)))
+    return path
+
+
+class Misdelivery:
+    """Everything one cell publishes, byte for byte, under the keys of another."""
+
+    def __init__(self, source: zenoh.Session, sink: zenoh.Session, one: str, other: str) -> None:
+        """Begin."""
+        self._sink, self._one, self._other, self._lock = sink, one, other, Lock()
+        self.delivered: dict[str, int] = {}
+        self._subscriber = source.declare_subscriber(f"{one}/**", self._deliver)
+
+    def _deliver(self, sample: zenoh.Sample) -> None:
+        key = str(sample.key_expr).removeprefix(f"{self._one}/")
+        self._sink.put(f"{self._other}/{key}", sample.payload.to_bytes())
+        with self._lock:
+            self.delivered[key] = self.delivered.get(key, 0) + 1
+
+
+def test_a_cell_does_not_obey_what_another_one_was_told(tmp_path, start, monkeypatch) -> None:
+    """One presses, the other stands held: it hears all of it, and its joints do not move."""
+    monkeypatch.setenv("FORCEMESH_RUN_FOLDER", str(tmp_path))
+    files = {name: cell_file(tmp_path, name) for name in ("pressing", "standing")}
+    cells = {name: load_cell(file) for name, file in files.items()}
+    for file in files.values():
+        words = ("-m", "cli", "up", "--cell", file, "--no-panel")
+        wait_for(start(*words), "is up")
+    sessions = {name: connected(cell.bus.endpoint) for name, cell in cells.items()}
+    with (
+        open_bus(cells["pressing"], topics.CLIENT, patience_s=PATIENCE_S) as one,
+        open_bus(cells["standing"], topics.CLIENT, patience_s=PATIENCE_S) as other,
+    ):
+        press(one)
+        presses, stands = Watcher(one), Watcher(other)
+        presses.until(lambda: presses.state() == "ACTIVE")
+        stands.until(stands.held)
+        rest, state = stands.joints(), stands.state()
+        bridge = Misdelivery(sessions["pressing"], sessions["standing"], "pressing", "standing")
+        many = lambda: bridge.delivered.get("robot/command", 0) > MESSAGES  # noqa: E731
+        moved_rad = 0.0
+
+        def look() -> bool:
+            nonlocal moved_rad
+            moved_rad = max(moved_rad, float(np.abs(stands.joints() - rest).max()))
+            assert stands.held()
+            return many()
+
+        until(look, "enough is delivered")
+        assert moved_rad < STILL_RAD
+        assert stands.state() == state
+        assert presses.state() == "ACTIVE"
+        assert {"robot/state", "sensor/wrench", "wrench"} <= bridge.delivered.keys()
+    for session in sessions.values():
+        session.close()

@@ -1,6 +1,7 @@
 """How a cell is: what the bus says, put together with what its supervisor's run file says."""
 
 import time
+from datetime import UTC, datetime
 from typing import TypedDict
 
 from cli.cellview import CellView
@@ -11,6 +12,7 @@ from common.bus import open_bus
 from common.cell import Cell
 from common.errors import BusError, SetupError
 from common.messages import Health
+from common.tls import folder_of, is_encrypted
 
 DOWN = "DOWN"
 STOPPED, ASKED = ("STOPPING", "HOLDING"), "hold"
@@ -122,6 +124,8 @@ def _judge(
     listed = {only, *helpers_of(view, run)}
     helpers = [name for name in topics.HELPERS if name in listed]
     heard = None if view is None else view.arbiter().fresh
+    services = [_service(name, run, view, waited_s) for name in (*topics.ROLES, *helpers)]
+    _name_certificates(cell, [row for row in services if not row["alive"]])
     return CellStatus(
         cell=cell.cell,
         state=DOWN if heard is None else heard.state,
@@ -131,8 +135,24 @@ def _judge(
         clears="" if heard is None else heard.clears,
         last_state=run.last_state if run else "",
         restarts=restarts_of(run),
-        services=[_service(name, run, view, waited_s) for name in (*topics.ROLES, *helpers)],
+        services=services,
     )
+
+
+def _name_certificates(cell: Cell, silent: list[ServiceStatus]) -> None:
+    """Add what is wrong with the certificate of who is not heard, where it is on this machine."""
+    if not silent or not is_encrypted(cell.bus.endpoint):
+        return
+    from common.pki_check import check_folder
+
+    found = {
+        f.name: f
+        for f in check_folder(folder_of(cell), cell.cell, datetime.now(UTC))
+        if f.verdict == "wrong"
+    }
+    for row in silent:
+        if wrong := found.get(row["name"]):
+            row["fault"] += f"; its certificate: {wrong.text} ({wrong.remedy})"
 
 
 def restarts_of(run: Run | None) -> list[Restart]:

@@ -146,8 +146,10 @@ class Reader(Generic[M]):
         if self._broken is not None:  # not what it said before, nor zero: unknown
             return self._broken.code, f"{self.topic.key} unreadable: {self._broken}"
         if self._suspicion > BAD_MESSAGES:
-            dropped = f"{self.counters.repeated} repeated, {self.counters.undecodable} unreadable"
-            return "bad_messages", f"{self.topic.key} is not orderly: {dropped}"
+            count = self.counters
+            dropped = f"{count.repeated} repeated, {count.undecodable} unreadable"
+            text = f"{dropped}, {count.misrouted} written for another topic or cell"
+            return "bad_messages", f"{self.topic.key} is not orderly: {text}"
         if not message.valid:
             reason = message.reason or "no reason given"
             return message.code or "invalid", f"{self.topic.key} invalid: {reason}"

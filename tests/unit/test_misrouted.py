@@ -42,7 +42,9 @@ def test_a_topic_on_which_hardly_anything_else_comes_is_not_orderly():
     assert line.say(1)
     for seq in range(10):
         line.say(seq, topic="demo/wrench")
-    assert line.read().code == "bad_messages"
+    reading = line.read()
+    assert reading.code == "bad_messages"
+    assert "10 written for another topic or cell" in reading.fault
 
 
 @pytest.mark.parametrize("other", topics.REQUESTS, ids=lambda request: request.key)

@@ -39,7 +39,6 @@ PRESS_N = 10.0
 SETTLE_S = 3.0  # of the press, before anything is judged
 QUIET_S = 4.0
 LATE_S = 0.020  # the shortest deadline that a cell file may set
-WITNESSED_S = 0.010  # a machine that stalls an idle process so long stalls a busy one longer
 PUT_S = 0.005
 HEALTH_WINDOW_S = 1.5  # over which a service reports its longest gap, and until that is heard
 # Of the rate that was asked for, reached on two cores that the cell shares: a question costs its
@@ -68,9 +67,9 @@ class Loop:
         late, slow = health.longest_gap_s > LATE_S, put_s > PUT_S
         if late or slow:
             since_ns = at_ns - round(HEALTH_WINDOW_S * NS_PER_S)
-            witnessed = watch.worst_s(since_ns, at_ns) > WITNESSED_S
-            self.overdue += late and not witnessed
-            self.slow_puts += slow and not witnessed
+            stall_s = watch.worst_s(since_ns, at_ns)
+            self.overdue += late and stall_s <= LATE_S
+            self.slow_puts += slow and stall_s <= PUT_S
 
 
 @dataclass(slots=True)
@@ -122,7 +121,7 @@ class Watcher:
         time.sleep(HEALTH_WINDOW_S / 2)  # the last reports are on their way
         self._look(phase, last_ns)
         phase.witness_s = self._witness.worst_s(began_ns, time.monotonic_ns())
-        if phase.held and phase.witness_s <= WITNESSED_S:
+        if phase.held and phase.witness_s <= self.cell.cell.deadlines.command_s:
             phase.mistakes.append(f"{name}: the arm was held: {phase.held}")
         for loop in phase.loops.values():
             if loop.reports == 0:

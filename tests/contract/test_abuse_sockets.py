@@ -21,7 +21,7 @@ from tests.fakes.controller_talk import HELLO_PARAM
 from tests.fakes.hostile_cell import LoneController, SocketCell
 from tests.fakes.hostile_stream import Abuse, Chop, Freeze, Gather
 
-pytestmark = pytest.mark.realtime
+pytestmark = [pytest.mark.judged_once, pytest.mark.realtime]
 
 ROOT = Path(__file__).resolve().parents[2]
 LATE_S = 0.02  # the proxy's thread and the loop that steps gateway and controller take turns

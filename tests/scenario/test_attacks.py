@@ -15,7 +15,7 @@ from common.config import dump_cell, load_cell
 from tests.scenario.conftest import free_port
 from tools.attacks import ATTACKS
 
-pytestmark = [pytest.mark.realtime, pytest.mark.processes]
+pytestmark = [pytest.mark.judged_once, pytest.mark.realtime, pytest.mark.processes]
 
 ROOT = Path(__file__).parents[2]
 PATIENCE_S = 60.0

@@ -8,7 +8,12 @@ from pathlib import Path
 
 import pytest
 
-pytestmark = [pytest.mark.realtime, pytest.mark.processes, pytest.mark.timeout(1800)]
+pytestmark = [
+    pytest.mark.judged_once,
+    pytest.mark.realtime,
+    pytest.mark.processes,
+    pytest.mark.timeout(1800),
+]
 
 ROOT = Path(__file__).parents[2]
 

@@ -20,7 +20,12 @@ from tools.hostile import connected
 STILL_RAD = 1e-3
 MESSAGES = 2000
 
-pytestmark = [pytest.mark.realtime, pytest.mark.long, pytest.mark.timeout(300)]
+pytestmark = [
+    pytest.mark.judged_once,
+    pytest.mark.realtime,
+    pytest.mark.long,
+    pytest.mark.timeout(300),
+]
 
 
 def cell_file(folder: Path, name: str) -> Path:

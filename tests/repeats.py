@@ -1,0 +1,93 @@
+"""A test that failed while the machine itself stood still is tried once more; no other one is.
+
+A witness (`chaos.witness`), a process of its own with the period and the priority of the control
+loops, notes when it was woken too late. A failure of a test in real time is repeated once where
+the witness was late by more than the deadline of the cell, within that very test. Never repeated:
+what is marked `judged_once` (attacks, misreads, movement), and every test that is not in real time.
+"""
+
+import subprocess
+import sys
+import time
+from functools import partial
+from pathlib import Path
+
+import pytest
+
+from chaos.witness import longest_stall_s, read_stalls
+
+DEADLINE_S = 0.1  # of commands and sensor data in the demo's cells; a marker may say another one
+MOST_REPEATS = 3  # more fail the run: that machine is no place for a verdict
+
+
+class Repeats:
+    """Allows a second try where the witness saw a stall, and tells all of them."""
+
+    def __init__(self, noted: Path) -> None:
+        """Tell where the witness notes what it sees."""
+        self._noted = noted
+        self._witness: subprocess.Popen[bytes] | None = None
+        self._began_ns = 0
+        self._told: list[str] = []
+
+    def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
+        """Let what lives in real time ask the witness when it fails."""
+        for item in items:
+            if may_be_repeated(item):
+                asks = partial(self._stood_still, deadline_of(item))
+                item.add_marker(pytest.mark.flaky(reruns=1, condition=asks))
+
+    def pytest_collection_finish(self, session: pytest.Session) -> None:
+        """Start the witness where somebody may ask it."""
+        if not session.config.option.collectonly and any(map(may_be_repeated, session.items)):
+            command = [sys.executable, "-m", "chaos.witness", str(self._noted)]
+            self._witness = subprocess.Popen(command)
+
+    def pytest_runtest_logstart(self) -> None:
+        """Remember when a try began."""
+        self._began_ns = time.monotonic_ns()
+
+    def _stood_still(self, deadline_s: float) -> bool:
+        stalls = read_stalls(self._noted)
+        return longest_stall_s(stalls, self._began_ns, time.monotonic_ns()) > deadline_s
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        """Remember a failure that is about to be repeated."""
+        if str(report.outcome) == "rerun":
+            crash = getattr(report.longrepr, "reprcrash", None)
+            why = crash.message.splitlines()[0] if crash else report.longreprtext
+            self._told.append(f"REPEATED, the machine stood still: {report.nodeid}: {why}")
+
+    def pytest_sessionfinish(self, session: pytest.Session) -> None:
+        """End the witness; fail a run that needed more repeats than are allowed."""
+        if self._witness is not None:
+            self._witness.kill()
+            self._witness.wait()
+        if len(self._told) > MOST_REPEATS:
+            session.exitstatus = pytest.ExitCode.TESTS_FAILED
+            self._told.append(f"{len(self._told)} repeats, {MOST_REPEATS} are allowed: failed")
+
+    def pytest_terminal_summary(self, terminalreporter: pytest.TerminalReporter) -> None:
+        """Say what was repeated."""
+        for line in self._told:
+            terminalreporter.write_line(line)
+
+
+def may_be_repeated(item: pytest.Item) -> bool:
+    """Tell whether a stall of the machine may be the cause when a test fails.
+
+    The browser's tests share a cell, which a repeat would end.
+    """
+    once = item.get_closest_marker("judged_once") or item.get_closest_marker("browser")
+    return once is None and real_time(item) is not None
+
+
+def real_time(item: pytest.Item) -> pytest.Mark | None:
+    """Return the marker of a test that lives in real time."""
+    return item.get_closest_marker("realtime") or item.get_closest_marker("processes")
+
+
+def deadline_of(item: pytest.Item) -> float:
+    """Return the shortest deadline that a test's processes can miss [s]."""
+    mark = item.get_closest_marker("realtime")
+    return float(mark.kwargs.get("deadline_s", DEADLINE_S)) if mark else DEADLINE_S

@@ -32,6 +32,7 @@ PARTS: dict[str, Callable[[], Table]] = {
     "recorder": recorder.table,
     "subscriptions": subscriptions.table,
 }
+WRITERS: dict[str, Callable[[], None]] = {"settling": settling.write}
 ASKED_FOR = {"installations", "panel", "recorder", "subscriptions"}  # long, or with a browser
 
 
@@ -39,13 +40,21 @@ def main() -> None:
     """Print the tables that are asked for, all but the longest by default."""
     parser = argparse.ArgumentParser(prog="python -m bench", description=__doc__)
     parser.add_argument("parts", nargs="*", metavar="PART", help=f"of {', '.join(PARTS)}")
-    asked = parser.parse_args().parts or [part for part in PARTS if part not in ASKED_FOR]
+    parser.add_argument("--write", action="store_true",
+                        help=f"into the page that states it: {', '.join(WRITERS)}")  # fmt: skip
+    given = parser.parse_args()
+    asked = given.parts or [part for part in PARTS if part not in ASKED_FOR]
     unknown = [part for part in asked if part not in PARTS]
     if unknown:
         parser.error(f"no part {', '.join(unknown)}; there are {', '.join(PARTS)}")
+    if given.write and not set(asked) <= WRITERS.keys():
+        parser.error(f"--write is for {', '.join(WRITERS)}")
     screen = Console()
     for part in asked:
-        screen.print(PARTS[part]())
+        if given.write:
+            WRITERS[part]()
+        else:
+            screen.print(PARTS[part]())
 
 
 if __name__ == "__main__":

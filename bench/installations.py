@@ -35,6 +35,7 @@ from common.requests import ArmRequest, Empty
 from services.wrench.installation import judge_installation
 from services.wrench.installation_fit import SIGNED
 from services.wrench.installation_terms import Belief
+from tools.figures import whole
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "installations.md"
 PRESS_S, REST_S = 6.0, 0.1
@@ -181,7 +182,8 @@ def main() -> None:
     writes = parser.parse_args().write
     text = page(outcomes())
     if writes:
-        PAGE.write_text(text, encoding="utf-8")
+        command = "python -m bench.installations --write"
+        PAGE.write_text(whole("installations", text, command), encoding="utf-8")
     else:
         print(text)
 

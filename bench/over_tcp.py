@@ -25,6 +25,7 @@ from cli.scenario import Plan, ScenarioError, Trace
 from common.cell import Cell
 from common.messages import Host, Mode
 from services.regulator.tuning import tune
+from tools.figures import whole
 
 HOSTS: tuple[Host, ...] = get_args(Host)
 FAST_S, SLOW_S = 0.000125, 0.0003
@@ -140,7 +141,7 @@ def main(
         rows = map(row_of_real, cases()) if real else pool.map(row, cases())
         text = page(bar.track(rows, total=len(cases())), real=real)
     if write:
-        PAGE.write_text(text)
+        PAGE.write_text(whole("over-tcp", text, "make bench-tcp ARGS=--write"))
     else:
         Console().print(Markdown(text))
 

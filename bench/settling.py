@@ -1,5 +1,6 @@
 """Settling and overshoot of the main job over stiffness, delay and mode, on the virtual clock."""
 
+from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from itertools import product
@@ -14,8 +15,10 @@ from cli.measures import Result, measure
 from cli.scenario import Plan
 from common.messages import Mode
 from services.regulator.tuning import tune
+from tools.figures import put
 
-CELL = Path(__file__).resolve().parent.parent / "cells" / "demo.yaml"
+ROOT = Path(__file__).resolve().parent.parent
+CELL = ROOT / "cells" / "demo.yaml"
 STIFFNESSES_N_M = (5e3, 2e4, 1e5)
 DELAYS_MS = (0, 10, 30)
 MODES: tuple[Literal["position", "orientation", "both"], ...] = get_args(Mode)
@@ -45,19 +48,47 @@ def run(case: Case) -> Result:
     return measure(trace, plan, surface_of(cell), tune(cell).tau_s)
 
 
-def table() -> Table:
-    """Return settling [ms], in tau, and overshoot for every case."""
+def results() -> dict[Case, Result]:
+    """Play every case."""
     cases = [Case(*choice) for choice in product(MODES, STIFFNESSES_N_M, DELAYS_MS)]
     with ProcessPoolExecutor() as pool:
-        results = dict(zip(cases, pool.map(run, cases), strict=True))
-    rows = Table(title="30 N to the aim: settling time, in tau, overshoot", title_justify="left")
-    rows.add_column("mode, stiffness")
+        return dict(zip(cases, pool.map(run, cases), strict=True))
+
+
+def rows(found: dict[Case, Result], modes: Sequence[Mode] = MODES) -> list[list[str]]:
+    """Return settling [ms], in tau, and overshoot for every case, a row for mode and stiffness."""
+    return [
+        [
+            f"{mode}, {stiffness:.0f} N/m",
+            *(_cell(found[Case(mode, stiffness, delay_ms)]) for delay_ms in DELAYS_MS),
+        ]
+        for mode, stiffness in product(modes, STIFFNESSES_N_M)
+    ]
+
+
+def table() -> Table:
+    """Measure, and return the table for a screen."""
+    shown = Table(title="30 N to the aim: settling time, in tau, overshoot", title_justify="left")
+    shown.add_column("mode, stiffness")
     for delay_ms in DELAYS_MS:
-        rows.add_column(f"delay {delay_ms} ms", justify="right")
-    for mode, stiffness in product(MODES, STIFFNESSES_N_M):
-        cells = [_cell(results[Case(mode, stiffness, delay_ms)]) for delay_ms in DELAYS_MS]
-        rows.add_row(f"{mode}, {stiffness:g} N/m", *cells)
-    return rows
+        shown.add_column(f"delay {delay_ms} ms", justify="right")
+    for row in rows(results()):
+        shown.add_row(*row)
+    return shown
+
+
+def lines(table: list[list[str]]) -> list[str]:
+    """Return rows as Markdown."""
+    return [f"| {' | '.join(row)} |" for row in table]
+
+
+def write() -> None:
+    """Measure, and put the table into README.md."""
+    found = results()
+    head = ["settling time, in tau, overshoot", *(f"delay {delay_ms} ms" for delay_ms in DELAYS_MS)]
+    shown = [head, ["---", *("---:" for _ in DELAYS_MS)], *rows(found)]
+    text = "\n".join(lines(shown))
+    put(ROOT / "README.md", "settling", text, 'make bench ARGS="settling --write"')
 
 
 def _cell(result: Result) -> str:

@@ -12,6 +12,7 @@ from chaos.outcome import violations
 from chaos.page import PAGE, page
 from chaos.run import Report, Runner
 from chaos.table import rows
+from tools.figures import whole
 
 ROOT = Path(__file__).resolve().parent.parent
 UNTRIED_SHARE = 0.1  # of the trials a machine may spoil by its stalls; they are named
@@ -37,7 +38,8 @@ def main() -> int:
     report = Runner(journal).run(journal.left(cases))
     broken = conclude(report)
     if given.write:
-        (ROOT / PAGE).write_text(page(report, given.each, datetime.now(UTC)), encoding="utf-8")
+        text = page(report, given.each, datetime.now(UTC))
+        (ROOT / PAGE).write_text(whole("chaos", text, "make chaos-full"), encoding="utf-8")
     return 1 if broken else 0
 
 

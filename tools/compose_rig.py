@@ -16,7 +16,7 @@ from common import topics
 from common.cell import Cell
 from common.endpoints import Bus
 from common.errors import ForcemeshError
-from common.messages import MAY_MOVE, RobotState
+from common.messages import MAY_MOVE, ArbiterStatus, RobotState
 from common.requests import ArmRequest, Empty, ForceStartRequest, HoldRequest, MoveRequest
 from common.topics import HEALTH, TOPICS
 
@@ -131,6 +131,14 @@ class Operator:
         reading = self.readers[topics.ARBITER_STATUS.key].read(self._bus.clock.now_ns())
         return "" if reading.fresh is None else str(getattr(reading.fresh, "state", ""))
 
+    def _why(self) -> str:
+        """Return what the arbiter says of itself."""
+        status = self.readers[topics.ARBITER_STATUS.key].read(self._bus.clock.now_ns()).fresh
+        if not isinstance(status, ArbiterStatus):
+            return "the arbiter is silent"
+        causes = [*(trip.text for trip in status.trips), *status.not_ready]
+        return f"the arbiter is {status.state}: {'; '.join(causes) or 'nothing tripped'}"
+
     def arm(self) -> RobotState | None:
         """Return what the robot said last, if it is fresh."""
         reading = self.readers[topics.ROBOT_STATE.key].read(self._bus.clock.now_ns())
@@ -146,9 +154,7 @@ class Operator:
         began_s = time.monotonic()
         while not what():
             if time.monotonic() - began_s > within_s:
-                raise PromiseError(
-                    f"not within {within_s:g} s: {name}; the arbiter is {self.state()!r}"
-                )
+                raise PromiseError(f"not within {within_s:g} s: {name}; {self._why()}")
             time.sleep(POLL_S)
         return time.monotonic() - began_s
 

@@ -15,6 +15,7 @@ from bench.force.page import page
 from bench.force.promises import Rows
 from bench.force.rig import World
 from bench.force.run import QUICK, SHORT, TABLES, Extent
+from tools.figures import whole
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 TUNED_FOR = World(2e4, 10)
@@ -64,7 +65,8 @@ def main() -> None:
         if asked.write:
             from bench.force import pictures  # noqa: PLC0415 - matplotlib takes a second
 
-            (DOCS / "force.md").write_text(page(rows, command), encoding="utf-8")
+            text = whole("force", page(rows, command), command)
+            (DOCS / "force.md").write_text(text, encoding="utf-8")
             pictures.releases(DOCS / "pictures" / "force-releases.png")
             pictures.following(DOCS / "pictures" / "force-following.png")
             places = list(product(settle.STIFFNESSES_N_M, settle.DELAYS_MS))

@@ -1,0 +1,34 @@
+"""Figures that the virtual clock makes: what a page states is what its command prints today."""
+
+from itertools import product
+
+import pytest
+
+from bench import over_tcp, settling
+from tools.figures import BLOCK, ROOT
+
+pytestmark = [pytest.mark.long, pytest.mark.timeout(600)]
+
+
+def rows_of(page: str, name: str) -> list[str]:
+    """Return the rows of the table in a block."""
+    text = (ROOT / page).read_text(encoding="utf-8")
+    (found,) = (each for each in BLOCK.finditer(text) if each["name"] == name)
+    return [line for line in found["text"].splitlines() if line.startswith("| ")]
+
+
+@pytest.mark.parametrize("mode", settling.MODES)
+def test_the_settling_table_is_what_make_bench_prints(mode) -> None:
+    """Settling, tau and overshoot of one mode, in every place."""
+    stated = [row for row in rows_of("README.md", "settling") if row.startswith(f"| {mode},")]
+    places = product(settling.STIFFNESSES_N_M, settling.DELAYS_MS)
+    found = {case: settling.run(case) for case in (settling.Case(mode, *place) for place in places)}
+    assert stated == settling.lines(settling.rows(found, (mode,)))
+
+
+@pytest.mark.parametrize("number", range(0, len(over_tcp.cases()), 14))
+def test_a_row_over_tcp_is_what_make_bench_tcp_prints(number: int) -> None:
+    """One in fourteen: all of them take minutes."""
+    case = over_tcp.cases()[number]
+    stated = rows_of("docs/over-tcp.md", "over-tcp")[1:]  # below the heads
+    assert stated[number] == f"| {' | '.join(over_tcp.row(case))} |"

@@ -39,7 +39,11 @@ def spoken(text) -> SpokenWatch:
     watch = SpokenWatch(snapshot(text))
     status = filled(RecorderStatus, text).model_copy(update={"recording": True})
     watch.client = SimpleNamespace(
-        tare=refuse, clear=refuse, hold=refuse, feed=lambda _topic: said(reading(status))
+        tare=refuse,
+        clear=refuse,
+        hold=refuse,
+        force=SimpleNamespace(gains=refuse),
+        feed=lambda _topic: said(reading(status)),
     )
     return watch
 

@@ -209,7 +209,8 @@ def test_who_may_only_look_sees_everything_and_can_do_nothing(ready, cell_file, 
         assert page.page.locator("#fm-stop").is_hidden()
         assert page.page.get_by_role("tab", name="Force").count() == 0
         ask = "fetch('/stop', {headers: {'X-Forcemesh': '1'}}).then(said => said.json())"
-        assert page.page.evaluate(ask) == {"text": "refused: this page may only look"}
+        said = {"text": "refused: this page may only look", "answered": True}
+        assert page.page.evaluate(ask) == said
         assert ready.status().state == "IDLE"
 
 

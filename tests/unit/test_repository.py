@@ -175,7 +175,9 @@ def test_ci_runs_what_a_person_runs() -> None:
     assert "set -euo pipefail" in text
     calls = [line for line in text.splitlines() if line.startswith(("make ", "timeout "))]
     assert calls[:-1] == ["make check", "make test", "make test-long", "make chaos"]
-    assert calls[-1].startswith("timeout --kill-after=60 1200 make compose-test ARGS=--optional ||")
+    assert re.match(
+        r"timeout --kill-after=60 \d+ make compose-test ARGS=--optional \|\|", calls[-1]
+    )
     assert run("bash", "-n", script).returncode == 0
 
 

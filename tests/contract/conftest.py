@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
-from typing import Any
 
 import pytest
 
@@ -10,13 +9,9 @@ from tests.contract.rig import Rig
 from tests.contract.robots import ROBOTS, Robot
 
 
-def those(has: Callable[[Robot], bool]) -> list[Any]:
-    """Return the names of the robots with a property; one in real time is tested alone."""
-    return [
-        pytest.param(name, marks=pytest.mark.realtime if robot.realtime else ())
-        for name, robot in ROBOTS.items()
-        if has(robot)
-    ]
+def those(has: Callable[[Robot], bool]) -> list[str]:
+    """Return the names of the robots with a property."""
+    return [name for name, robot in ROBOTS.items() if has(robot)]
 
 
 @contextmanager

@@ -76,7 +76,6 @@ class Rig:
         self.clock = clock
         self.arbiter_clock = LateClock(clock)
         self.feedback_host = feedback_host
-        self.jitter_s = 0.0  # how late a report may be seen: the track's times are the reader's
         self.transport = MemoryTransport()
         self.state = RobotState(valid=False, reason="nothing yet")
         self.states: list[RobotState] = []
@@ -218,8 +217,7 @@ class Rig:
             later = next((seen for seen in self.track if seen[0] >= at_s + window_s - 1e-9), None)
             if later is None:
                 break
-            # Reports do not come at the window's end, and one at its start may be seen late.
-            share = window_s / (later[0] - at_s + self.jitter_s)
+            share = window_s / (later[0] - at_s)  # no report comes at the window's very end
             ways_m.append(share * float(np.linalg.norm(later[1].translation - T.translation)))
             turn_rad = np.linalg.norm(rotation_between(T.rotation, later[1].rotation))
             turns_rad.append(share * float(turn_rad))

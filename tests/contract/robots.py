@@ -1,7 +1,7 @@
 """The four robots that keep the contract, and how they differ: every difference is said here.
 
-`sim` and the two emulated ones live on a virtual clock; the gateway of `gateway` talks to the fake
-controller over a real TCP socket, so there time is real.
+All live on a virtual clock. `gateway` is the gateway with a fake controller that was written beside
+the program that ships and shares nothing with it; the emulated ones run that program itself.
 """
 
 from collections.abc import Callable
@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from common.cell import Cell
-from common.clock import ManualClock, MonotonicClock
+from common.clock import NS_PER_S, ManualClock
 from common.config import load_cell
 from common.endpoints import Bus
 from common.messages import Gains, Host
@@ -25,10 +25,9 @@ from sim.controller.service import ControllerSensor
 from sim.controller.wire import LockStepWire
 from sim.robot.service import SimRobot
 from tests.contract.rig import DEADLINE_S, DEMO_CELL, Rig, gateway_cell
-from tests.fakes.controller import FakeController
+from tests.fakes.controller import PORT, FakeController
 
 PROGRAM = Path(__file__).resolve().parents[2] / "controller" / "forcemesh.as"
-PORT = 49152
 GOOD = Behaviour(step_s=1e-4)  # a controller that has time for the program
 
 
@@ -51,8 +50,8 @@ class Emulated:
         machine.load(load(PROGRAM))
         machine.pendant.monitor_speed(100.0)
         machine.pendant.execute("fm.main")
-        wire = LockStepWire(self.network, PORT, News)
-        return Both(Gateway(bus, cell, wire), Runner(self.controller, [], bus.clock))
+        runner = Runner(self.controller, [], bus.clock)
+        return Both(lock_step(bus, cell, self.network), living(runner))
 
     @property
     def machine(self) -> Machine:
@@ -64,7 +63,7 @@ class Emulated:
 class Both:
     """The gateway as the rig's service; the controller lives up to the same moment first."""
 
-    def __init__(self, gateway: Gateway, controller: Runner) -> None:
+    def __init__(self, gateway: Gateway, controller: Callable[[int], object]) -> None:
         self.gateway, self._controller = gateway, controller
         self.period_s, self.trigger = 0.001, None
 
@@ -77,11 +76,34 @@ class Both:
         """The gateway's."""
         return self.gateway.counters()
 
+    def numbers(self, now_ns: int) -> dict[str, float]:
+        """The gateway's."""
+        return self.gateway.numbers(now_ns)
+
     def step(self, now_ns: int) -> None:
         """Controller first, then the gateway."""
-        if self._controller.due(now_ns):
-            self._controller.step(now_ns)
+        self._controller(now_ns)
         self.gateway.step(now_ns)
+
+
+def living(runner: Runner) -> Callable[[int], object]:
+    """Return what lets a service that has a period of its own live up to a moment."""
+    return lambda now_ns: runner.step(now_ns) if runner.due(now_ns) else None
+
+
+def lock_step(bus: Bus, cell: Cell, network: MemoryNetwork) -> Gateway:
+    """Return a gateway whose wire is in memory."""
+    return Gateway(bus, cell, LockStepWire(network, PORT, News))
+
+
+def faked(controller: FakeController, network: MemoryNetwork) -> Callable[[Bus, Cell], Both]:
+    """Return what makes a gateway for a fake controller, which lives on the gateway's clock."""
+
+    def make(bus: Bus, cell: Cell) -> Both:
+        gateway = lock_step(bus, cell, network)
+        return Both(gateway, lambda now_ns: controller.live(now_ns / NS_PER_S))
+
+    return make
 
 
 def sim_rig(_stack: ExitStack) -> Rig:
@@ -90,14 +112,11 @@ def sim_rig(_stack: ExitStack) -> Rig:
     return Rig(cell, ManualClock(), SimRobot, feedback_host="pc")
 
 
-def gateway_rig(stack: ExitStack) -> Rig:
-    """The gateway and a fake controller on a real socket, in real time."""
-    controller = stack.enter_context(FakeController(rate_hz=100.0))
-    rig = Rig(gateway_cell(controller.port), MonotonicClock(), Gateway)
-    rig.jitter_s = 0.06  # real time, on a machine that also does other work
-    assert isinstance(rig.service, Gateway)
-    stack.callback(rig.service.close)
-    return rig
+def gateway_rig(_stack: ExitStack) -> Rig:
+    """The gateway and a fake controller."""
+    network = MemoryNetwork()
+    controller = FakeController(network, rate_hz=100.0)
+    return Rig(gateway_cell(PORT), ManualClock(), faked(controller, network))
 
 
 def emulated_pc_rig(_stack: ExitStack) -> Rig:
@@ -139,13 +158,12 @@ class Robot:
     has_controller: bool = True
     # Whether it keeps the cell's limits again behind the arbiter (design section 6).
     guards_limits: bool = True
-    realtime: bool = False  # on a real socket, in real time
     before: Callable[[Rig], None] = nothing  # what it has been through when a test begins
 
 
 ROBOTS = {
     "sim": Robot(sim_rig, "pc", has_controller=False),
-    "gateway": Robot(gateway_rig, "controller", realtime=True),
+    "gateway": Robot(gateway_rig, "controller"),
     "emulated, pc": Robot(emulated_pc_rig, "pc"),
     "emulated, controller": Robot(emulated_controller_rig, "controller", before=ran_feedback),
 }

@@ -20,7 +20,8 @@ from sim.controller.network import MemoryNetwork
 from sim.controller.parser import load
 from sim.robot.arm import SimArm
 from sim.robot.settings import SimSettings
-from tests.contract.robots import PORT, PROGRAM
+from tests.contract.robots import PROGRAM
+from tests.fakes.controller import PORT
 from tests.fakes.hostile_cell import QUICK, Accepted, watch_program
 
 WELL_FORMED = re.compile(rb"[5-9][0-9]{5} (?:(?:-[0-9]{5}|[0-4][0-9]{5}) ){8}")

@@ -14,7 +14,7 @@ from common.packet import Packet, encode
 from common.packet_table import ID_FIRST, Com
 from common.requests import Empty, ForceStartRequest
 from sim.controller.behaviour import Behaviour, pessimistic
-from tests.contract.robots import PORT
+from tests.fakes.controller import PORT
 from tests.fakes.controller_talk import HELLO_PARAM
 from tests.fakes.hostile_cell import ARM_STILL_RAD, QUICK, WATCHDOG_S, HostileCell
 from tests.fakes.hostile_stream import Rewrite, Throttle

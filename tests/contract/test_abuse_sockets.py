@@ -15,8 +15,8 @@ import pytest
 
 from common.packet import Packet, encode
 from common.packet_table import ID_FIRST, Com
-from tests.contract.robots import PORT
 from tests.contract.test_abuse_wire import BREAKING, DOWN, MOTIONS, UP
+from tests.fakes.controller import PORT
 from tests.fakes.controller_talk import HELLO_PARAM
 from tests.fakes.hostile_cell import LoneController, SocketCell
 from tests.fakes.hostile_stream import Abuse, Chop, Freeze, Gather

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from common.packet import PACKET_CHARS
 from sim.controller.behaviour import pessimistic
-from tests.contract.robots import PORT
+from tests.fakes.controller import PORT
 from tests.fakes.hostile_cell import QUICK, WATCHDOG_S, HostileCell
 from tests.fakes.hostile_stream import (
     MS,

@@ -11,9 +11,7 @@ from common.packet_table import COUNTER_SPAN
 from common.service import Runner, reporter_of
 from tests.contract.rig import Rig
 from tests.contract.robots import Both, Emulated
-from tests.fakes.gateway_cell import a_cell
-
-pytestmark = pytest.mark.realtime
+from tests.fakes.gateway_cell import a_cell, a_cell_on_sockets
 
 FRAMED = {"framed_round_trip_p50_s", "framed_round_trip_p99_s"}
 TAKEN = {"taken_round_trip_p50_s", "taken_round_trip_p99_s"}
@@ -35,9 +33,10 @@ class Listener:
         return self._reader.read(self._rig.clock.now_ns()).message or Health()
 
 
+@pytest.mark.realtime
 def test_the_gateway_measures_the_controller_on_a_socket() -> None:
     """100 samples a second, one turn for each; round trips; the controller's monitor speed."""
-    with a_cell(rate_hz=100.0) as cell:
+    with a_cell_on_sockets(rate_hz=100.0) as cell:
         listener = Listener(cell.rig)
         cell.rig.connect()
         cell.rig.arm()  # heartbeats flow
@@ -53,23 +52,23 @@ def test_the_gateway_measures_the_controller_on_a_socket() -> None:
 
 def test_nothing_is_said_before_it_is_known() -> None:
     """Without hello no number; a program that takes nothing has no taken round trip."""
-    with a_cell() as cell:
-        listener = Listener(cell.rig)
-        cell.controller.tantrums.greet = False
-        cell.rig.until(lambda: cell.controller.connections == 1)
-        cell.rig.until(lambda: listener.health.fault)
-        assert listener.health.numbers == {}
-        cell.controller.tantrums.greet = cell.controller.tantrums.stalled = True
-        cell.controller.drop()
-        cell.rig.connect()
-        cell.rig.until(lambda: set(listener.health.numbers) >= FRAMED)
-        assert not set(listener.health.numbers) & (TAKEN | RATES)
-        cell.rig.until(lambda: set(listener.health.numbers) >= RATES)
-        assert not set(listener.health.numbers) & TAKEN
-        cell.controller.tantrums.greet = False
-        cell.controller.drop()
-        cell.rig.until(lambda: listener.health.fault)
-        assert listener.health.numbers == {}
+    cell = a_cell()
+    listener = Listener(cell.rig)
+    cell.controller.tantrums.greet = False
+    cell.rig.until(lambda: cell.controller.connections == 1)
+    cell.rig.until(lambda: listener.health.fault)
+    assert listener.health.numbers == {}
+    cell.controller.tantrums.greet = cell.controller.tantrums.stalled = True
+    cell.controller.drop()
+    cell.rig.connect()
+    cell.rig.until(lambda: set(listener.health.numbers) >= FRAMED)
+    assert not set(listener.health.numbers) & (TAKEN | RATES)
+    cell.rig.until(lambda: set(listener.health.numbers) >= RATES)
+    assert not set(listener.health.numbers) & TAKEN
+    cell.controller.tantrums.greet = False
+    cell.controller.drop()
+    cell.rig.until(lambda: listener.health.fault)
+    assert listener.health.numbers == {}
 
 
 def counted(emulated: Emulated, name: str):

@@ -17,7 +17,8 @@ from services.gateway.service import Gateway
 from sim.controller.pendant import Pendant
 from sim.robot.service import SimRobot
 from tests.contract.rig import Rig, goal, pose_goal, shifted
-from tests.contract.robots import PORT, sim_rig
+from tests.contract.robots import sim_rig
+from tests.fakes.controller import PORT
 from tests.fakes.hostile_cell import ARM_STILL_RAD, HostileCell, hostile_cell
 from tests.fakes.hostile_stream import Reset, Rewrite, Throttle
 

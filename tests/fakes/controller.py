@@ -1,23 +1,22 @@
-"""A robot controller on a real TCP socket: the other end of the packet protocol, with tantrums.
+"""A robot controller: the other end of the packet protocol, with tantrums.
 
-It reads and writes with `common.packet` alone. Like the real program it streams 101 and 102 (one
+Used as a context manager it lives in a thread, in real time, on a real TCP socket; on a network in
+memory whoever steps the gateway steps it too, on a clock of their own. It reads and writes with
+`common.packet` alone. Like the real program it streams 101 and 102 (one
 counter for both of a sample) and 103, takes ring commands one by one, and has a watchdog that
 latches. It watches from the first packet after hello or hold that is more than a setting: then
 something may move, and silence is a fault.
 """
 
 import random
-import select
-import socket
-import struct
 import threading
 import time
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass
 
 import pinocchio as pin
 
+from common.clock import NS_PER_S
 from common.errors import RemoteProtocolError
 from common.packet import Packet, PacketReader, VecInt, encode
 from common.packet_table import (
@@ -33,8 +32,11 @@ from common.packet_table import (
     next_id,
     pack_status,
 )
+from sim.controller.network import MemoryNetwork, MemoryStream, SocketNetwork, SocketStream
 from tests.fakes.robot_program import RobotProgram
 
+PORT = 49152
+LOOKS_EVERY_S = 0.001  # in real time, at its socket
 SETTINGS = {Com.SPEEDS, Com.GAINS, Com.LIMITS, Com.TCP}
 
 
@@ -62,9 +64,16 @@ class Tantrums:
 
 
 class FakeController:
-    """Use as a context manager: listens on `port` until left."""
+    """Listens on `port`: of a network in memory, or of this machine until the context is left."""
 
-    def __init__(self, *, rate_hz: float = 100.0, health_hz: float = 10.0, lag_s: float = 0.02):
+    def __init__(
+        self,
+        network: MemoryNetwork | None = None,
+        *,
+        rate_hz: float = 100.0,
+        health_hz: float = 10.0,
+        lag_s: float = 0.02,
+    ):
         self.tantrums = Tantrums()
         self.robot = RobotProgram(lag_s=lag_s)
         self.received: list[Received] = []
@@ -72,14 +81,15 @@ class FakeController:
         self.errors: list[str] = []
         self._period_s, self._health_every = 1.0 / rate_hz, max(1, round(rate_hz / health_hz))
         self._random = random.Random(1)
-        self._listener = socket.create_server(("127.0.0.1", 0))
-        self.port: int = self._listener.getsockname()[1]
-        self._client: socket.socket | None = None
+        sockets = SocketNetwork(port=0)
+        self._listener = (network or sockets).listen(PORT)
+        self.port = sockets.bound.get(PORT, PORT)
+        self._client: MemoryStream | SocketStream | None = None
         self._reader = PacketReader()
         self._said_hello = self._greeted = self._armed = False
         self._framed_id = NO_ID
-        self._outbox = b""
-        self._heard_at = 0.0
+        self._outbox, self._rest = b"", b""  # not written yet, not taken by the network yet
+        self._now_s, self._cycled_s, self._heard_s = 0.0, 0.0, 0.0
         self._samples = 0
         self._stop = threading.Event()
         self._news = threading.Condition(threading.RLock())  # guards everything above
@@ -122,58 +132,60 @@ class FakeController:
         """End the connection, cleanly or with RST."""
         with self._news:
             if reset and self._client is not None:
-                linger = struct.pack("ii", 1, 0)
-                self._client.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, linger)
+                self._client.reset()
             self._lost("dropped by the test")
 
     # --- the program ------------------------------------------------------------------------------
 
     def _run(self) -> None:
-        at = time.monotonic()
-        while not self._stop.is_set():
-            sockets = [s for s in (self._listener, self._client) if s is not None]
-            if self.tantrums.frozen:
-                self._stop.wait(self._period_s)
-                continue
-            with suppress(OSError, ValueError):  # dropped by the test in the meantime
-                select.select(sockets[-1:], [], [], self._period_s)
-            with self._news:
-                self._listen()
-                self._receive()
-                now = time.monotonic()
-                if now - at >= self._period_s:
-                    self._cycle(now, now - at)
-                    at = now
-                self._news.notify_all()
+        while not self._stop.wait(LOOKS_EVERY_S):
+            self.live(time.monotonic())
 
-    def _cycle(self, now: float, dt_s: float) -> None:
+    def live(self, now_s: float) -> None:
+        """Look at the network, and run a cycle of the robot program when it is time."""
+        if self.tantrums.frozen:
+            return
+        with self._news:
+            self._now_s = now_s
+            self._listen()
+            self._receive()
+            since_s = now_s - self._cycled_s
+            if since_s >= self._period_s - 1e-9:
+                self._cycled_s = now_s
+                self._cycle(min(since_s, 1.0))
+            self._flush()
+            self._news.notify_all()
+
+    def _cycle(self, dt_s: float) -> None:
         if not self.tantrums.stalled:
             self.robot.take()
-            self.robot.correct(now)
+            self.robot.correct(self._now_s)
         self.robot.move(dt_s)
-        if self._armed and now - self._heard_at > self.robot.watchdog_s:
+        if self._armed and self._now_s - self._heard_s > self.robot.watchdog_s:
             self._lost("watchdog")
         self._report()
 
     def _listen(self) -> None:
-        if self._client is not None or not select.select([self._listener], [], [], 0)[0]:
+        if self._client is not None:
             return
-        self._client, _ = self._listener.accept()
-        self._client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        self._client.settimeout(2.0)
-        self._reader, self._outbox = PacketReader(), b""
+        stream = self._listener.accept()
+        if stream is None:
+            return
+        assert isinstance(stream, MemoryStream | SocketStream)
+        self._client = stream
+        self._reader, self._outbox, self._rest = PacketReader(), b"", b""
         self._said_hello = self._greeted = False
         self.connections += 1
 
     def _receive(self) -> None:
-        if self._client is None or not select.select([self._client], [], [], 0)[0]:
+        if self._client is None:
             return
         try:
-            data = self._client.recv(255)
-            if not data:
+            data = self._client.receive(255)
+            if data == b"":
                 self._lost("closed by the gateway")
-            for packet in self._reader.feed(data):
-                self.received.append(Received(packet, time.monotonic_ns()))
+            for packet in self._reader.feed(data or b""):
+                self.received.append(Received(packet, round(self._now_s * NS_PER_S)))
                 self._frame(packet)
         except (OSError, RemoteProtocolError) as error:
             self._lost(str(error))
@@ -185,7 +197,7 @@ class FakeController:
             raise RemoteProtocolError(f"command {com} out of place")
         if self._said_hello and packet.id != next_id(self._framed_id):
             raise RemoteProtocolError(f"ID {packet.id} after {self._framed_id}")
-        self._framed_id, self._heard_at = packet.id, time.monotonic()
+        self._framed_id, self._heard_s = packet.id, self._now_s
         if com == Com.HELLO:
             self._hello(packet)
         elif com == Com.HOLD:
@@ -249,12 +261,18 @@ class FakeController:
             self._write(data)
 
     def _write(self, data: bytes) -> None:
-        if self._client is None or self.tantrums.mute:
-            return
+        if self._client is not None and not self.tantrums.mute:
+            self._rest += data
+            self._flush()
+
+    def _flush(self) -> None:
+        """Hand over what the network takes; the rest goes the next time."""
         try:
-            while data:
-                size = self._random.randint(1, 60) if self.tantrums.chop else len(data)
-                self._client.sendall(data[:size])
-                data = data[size:]
+            while self._client is not None and self._rest:
+                size = self._random.randint(1, 60) if self.tantrums.chop else len(self._rest)
+                taken = self._client.send(self._rest[:size])
+                self._rest = self._rest[taken:]
+                if taken == 0:
+                    break
         except OSError as error:
             self._lost(str(error))

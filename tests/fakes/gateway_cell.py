@@ -3,22 +3,20 @@
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 
-from common.clock import MonotonicClock
+from common.clock import ManualClock, MonotonicClock
 from common.packet_table import Com
 from services.gateway.service import Gateway
+from sim.controller.network import MemoryNetwork
 from tests.contract.rig import Rig, gateway_cell
-from tests.fakes.controller import FakeController
+from tests.contract.robots import faked
+from tests.fakes.controller import PORT, FakeController
 
 
 class GatewayCell:
     """A controller, its gateway, and the stand-in for the arbiter."""
 
-    def __init__(self, stack: ExitStack, rate_hz: float = 100.0, **overrides: object) -> None:
-        self.controller = stack.enter_context(FakeController(rate_hz=rate_hz))
-        cell = gateway_cell(self.controller.port, **overrides)
-        self.rig = Rig(cell, MonotonicClock(), Gateway)
-        assert isinstance(self.rig.service, Gateway)
-        stack.callback(self.rig.service.close)
+    def __init__(self, controller: FakeController, rig: Rig) -> None:
+        self.controller, self.rig = controller, rig
 
     def coms(self) -> list[int]:
         """Commands that the controller got, in their order, without heartbeats."""
@@ -30,8 +28,20 @@ class GatewayCell:
         self.rig.until(lambda: len(self.rig.states) > 5)
 
 
+def a_cell(rate_hz: float = 100.0, **overrides: object) -> GatewayCell:
+    """Return a cell on a virtual clock, its wire in memory."""
+    network = MemoryNetwork()
+    controller = FakeController(network, rate_hz=rate_hz)
+    cell = gateway_cell(PORT, **overrides)
+    return GatewayCell(controller, Rig(cell, ManualClock(), faked(controller, network)))
+
+
 @contextmanager
-def a_cell(**settings: object) -> Iterator[GatewayCell]:
-    """A cell with other settings."""
+def a_cell_on_sockets(rate_hz: float = 100.0, **overrides: object) -> Iterator[GatewayCell]:
+    """A cell on a real socket, in real time."""
     with ExitStack() as stack:
-        yield GatewayCell(stack, **settings)  # type: ignore[arg-type]
+        controller = stack.enter_context(FakeController(rate_hz=rate_hz))
+        rig = Rig(gateway_cell(controller.port, **overrides), MonotonicClock(), Gateway)
+        assert isinstance(rig.service, Gateway)
+        stack.callback(rig.service.close)
+        yield GatewayCell(controller, rig)

@@ -29,7 +29,8 @@ from sim.controller.parser import load
 from sim.controller.service import ControllerSensor
 from sim.controller.wire import LockStepWire
 from tests.contract.rig import Rig, gateway_cell, pose_goal, shifted
-from tests.contract.robots import PORT, PROGRAM, Both
+from tests.contract.robots import PROGRAM, Both, living
+from tests.fakes.controller import PORT
 from tests.fakes.hostile_proxy import HostileProxy
 from tests.fakes.hostile_stream import Hop
 from tests.fakes.hostile_wire import HostileNetwork
@@ -72,7 +73,7 @@ class HostileCell:
         self.gateway = Gateway(bus, cell, self.wire)
         controller = self._controller(bus, cell, self.network)
         self.machine.after_tick.append(lambda: self.network.pump(self.machine.now_ns))
-        return Both(self.gateway, Runner(controller, [], bus.clock))
+        return Both(self.gateway, living(Runner(controller, [], bus.clock)))
 
     def _controller(self, bus: Bus, cell: Cell, network: Network) -> ControllerSensor:
         self.controller = ControllerSensor(
@@ -201,7 +202,7 @@ class SocketCell(HostileCell):
         self._stack.callback(self.gateway.close)
         controller = self._controller(bus, cell, self.sockets)
         self._stack.callback(controller.close)
-        return Both(self.gateway, Runner(controller, [], bus.clock))
+        return Both(self.gateway, living(Runner(controller, [], bus.clock)))
 
     @property
     def hops(self) -> list[Hop]:

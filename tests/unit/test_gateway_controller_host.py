@@ -1,7 +1,5 @@
 """Force feedback in the controller, as the gateway runs it: start, wrenches, end."""
 
-from collections.abc import Iterator
-
 import numpy as np
 import pytest
 
@@ -11,17 +9,15 @@ from common.packet_table import Com, Status
 from tests.contract.rig import pose_goal, shifted
 from tests.fakes.gateway_cell import GatewayCell, a_cell
 
-pytestmark = pytest.mark.realtime
-
 GAINS = Gains(force_p_m_per_N=(2e-6, 2e-6, 2e-6), force_i_m_per_Ns=(1e-5, 1e-5, 1e-5))
 
 
 @pytest.fixture
-def cell() -> Iterator[GatewayCell]:
+def cell() -> GatewayCell:
     """A connected cell."""
-    with a_cell() as cell:
-        cell.rig.connect()
-        yield cell
+    cell = a_cell()
+    cell.rig.connect()
+    return cell
 
 
 def start_feedback(cell: GatewayCell) -> None:

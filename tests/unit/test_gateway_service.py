@@ -1,13 +1,14 @@
 """The gateway as a whole: bus on one side, a controller on a real socket on the other."""
 
 from collections.abc import Iterator
+from typing import Any
 
 import pytest
 
 from common.convert import record_of
 from common.packet_table import Com, Status
 from tests.contract.rig import pose_goal, shifted
-from tests.fakes.gateway_cell import GatewayCell, a_cell
+from tests.fakes.gateway_cell import GatewayCell, a_cell_on_sockets
 
 pytestmark = pytest.mark.realtime
 
@@ -19,14 +20,14 @@ MOTION = (
 @pytest.fixture
 def cell() -> Iterator[GatewayCell]:
     """A connected cell."""
-    with a_cell() as cell:
+    with a_cell_on_sockets() as cell:
         cell.rig.connect()
         yield cell
 
 
 def test_a_gateway_without_a_controller_says_so_at_its_rate() -> None:
     """Not valid, with the address, as often as the state would come."""
-    with a_cell() as cell:
+    with a_cell_on_sockets() as cell:
         cell.controller.tantrums.greet = False
         cell.rig.until(lambda: len(cell.rig.states) > 20, within_s=1.0)
         assert not cell.rig.state.valid
@@ -142,7 +143,7 @@ def test_a_controller_that_greets_is_not_kept_waiting(cell: GatewayCell) -> None
 
 def test_a_new_process_does_not_go_on_with_the_ids_of_the_old_one() -> None:
     """Or it would take reports about its predecessor's commands for its own."""
-    with a_cell() as cell, a_cell() as other:
+    with a_cell_on_sockets() as cell, a_cell_on_sockets() as other:
         for one in (cell, other):
             one.rig.connect()
         assert cell.controller.of(Com.HELLO)[0].id != other.controller.of(Com.HELLO)[0].id
@@ -169,7 +170,7 @@ def test_a_frozen_controller_is_noticed_before_its_socket_is(cell: GatewayCell) 
 )
 def test_a_controller_that_does_not_agree_is_named(tantrum: dict[str, object], words: str) -> None:
     """robot/state says which version, arm or scale, and nothing is commanded."""
-    with a_cell() as cell:
+    with a_cell_on_sockets() as cell:
         for name, value in tantrum.items():
             setattr(cell.controller.tantrums, name, value)
         cell.rig.until(lambda: words in cell.rig.state.reason)
@@ -178,7 +179,7 @@ def test_a_controller_that_does_not_agree_is_named(tantrum: dict[str, object], w
 
 def test_a_slow_controller_is_not_a_dead_one() -> None:
     """15 Hz: the state is valid, a stream is followed, one set point at a time."""
-    with a_cell(rate_hz=15.0, **{"rates.robot_hz": 15}) as cell:
+    with a_cell_on_sockets(rate_hz=15.0, **{"rates.robot_hz": 15}) as cell:
         rig = cell.rig
         rig.connect()
         rig.arm()
@@ -207,8 +208,9 @@ def test_set_points_that_run_too_fast_are_refused(cell: GatewayCell) -> None:
 
 def test_a_value_that_does_not_fit_holds_with_the_reason() -> None:
     """Never clipped: 99 units per millimetre carry no further than -1010 mm."""
-    wide = {"limits.workspace_min_m": [-2.0, -2.0, -2.0], "limits.tether_m": 5.0}
-    with a_cell(**{"gateway.position_per_mm": 99, **wide}) as cell:
+    wide: dict[str, Any] = {"limits.workspace_min_m": [-2.0, -2.0, -2.0], "limits.tether_m": 5.0}
+    wide["gateway.position_per_mm"] = 99
+    with a_cell_on_sockets(**wide) as cell:
         cell.rig.connect()
         cell.rig.arm()
         cell.rig.say("goal", goal=pose_goal(1, shifted(cell.rig.T, x_m=-1.5)))

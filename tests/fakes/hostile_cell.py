@@ -11,6 +11,7 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 
 from common.cell import Cell
 from common.clock import ManualClock, MonotonicClock
@@ -24,6 +25,8 @@ from services.gateway.service import Gateway
 from sim.controller.behaviour import Behaviour
 from sim.controller.compiled import Compiled, Op
 from sim.controller.machine import Machine
+from sim.controller.motion_queue import Ticket
+from sim.controller.motion_requests import Motion
 from sim.controller.network import Network, SocketNetwork
 from sim.controller.parser import load
 from sim.controller.service import ControllerSensor
@@ -62,6 +65,7 @@ class HostileCell:
         self.moments_ns: list[int] = []
         self.commands: list[np.ndarray] = []
         self.joints: list[np.ndarray] = []
+        self.planned: list[pin.SE3] = []  # where the flange shall be, of every motion taken
         self.rig = self._make_rig(overrides)
 
     def _make_rig(self, overrides: dict[str, object]) -> Rig:
@@ -82,6 +86,7 @@ class HostileCell:
         machine = self.machine = self.controller.machine
         machine.load(load(PROGRAM))
         watch_program(machine, self.accepted, self.taken)
+        watch_motions(machine, self.planned)
         machine.after_tick.append(self._look)
         machine.pendant.monitor_speed(100.0)
         machine.pendant.execute("fm.main")
@@ -245,6 +250,21 @@ def _is_sample(state: RobotState, sample: tuple[np.ndarray, np.ndarray]) -> bool
     return np.allclose(state.position_m, sample[0], rtol=0.0, atol=1e-9) and np.allclose(
         state.joint_rad, sample[1], rtol=0.0, atol=1e-9
     )
+
+
+def watch_motions(machine: Machine, planned: list[pin.SE3]) -> None:
+    """Note the end of every motion that the robot program hands over, whatever becomes of it."""
+    queue = machine.robot.queue
+    offer = queue.offer
+
+    def remember(motion: Motion, *, arrived: bool) -> Ticket:
+        if motion.T_base_tcp is not None:
+            planned.append(motion.T_base_tcp)
+        elif motion.q is not None:
+            planned.append(machine.robot.pose_of(motion.q))
+        return offer(motion, arrived=arrived)
+
+    queue.offer = remember  # type: ignore[method-assign]
 
 
 def watch_program(machine: Machine, accepted: list[Accepted], taken: list[Accepted]) -> None:

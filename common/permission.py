@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 from common.clock import NS_PER_S
 from common.endpoints import LONGEST_FAULT, Reading
-from common.messages import Accepted, RobotCommand
+from common.messages import Accepted, Permission, RobotCommand
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,35 +46,44 @@ class CommandGate:
         command, header = reading.fresh, reading.header
         if command is None or header is None:
             return self._refuse(reading.fault, reading.code)
+        permission = command.permission
+        is_over = permission is not None and self._is_over(header.epoch, permission)
         if reading.conflict:
             return self._refuse("two processes write robot/command", "two_writers")
-        if command.permission is None:
+        if permission is None:
             return self._refuse(command.reason or "the arbiter holds", command.code or "hold")
-        if reading.age_s > command.permission.deadline_s:
-            age_ms, limit_ms = reading.age_s * 1e3, command.permission.deadline_s * 1e3
+        if reading.age_s > permission.deadline_s:
+            age_ms, limit_ms = reading.age_s * 1e3, permission.deadline_s * 1e3
             reason = f"permission {age_ms:.0f} ms old, limit {limit_ms:.0f} ms"
             return self._refuse(reason, "stale")
-        newest = (header.epoch, command.permission.lease, command.permission.turn)
-        if newest[0] == self._newest[0] and newest < self._newest:
-            reason = f"lease {newest[1]} turn {newest[2]} is over"
+        if is_over:
+            reason = f"lease {permission.lease} turn {permission.turn} is over"
             return self._refuse(reason, "no_lease")
-        lease = (header.epoch, command.permission.lease)
+        lease = (header.epoch, permission.lease)
         if lease in self._dead:
             why, code = self._dead[lease]
             return self._refuse(f"lease {lease[1]} ended: {why}", code)
-        self._live_lease, self._newest = lease, newest
+        self._live_lease = lease
         previous = self._accepted
         is_new = previous is None or (previous.epoch, previous.seq) != (header.epoch, header.seq)
         if is_new:
             self._accepted = Accepted(
                 epoch=header.epoch,
                 seq=header.seq,
-                turn=command.permission.turn,
+                turn=permission.turn,
                 at_ns=now_ns,
                 sensor_stamp_ns=header.sensor_stamp_ns,
                 sensor_seq=header.sensor_seq,
             )
         return Verdict(command, "", "", self._accepted, is_new)
+
+    def _is_over(self, epoch: int, permission: Permission) -> bool:
+        """Tell whether a newer turn of this arbiter was seen, and be it one that was refused."""
+        seen = (epoch, permission.lease, permission.turn)
+        if epoch == self._newest[0] and seen < self._newest:
+            return True
+        self._newest = seen
+        return False
 
     def revoke(self, reason: str, code: str) -> Verdict:
         """End the live lease from the robot's side: it was asked for what it cannot do."""

@@ -1,6 +1,6 @@
 """The robot's gate: no permission, no motion, and what was lost once never comes back by itself."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import pytest
 from hypothesis import given
@@ -254,6 +254,19 @@ def test_turns_of_a_lease_never_go_back(said_in_order: list[tuple[int, int]]) ->
             assert verdict.accepted.turn == turn
         else:
             dead = newest[0]
+
+
+@pytest.mark.parametrize("why", ["two writers", "late"])
+def test_a_turn_that_was_seen_and_refused_ends_the_ones_before_it_all_the_same(
+    gate: CommandGate, why: str
+) -> None:
+    """Nothing is obeyed while two processes write; what is older is over when that has passed."""
+    newest = said(lease=5, turn=2, age_s=2 * DEADLINE_S if why == "late" else 0.0)
+    assert gate.judge(replace(newest, conflict=why == "two writers"), NOW_NS).command is None
+    for lease, turn in ((4, 9), (5, 1)):
+        verdict = gate.judge(said(lease=lease, turn=turn, seq=2), NOW_NS)
+        assert (verdict.command, verdict.hold_code) == (None, "no_lease")
+    assert gate.judge(said(lease=5, turn=2, seq=3), NOW_NS).command is not None
 
 
 def test_a_new_turn_does_not_revive_a_dead_lease() -> None:

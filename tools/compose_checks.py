@@ -8,12 +8,14 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from functools import partial
 from http import HTTPStatus
 from http.client import HTTPConnection
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
+from chaos.soak_witness import witness
 from cli.scenario import Plan, Scenario, Trace
 from common import topics
 from common.bus import open_bus
@@ -143,7 +145,7 @@ def topics_seen(_compose: Compose, _cell: Cell, operator: Operator) -> str:
 
 def demo(_compose: Compose, cell: Cell, operator: Operator) -> str:
     """The main job: press with 30 N, let force feedback bring the force to zero."""
-    trace = operator.try_again(partial(_played, cell, operator))
+    trace = operator.again_after_a_stall(partial(_played, cell, operator))
     if trace.settled_at_s is None:
         raise PromiseError("the force did not settle")
     time.sleep(0.5)
@@ -256,8 +258,10 @@ def main() -> int:
     cell = load_cell(_file_of(compose))
     where = compose.profile
     wrong = told(where, "healthy", lambda: f"after {compose.wait_healthy(HEALTHY_S):.0f} s")
-    with open_bus(cell, topics.CLIENT) as bus:
-        operator = Operator(bus, cell)
+    with ExitStack() as exits:
+        folder = Path(exits.enter_context(TemporaryDirectory(prefix="forcemesh-compose-")))
+        bus = exits.enter_context(open_bus(cell, topics.CLIENT))
+        operator = Operator(bus, cell, exits.enter_context(witness(folder)))
         operator.at_home()
         checks: list[Check] = [topics_seen, hardened, ports, cockpit, recorded]
         checks += [demo, attacked, full_disk, another_profile]
@@ -267,6 +271,7 @@ def main() -> int:
         for how, name in trials(compose):
             wrong += told(where, f"{how} {name}", partial(broken, compose, how, name, operator))
         wrong += told(where, "crash wrench", partial(crashed, compose, "wrench", operator))
+    print(f"{where}: repeated after a stall of the machine: {operator.repeats}", flush=True)
     return wrong
 
 

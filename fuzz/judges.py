@@ -5,7 +5,7 @@ A stop may be as hard as it likes; everything else has the cell's limit and the 
 """
 
 from collections import Counter, deque
-from math import acos, radians
+from math import acos, degrees, radians
 
 import numpy as np
 import pinocchio as pin
@@ -24,10 +24,23 @@ SLACK_M = 3e-3  # of a commanded arm beyond the workspace on the way of a move
 SLACK_RAD = radians(1.0)  # the same of its turn
 STILL_RAD = 1e-9  # in a millisecond: rounding where it comes to rest
 HALF_S = 0.06
+SUDDEN, SOON_S = 1.5, 0.02  # of acceleration, and by so much a stream may begin too early
+TURN_ROUNDING_RAD = 2e-3  # for each packet
 BACK_OFF_M, BACK_OFF_M_S = 0.020, 0.005  # of a lease that backs off: from where it began
 BRAKED_M = 0.010  # of what was under way when such a lease began
 RELEASED_S = 0.25  # after a force above the ceiling nothing moves any more
 WATCHED_MOTIONS = {*MOTIONS, Com.WRENCH}
+
+
+def allowance() -> str:
+    """Return what is let pass beyond the limits of the cell, as docs/reliability.md says it."""
+    return (
+        f"way and turn of {MARGIN:g} times the speed limit over 250 ms and {1e3 * BURST_S:.0f} ms"
+        f" beside; over {1e3 * HALF_S:.0f} ms {SUDDEN:g} times the acceleration and what"
+        f" {1e3 * (SOON_S + BURST_S):.0f} ms at full speed are; on the way of a move of the"
+        f" simulated arm {1e3 * SLACK_M:.0f} mm and {degrees(SLACK_RAD):.0f} degree;"
+        f" {1e3 * RELEASED_S:.0f} ms to come to rest after a force above the ceiling"
+    )
 
 
 def _angle(trace: float) -> float:
@@ -72,7 +85,7 @@ class Path:
         broken = []
         if window_m > MARGIN * self._speed * (0.25 + BURST_S) + ROUNDING_M * len(points):
             broken.append("window")
-        if window_rad > MARGIN * self._turning * (0.25 + BURST_S) + 2e-3 * len(points):
+        if window_rad > MARGIN * self._turning * (0.25 + BURST_S) + TURN_ROUNDING_RAD * len(points):
             broken.append("turning")
         return broken + self._sudden(at_s)
 
@@ -84,7 +97,7 @@ class Path:
         change = newer - older
         self.most_m_s = max(self.most_m_s, newer / HALF_S)
         self.most_m_s2 = max(self.most_m_s2, change / HALF_S**2)
-        if change > 1.5 * self._accel * HALF_S**2 + self._speed * (0.02 + BURST_S):
+        if change > SUDDEN * self._accel * HALF_S**2 + self._speed * (SOON_S + BURST_S):
             return ["acceleration"]
         return []
 

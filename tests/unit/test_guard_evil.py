@@ -3,6 +3,7 @@
 `make fuzz-commands` says a million of them.
 """
 
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -10,6 +11,7 @@ import pytest
 from common.guard import Guard
 from common.stream_budget import StreamBudget
 from fuzz import commands, evil
+from fuzz.judges import allowance
 from services.gateway.departures import Departures
 
 AS_IT_CAME = (Departures, "share")  # of its way that may leave
@@ -37,6 +39,12 @@ def never_backs_off(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_what_is_late_to_leave_leaves_within_the_limits() -> None:
     """Seed 42 once said what was allowed when it came, and was too sudden when it left."""
     assert commands.fuzz("gateway", 5000, seed=42).broken == {}
+
+
+def test_the_page_says_what_the_judge_lets_pass() -> None:
+    """Nothing is let pass of which a reader of the page would not know."""
+    page = Path(__file__).parents[2] / "docs" / "reliability.md"
+    assert allowance() in page.read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize(

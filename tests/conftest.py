@@ -1,4 +1,4 @@
-"""What every test shares: how hypothesis draws, and what happens when the machine stands still.
+"""What every test shares: how hypothesis draws, and what counts as a verdict.
 
 On a developer's machine each run draws new examples; in CI the same ones are drawn every time, so
 that a red run is always the change's own doing. What may be repeated: `tests/repeats.py`.
@@ -6,6 +6,7 @@ that a red run is always the change's own doing. What may be repeated: `tests/re
 
 import os
 import tempfile
+from collections.abc import Generator
 from pathlib import Path
 
 import pytest
@@ -22,6 +23,15 @@ settings.load_profile("ci" if os.environ.get("CI") else "dev")
 # asks for one where it is wanted.
 os.environ.setdefault("FORCEMESH_NO_PANEL", "1")
 os.environ.setdefault("FORCEMESH_NO_RECORDER", "1")
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport() -> Generator[None, pytest.TestReport, pytest.TestReport]:
+    """In CI nothing passes by being left out: what this machine cannot try is a failure there."""
+    report = yield
+    if os.environ.get("CI") and report.skipped:
+        report.outcome = "failed"
+    return report
 
 
 def pytest_configure(config: pytest.Config) -> None:

@@ -124,3 +124,26 @@ def test_a_witness_that_is_stopped_for_long_has_noted_a_stall(tmp_path):
     finally:
         witness.kill()
         witness.wait()
+
+
+@pytest.mark.parametrize(("ci", "code", "words"), [("1", 1, "1 failed"), ("", 0, "1 skipped")])
+def test_what_is_left_out_is_a_failure_in_ci(
+    tmp_path: Path, ci: str, code: int, words: str
+) -> None:
+    """A machine that cannot try something says so; CI may not take that for a pass."""
+    (tmp_path / "conftest.py").write_text("from tests.conftest import pytest_runtest_makereport\n")
+    (tmp_path / "test_planted.py").write_text(
+        "import pytest\ndef test_planted():\n    pytest.skip('no such device')\n"
+    )
+    (tmp_path / "pytest.ini").write_text("[pytest]\n")
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", "-qra", "-p", "no:cacheprovider", "test_planted.py"],
+        cwd=tmp_path,
+        env={"PYTHONPATH": str(ROOT), "CI": ci},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == code, done.stdout
+    assert words in done.stdout
+    assert "no such device" in done.stdout

@@ -1,6 +1,7 @@
 """From a program to closures: which file executes which instruction."""
 
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 from sim.controller import execute_flow as flow
 from sim.controller import execute_motion as motion
@@ -15,6 +16,9 @@ from sim.controller.compiled import Compiled, Op
 from sim.controller.context import Context
 from sim.controller.errors import AsError
 from sim.controller.syntax import Instruction, Program, Step
+
+if TYPE_CHECKING:
+    from sim.controller.task import Task
 
 CompileInstruction = Callable[[Instruction, int, Context], Op]
 
@@ -92,11 +96,24 @@ def compile_program(program: Program, context: Context) -> Compiled:
     """Return a program that can be executed.
 
     A step that cannot be compiled is no reason to refuse the file: it fails when it is reached,
-    as on the controller, with its code, program and step.
+    as on the controller, with its code, program and step. Each one is compiled when it is reached
+    first: half of a program never is.
     """
     return Compiled(
-        program, tuple(_compile(step, at, context) for at, step in enumerate(program.steps))
+        program, tuple(_when_reached(step, at, context) for at, step in enumerate(program.steps))
     )
+
+
+def _when_reached(step: Step, at: int, context: Context) -> Op:
+    op: Op | None = None
+
+    def run(task: "Task") -> int:
+        nonlocal op
+        if op is None:
+            op = _compile(step, at, context)
+        return op(task)
+
+    return run
 
 
 def _compile(step: Step, at: int, context: Context) -> Op:

@@ -84,6 +84,12 @@ class SprungPlate:
         )
 
     @property
+    def rests(self) -> bool:
+        """Whether every spring is where it is without a push."""
+        away = (self.travel_m, self.twist_rad, *self.slope, *self.shear_m)
+        return not self.touched and not any(away)
+
+    @property
     def energy_J(self) -> float:
         """What the springs hold."""
         lengths2 = self.travel_m**2 + self.shear_m[0] ** 2 + self.shear_m[1] ** 2

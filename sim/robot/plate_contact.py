@@ -9,6 +9,7 @@ from sim.robot.plate import Disc, SprungPlate
 from sim.robot.scene import plate_at_rest
 from sim.robot.settings import SimSettings
 
+FAR_M = 0.02
 _SITE = mujoco.mjtObj.mjOBJ_SITE
 
 
@@ -32,10 +33,18 @@ class PlateContact:
 
     def act(self) -> None:
         """Push the disc for the model's next time step."""
+        if self.springs.rests and self._is_far():
+            self._data.xfrc_applied[self._disc] = 0.0
+            return
         dt_s = self._model.opt.timestep
         push = self.springs.step(self._disc_after(dt_s), dt_s)
         both = np.array((push.force_N, push.torque_Nm)) @ self._R_base_plate.T
         self._data.xfrc_applied[self._disc] = both.ravel()
+
+    def _is_far(self) -> bool:
+        """Tell whether no speed that the arm has brings the disc to the plate within the step."""
+        from_plate = self._data.site_xpos[self._tcp] - self.point_m
+        return float(from_plate @ self.normal) > self._radius_m + FAR_M
 
     def _disc_after(self, dt_s: float) -> Disc:
         """Return the disc where its speed takes it by the end of the step."""

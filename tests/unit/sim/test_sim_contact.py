@@ -1,4 +1,4 @@
-"""The truth about contact: signed distance of a disc's rim to the plate at rest."""
+"""The truth about contact: how far the disc is from the plate at rest, and who looks at it."""
 
 import math
 
@@ -9,7 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
+from sim.robot.arm import SimArm
 from sim.robot.contact import lift_off_m, plate_point_under
+from sim.robot.plate_contact import PlateContact
+from sim.robot.settings import SimSettings
 
 vectors = hnp.arrays(float, 3, elements=st.floats(-1.0, 1.0))
 radii = st.floats(0.005, 0.05)
@@ -44,3 +47,29 @@ def test_the_plate_is_put_the_gap_below_the_rim(centre, lean, tilt, radius, gap)
     touching = lift_off_m(lowered, plate_point_m=point, plate_normal=normal, disc_radius_m=radius)
     assert touching == pytest.approx(0.0, abs=1e-12)
     assert point[:2] == pytest.approx(centre[:2])
+
+
+def fall(settings: SimSettings, depth_m: float, ticks: int) -> np.ndarray:
+    """Lead the tool down to the plate and return what it feels, a row for each tick."""
+    arm = SimArm(settings, seed=0)
+    start, q, rows = arm.T_base_flange, arm.q, []
+    for tick in range(ticks):
+        down = pin.SE3(np.eye(3), np.array([0.0, 0.0, depth_m * (tick + 1) / ticks]))
+        found = arm.kinematics.solve(start * down, q, jump_rad=1.0)
+        assert found.q is not None, found.reason
+        q = found.q
+        arm.command_joints(q)
+        arm.step()
+        truth = arm.true_wrench()
+        rows.append((*arm.q, *truth.force_N, *truth.torque_Nm))
+    return np.array(rows)
+
+
+def test_a_plate_that_is_far_away_is_left_out_and_nothing_changes(monkeypatch):
+    """To the last bit, at twice the highest speed of a cell: from free space into the plate."""
+    settings = SimSettings(gap_m=0.1)
+    ways = fall(settings, 0.13, 60), fall(settings, 0.12, 200)
+    assert all(way[:, 8].max() > 20.0 for way in ways)
+    monkeypatch.setattr(PlateContact, "_is_far", lambda _: False)
+    for way, (depth_m, ticks) in zip(ways, ((0.13, 60), (0.12, 200)), strict=True):
+        assert np.array_equal(way, fall(settings, depth_m, ticks))

@@ -144,6 +144,12 @@ def test_a_body_that_grows_or_leaks_is_seen():
     assert body.leaked == 1
 
 
+@pytest.mark.parametrize(("over_s", "most_b"), [(6.0, 410_000), (60.0, 500_000), (600.0, 1e6)])
+def test_a_short_soak_has_a_small_bound(over_s, most_b):
+    """In 6 s a process that keeps a third of the messages of a 1 kHz sensor is seen."""
+    assert soak.most_growth_b(over_s) == pytest.approx(most_b)
+
+
 @pytest.fixture
 def pressing(tmp_path, monkeypatch) -> Iterator[tuple[flood.Watcher, Path]]:
     """A real cell that presses, and who watches it."""

@@ -17,7 +17,6 @@ import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
-from datetime import UTC, datetime
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -30,10 +29,11 @@ from common.bus_settings import client_settings, hub_settings
 from common.cell import Cell
 from common.config import load_cell
 from common.topics import TOPICS
+from tools.figures import put
 
 DEMO = Path(__file__).parents[1] / "cells" / "demo.yaml"
 PAGE = Path(__file__).parents[1] / "docs" / "network.md"
-BEGIN, END = "<!-- subscriptions -->", "<!-- end of subscriptions -->"
+COMMAND = "python -m bench.subscriptions --write"
 COLUMNS = ("one client beside the cell", "hub's processor", "way of a message", "declared in")
 ROUNDS = 5
 ROUND_S = 1.5
@@ -81,23 +81,17 @@ def table() -> Table:
     return result
 
 
-def with_table(text: str, found: dict[str, Found], when: datetime) -> str:
-    """Return the page with what was measured between its marks."""
-    before, rest = text.split(BEGIN)
-    after = rest.split(END)[1]
-    stamp = (
-        f"{when:%Y-%m-%d}, {os.cpu_count()} cores, medians of {ROUNDS} rounds of "
-        f"{RATE_HZ * ROUND_S:.0f} messages, by `python -m bench.subscriptions --write`; "
-        "1.00 is one subscription of one session:"
-    )
+def markdown(found: dict[str, Found]) -> str:
+    """Return what was measured as it stands on the page."""
+    rounds = f"{ROUNDS} rounds of {RATE_HZ * ROUND_S:.0f} messages"
     lines = [
-        stamp,
+        f"{os.cpu_count()} cores, medians of {rounds}; 1.00 is one subscription of one session:",
         "",
         f"| {' | '.join(COLUMNS)} |",
         "|---|---:|---:|---:|",
         *(f"| {' | '.join(row)} |" for row in rows(found)),
     ]
-    return "\n".join([f"{before}{BEGIN}", *lines, f"{END}{after}"])
+    return "\n".join(lines)
 
 
 def main() -> None:
@@ -105,8 +99,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m bench.subscriptions", description=__doc__)
     parser.add_argument("--write", action="store_true", help=f"put it into docs/{PAGE.name}")
     if parser.parse_args().write:
-        found = measure()
-        PAGE.write_text(with_table(PAGE.read_text("utf-8"), found, datetime.now(UTC)), "utf-8")
+        put(PAGE, "subscriptions", markdown(measure()), COMMAND)
     else:
         Console().print(table())
 

@@ -5,13 +5,13 @@ Exit codes: 0 every bound was kept, 1 one was not, 77 nothing could be tested he
 """
 
 import argparse
+import os
 import sys
 import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import replace
-from datetime import UTC, datetime
 from pathlib import Path
 
 from chaos.common_net import ROOT, make_cell, table
@@ -26,11 +26,12 @@ from cli.running import Process
 from common.cell import Cell
 from common.errors import ForcemeshError
 from common.priority import take_realtime_priority
+from tools.figures import put
 
 PAGE = ROOT / "docs" / "chaos-network.md"
 TEMPLATES = ("demo", "demo-tcp")
 PROXY = "proxy"
-MARK = "<!-- the rest is made by `make chaos-network ARGS=--write` -->"
+COMMAND = "make chaos-network ARGS=--write"
 
 
 def hosts_of(cell: Cell, lab: Lab) -> tuple[list[Process], list[Wire]]:
@@ -126,15 +127,8 @@ def main() -> int:
     text = report(rows, arguments.seed, time.monotonic() - began_s)
     print("\n" + text)
     if arguments.write:
-        write_page(text)
+        put(PAGE, "chaos-network", f"Measured on {os.cpu_count()} cores.\n\n{text}", COMMAND)
     return 0 if rows and not any(row.verdict.mistakes for row in rows) else 1
-
-
-def write_page(text: str) -> None:
-    """Put the table between the marks of the page, with the date."""
-    before, mark, _ = PAGE.read_text(encoding="utf-8").partition(MARK)
-    today = datetime.now(UTC).date().isoformat()
-    PAGE.write_text(f"{before}{mark}\n\nMeasured {today}, 2 cores.\n\n{text}\n", encoding="utf-8")
 
 
 def _arguments() -> argparse.Namespace:

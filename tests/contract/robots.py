@@ -5,7 +5,6 @@ the program that ships and shares nothing with it; the emulated ones run that pr
 """
 
 from collections.abc import Callable
-from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -106,25 +105,25 @@ def faked(controller: FakeController, network: MemoryNetwork) -> Callable[[Bus, 
     return make
 
 
-def sim_rig(_stack: ExitStack) -> Rig:
+def sim_rig() -> Rig:
     """The simulated robot on a virtual clock."""
     cell = load_cell(DEMO_CELL, {"deadlines.command_s": DEADLINE_S, "sim.gap_m": 0.1})
     return Rig(cell, ManualClock(), SimRobot, feedback_host="pc")
 
 
-def gateway_rig(_stack: ExitStack) -> Rig:
+def gateway_rig() -> Rig:
     """The gateway and a fake controller."""
     network = MemoryNetwork()
     controller = FakeController(network, rate_hz=100.0)
     return Rig(gateway_cell(PORT), ManualClock(), faked(controller, network))
 
 
-def emulated_pc_rig(_stack: ExitStack) -> Rig:
+def emulated_pc_rig() -> Rig:
     """The gateway and the program that ships, freshly started; force feedback on the PC."""
     return Emulated(host="pc").rig
 
 
-def emulated_controller_rig(_stack: ExitStack) -> Rig:
+def emulated_controller_rig() -> Rig:
     """The same with force feedback in the controller."""
     return Emulated(host="controller").rig
 
@@ -150,7 +149,7 @@ def nothing(_rig: Rig) -> None:
 class Robot:
     """One robot of the contract, and what of it is not as in the others."""
 
-    make: Callable[[ExitStack], Rig]
+    make: Callable[[], Rig]
     # Where force feedback runs. `pc`: the robot gets set points and never sees the wrench, so what
     # is promised about a bad wrench is the regulator's and the arbiter's promise, not its own.
     feedback_host: Host

@@ -2,7 +2,6 @@
 
 import random
 from collections.abc import Callable
-from contextlib import ExitStack
 
 import numpy as np
 import pytest
@@ -165,20 +164,19 @@ def test_an_arm_that_leaves_its_way_is_found_out(kind: str) -> None:
 
 def test_the_simulated_arm_that_is_pushed_away_holds() -> None:
     """Somebody leans on it until the servos give way."""
-    with ExitStack() as stack:
-        rig = sim_rig(stack)
-        rig.connect()
-        rig.arm()
-        rig.advance(0.05)
-        assert isinstance(rig.service, SimRobot)
-        arm = rig.service.arm
-        body = arm.model.body("tool").id
-        for push_N in range(0, 20_000, 200):
-            arm.data.xfrc_applied[body][0] = push_N
-            rig.advance(0.02)
-            if rig.state.hold_code:
-                break
-        assert rig.state.hold_code == "tracking"
+    rig = sim_rig()
+    rig.connect()
+    rig.arm()
+    rig.advance(0.05)
+    assert isinstance(rig.service, SimRobot)
+    arm = rig.service.arm
+    body = arm.model.body("tool").id
+    for push_N in range(0, 20_000, 200):
+        arm.data.xfrc_applied[body][0] = push_N
+        rig.advance(0.02)
+        if rig.state.hold_code:
+            break
+    assert rig.state.hold_code == "tracking"
 
 
 # --- H21: a line that is too slow -----------------------------------------------------------------

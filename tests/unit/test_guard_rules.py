@@ -12,7 +12,6 @@ from common.config import load_cell
 from common.convert import record_of
 from common.guard import MEASURED_SLACK_M, Guard
 from common.messages import Feedback, Gains, Goal, Speed, Trip, WrenchAtTcp
-from common.stream_budget import ACCEL_MARGIN, EARLY_S, HALF_S, SPEED_MARGIN, WINDOW_S
 from tests.contract.rig import DEMO_CELL, shifted
 
 CELL = load_cell(DEMO_CELL, {"limits.tether_m": 0.3})
@@ -20,6 +19,8 @@ LIMITS = CELL.limits
 DOWN = pin.SE3(np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.5, 0.3]))
 JOINTS = (0.0, 0.0, -1.5, 0.0, -1.5, 0.0)
 MS = 1_000_000
+# What docs/reliability.md says, not what the code under test does.
+SPEED_MARGIN, ACCEL_MARGIN, WINDOW_S, HALF_S, EARLY_S = 1.25, 1.5, 0.25, 0.06, 0.02
 
 
 def code(trip: Trip | None) -> str:
@@ -82,7 +83,7 @@ def test_a_new_lease_brings_no_new_way() -> None:
     assert way_m <= LIMITS.step_m + 1e-9
 
 
-@pytest.mark.parametrize(("share", "rule"), [(0.9, ""), (1.2, "acceleration")])
+@pytest.mark.parametrize(("share", "rule"), [(0.99, ""), (1.01, "acceleration")])
 def test_a_sudden_set_point_is_refused_below_the_step_too(share: float, rule: str) -> None:
     """From rest; the limit is the cell's, with what a late message may look like beside it."""
     most_m = ACCEL_MARGIN * LIMITS.accel_m_s2 * HALF_S**2 + LIMITS.speed_m_s * EARLY_S

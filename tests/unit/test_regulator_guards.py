@@ -22,7 +22,7 @@ from common.convert import pose_of, record_of
 from common.frames import rotation_between
 from common.messages import RegulatorTarget, RobotCommand
 from common.requests import ArmRequest, Empty, ForceStartRequest
-from services.regulator.guards import GuardSettings, Seen, Watch, carried, watch
+from services.regulator.guards import GuardSettings, Seen, Watch, carried, proof_of, watch
 from services.regulator.oscillation import HALF_WAVES, Swing, SwingSettings, follow
 from services.regulator.settings import PROBE_N, law_settings
 from tests.fakes.arbiter_world import T_START
@@ -370,6 +370,19 @@ def test_a_force_that_was_there_before_the_approach_is_no_touch() -> None:
     _, trip = watch(now, replace(pulled, force_N=np.array([3.0, 0.0, -5.0])), GUARDS)
     assert trip is not None
     assert trip.code == "sensor_sign"
+
+
+@pytest.mark.parametrize(("share", "is_wrong"), [(0.69, True), (0.71, False)])
+def test_the_first_touch_is_within_45_degrees_of_the_tool(share: float, is_wrong: bool) -> None:
+    """At least 0.7 of the force that grows is along the tool; that alone proves its axis."""
+    touch = 2.0 * GUARDS.touch_N * np.array([np.sqrt(1.0 - share**2), 0.0, share])
+    now, trip = watch(Watch(), seen("approach"), GUARDS)
+    assert trip is None
+    felt = replace(seen("approach"), force_N=touch)
+    _, trip = watch(now, felt, GUARDS)
+    assert ("" if trip is None else trip.code) == ("sensor_sign" if is_wrong else "")
+    pressing = replace(felt, contact="contact", setpoint_N=5.0)
+    assert proof_of(now, pressing, GUARDS) == (not is_wrong)
 
 
 def test_work_told_late_is_no_gift() -> None:

@@ -21,7 +21,7 @@ from chaos.common_net import CellUnderTest, child, free_port, make_cell, running
 from chaos.network_judge import Truth
 from chaos.network_lab import CANNOT_RUN
 from chaos.network_play import environment
-from chaos.soak_witness import STALL_S, Witness, witness
+from chaos.witness import STALL_S, Witness, witness
 from cli.processes import processes_of
 from cli.running import Process
 from common.cell import Cell

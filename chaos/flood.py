@@ -28,7 +28,7 @@ from chaos.common_net import (
     table,
 )
 from chaos.flood_peer import MIXES
-from chaos.soak_witness import Witness, witness
+from chaos.witness import Witness, witness
 from common import topics
 from common.clock import NS_PER_S
 from common.errors import ForcemeshError
@@ -48,11 +48,20 @@ HEAD = ("what", "loop", "longest gap ms", "overdue", "longest put ms", "witness 
 CONTROL = ("robot", "sensor", "wrench", "regulator", "arbiter")
 
 
+@dataclass(frozen=True, slots=True)
+class Bounds:
+    """What is too long: a gap between two steps of a control loop, and a put [s]."""
+
+    gap_s: float = LATE_S
+    put_s: float = PUT_S
+
+
 @dataclass(slots=True)
 class Loop:
     """What the health of one service said during a phase."""
 
     role: str
+    bounds: Bounds = Bounds()
     gap_s: float = 0.0
     overdue: int = 0  # reports with a gap that no stall of the machine explains
     put_s: float = 0.0
@@ -64,12 +73,12 @@ class Loop:
         self.reports += 1
         put_s = health.numbers.get("put_max_s", 0.0)
         self.gap_s, self.put_s = max(self.gap_s, health.longest_gap_s), max(self.put_s, put_s)
-        late, slow = health.longest_gap_s > LATE_S, put_s > PUT_S
+        late, slow = health.longest_gap_s > self.bounds.gap_s, put_s > self.bounds.put_s
         if late or slow:
             since_ns = at_ns - round(HEALTH_WINDOW_S * NS_PER_S)
             stall_s = watch.worst_s(since_ns, at_ns)
-            self.overdue += late and stall_s <= LATE_S
-            self.slow_puts += slow and stall_s <= PUT_S
+            self.overdue += late and stall_s <= self.bounds.gap_s
+            self.slow_puts += slow and stall_s <= self.bounds.put_s
 
 
 @dataclass(slots=True)
@@ -101,14 +110,14 @@ class Phase:
 class Watcher:
     """Reads every service's health while something happens."""
 
-    def __init__(self, cell: CellUnderTest, watch: Witness) -> None:
+    def __init__(self, cell: CellUnderTest, watch: Witness, bounds: Bounds = Bounds()) -> None:
         """Subscribe."""
-        self.cell, self._witness = cell, watch
+        self.cell, self._witness, self._bounds = cell, watch, bounds
         self._health = {role: cell.client.reader(topics.HEALTH[role]) for role in CONTROL}
 
     def watch(self, name: str, busy: Callable[[], bool]) -> Phase:
         """Look until nothing is busy any more; the arm must press all the while."""
-        phase = Phase(name, {role: Loop(role) for role in CONTROL})
+        phase = Phase(name, {role: Loop(role, self._bounds) for role in CONTROL})
         began_ns = last_ns = time.monotonic_ns()
         while busy():
             now_ns = time.monotonic_ns()

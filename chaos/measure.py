@@ -6,7 +6,7 @@ from chaos.ear import Notes
 from chaos.outcome import LAST_ACCEPTED_S, MOVING_M_S, Outcome
 from chaos.rig import Rig
 from chaos.truth import Path, paths
-from chaos.witness import STALL_S, longest_stall_s
+from chaos.witness import STALL_S
 from common import topics
 from common.clock import NS_PER_S
 
@@ -44,10 +44,9 @@ def measure(outcome: Outcome, window: Window, rig: Rig, notes: Notes) -> None:
 
 
 def _refuse_stalls(outcome: Outcome, window: Window, rig: Rig) -> None:
-    stalls = rig.stalls()
     edges = [window.fault_ns, *([window.thaw_ns] if window.thaw_ns else [])]
     outcome.stalled_s = max(
-        longest_stall_s(stalls, edge - STALL_BEFORE_NS, edge + STALL_AFTER_NS) for edge in edges
+        rig.witness.worst_s(edge - STALL_BEFORE_NS, edge + STALL_AFTER_NS) for edge in edges
     )
     if outcome.stalled_s > STALL_S:
         raise SpoiltError(f"the machine stalled for {outcome.stalled_s * 1e3:.0f} ms")

@@ -10,7 +10,7 @@ from pathlib import Path
 from chaos.common_net import running_cell
 from chaos.network_judge import Bounds, Seen, Truth, Verdict
 from chaos.network_trials import Bench, Trial
-from chaos.soak_witness import witness
+from chaos.witness import witness
 from cli.running import Process
 from common import topics
 from common.cell import Cell

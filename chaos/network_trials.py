@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from chaos.common_net import CellUnderTest, HarnessError
 from chaos.network_faults import Ends
 from chaos.network_judge import MOVES_M_S, Bounds, Seen, Truth, Verdict, judge
-from chaos.soak_witness import STALL_S, Witness
+from chaos.witness import STALL_S, Witness
 from common.errors import ForcemeshError
 
 PRESS_N = 10.0

@@ -2,18 +2,17 @@
 
 import os
 import socket
-import sys
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from chaos.cases import CellName
-from chaos.witness import Stalls, read_stalls
+from chaos.witness import Witness, witness
 from cli.processes import processes_of
 from cli.runfile import FOLDER_VARIABLE, ROOT
 from cli.runlog import RunLog
-from cli.running import Died, Process, Running
+from cli.running import Died, Running
 from common.cell import Cell
 from common.config import dump_cell, load_cell
 from sim.robot.trace import VARIABLE as TRACE_VARIABLE
@@ -56,6 +55,7 @@ class Rig:
         """Prepare. Files of this run go into `folder`."""
         self.cell = cell
         self.running: dict[str, Running] = {}
+        self.witness: Witness  # while the block lasts
         self.words: list[str] = []  # the last ones that the processes said
         self._folder = folder
         self._file = folder / "cell.yaml"
@@ -64,7 +64,7 @@ class Rig:
         self._log: RunLog | None = None
 
     def __enter__(self) -> "Rig":
-        """Start the witness and every process, the hub first."""
+        """Start the witnesses and every process, the hub first."""
         self._file.write_text(dump_cell(self.cell), encoding="utf-8")
         self._exits.enter_context(
             environment(
@@ -75,9 +75,7 @@ class Rig:
             )
         )
         self._exits.callback(self._end_all)
-        words = (sys.executable, "-m", "chaos.witness", str(self._folder / "stalls"))
-        witness = Running(Process("chaos.witness", ("witness",), words), self._file, self._hear)
-        self._exits.callback(witness.finish, 0.0)
+        self.witness = self._exits.enter_context(witness(self._folder))
         self.start(*self._processes)
         return self
 
@@ -118,10 +116,6 @@ class Rig:
         """Return what the arm did since a moment."""
         records = read_trace(self._folder / "trace")
         return records[records["at_ns"] >= since_ns]
-
-    def stalls(self) -> Stalls:
-        """Return when the machine was late."""
-        return read_stalls(self._folder / "stalls")
 
     def _log_anew(self) -> None:
         """A run file names each process once: whoever was started again is another process."""

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from chaos.common_net import CellUnderTest, free_port, make_cell, running_cell, table
-from chaos.soak_witness import STALL_S, Witness, witness
+from chaos.witness import STALL_S, Witness, witness
 from common import topics
 from common.cell import Cell
 from common.clock import NS_PER_S

@@ -1,50 +1,91 @@
-"""Logs its own lateness: an idle process with the priority and the period of the control loop.
+"""The idle witnesses: scheduling class and period of a control loop, and nothing to do.
 
-What it is late, the machine is late: then a late control loop is no fault of the cell's.
-`python -m chaos.witness FILE`
+What they oversleep is the machine's doing, not ours: they go before every process of a cell. One
+for each processor: a host takes single ones away, and the kernel lets real time have 95 % of a
+processor and stops whatever runs on that one for the rest of the second.
+`python -m chaos.witness FILE PROCESSOR`
 """
 
+import os
+import struct
 import sys
 import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
-from common.priority import take_realtime_priority
+from chaos.common_net import child
+from common.clock import NS_PER_S
+from common.priority import PRIORITY, take_realtime_priority
+from common.service import stop_on_signals
 
-PERIOD_NS = 4_000_000
-WORTH_NOTING_NS = 5_000_000
+PERIOD_S = 0.004
+ROW = struct.Struct("<qq")  # when it woke, how late that was [ns]
 STALL_S = 0.020
-Stalls = npt.NDArray[np.int64]  # rows of: due at [ns], woken at [ns]
+
+Array = npt.NDArray[np.int64]
+
+
+class Witness:
+    """What the witnesses wrote so far."""
+
+    def __init__(self, paths: list[Path]) -> None:
+        """Read from files that grow."""
+        self._paths = paths
+
+    def rows(self) -> Array:
+        """Return moments and lateness [ns], shape (n, 2)."""
+        return np.concatenate([_rows(path) for path in self._paths])
+
+    def worst_s(self, since_ns: int, until_ns: int) -> float:
+        """Return how late it was at worst between two moments [s]."""
+        rows = self.rows()
+        late = rows[(rows[:, 0] >= since_ns) & (rows[:, 0] - rows[:, 1] <= until_ns), 1]
+        return float(late.max()) / NS_PER_S if len(late) else 0.0
+
+    def stalls(self, longer_than_s: float = STALL_S) -> int:
+        """Return how often it was later than that."""
+        return int((self.rows()[:, 1] > longer_than_s * NS_PER_S).sum())
+
+    def percentile_s(self, percent: float) -> float:
+        """Return a percentile of its lateness [s]."""
+        return float(np.percentile(self.rows()[:, 1], percent)) / NS_PER_S
+
+
+def _rows(path: Path) -> Array:
+    data = path.read_bytes()
+    whole = len(data) // ROW.size * ROW.size
+    return np.frombuffer(data[:whole], dtype="<i8").reshape(-1, 2)
+
+
+@contextmanager
+def witness(folder: Path) -> Iterator[Witness]:
+    """Let a witness run on each processor beside the block."""
+    with ExitStack() as exits:
+        paths = []
+        for processor in sorted(os.sched_getaffinity(0)):
+            paths.append(folder / f"witness-{processor}.bin")
+            paths[-1].write_bytes(b"")
+            exits.enter_context(child("chaos.witness", paths[-1], processor))
+        yield Witness(paths)
 
 
 def main() -> None:
-    """Sleep and note until killed."""
-    take_realtime_priority()
-    with Path(sys.argv[1]).open("ab", buffering=0) as file:
-        due_ns = time.monotonic_ns() + PERIOD_NS
-        while True:
-            time.sleep(max(0, due_ns - time.monotonic_ns()) * 1e-9)
-            now_ns = time.monotonic_ns()
-            if now_ns - due_ns > WORTH_NOTING_NS:
-                file.write(np.array([due_ns, now_ns]).tobytes())
-            due_ns = max(due_ns + PERIOD_NS, now_ns)
-
-
-def read_stalls(path: Path) -> Stalls:
-    """Return every lateness that was noted. Shape (n, 2): due at, woken at [ns]."""
-    rows = path.stat().st_size // 16 if path.exists() else 0
-    return np.fromfile(path, np.int64, count=2 * rows).reshape(-1, 2) if rows else NONE
-
-
-NONE: Stalls = np.zeros((0, 2), np.int64)
-
-
-def longest_stall_s(stalls: Stalls, since_ns: int, until_ns: int) -> float:
-    """Return how late the witness was at most within a window [s]."""
-    inside = stalls[(stalls[:, 1] >= since_ns) & (stalls[:, 0] <= until_ns)]
-    return float((inside[:, 1] - inside[:, 0]).max()) * 1e-9 if len(inside) else 0.0
+    """Sleep, wake, write down how late."""
+    stop = stop_on_signals()
+    os.sched_setaffinity(0, {int(sys.argv[2])})
+    take_realtime_priority(PRIORITY + 1)
+    period_ns = round(PERIOD_S * NS_PER_S)
+    out = os.open(sys.argv[1], os.O_WRONLY | os.O_APPEND)
+    due_ns = time.monotonic_ns()
+    while not stop.is_set():
+        due_ns = max(due_ns + period_ns, time.monotonic_ns() - period_ns)
+        time.sleep(max(0.0, (due_ns - time.monotonic_ns()) / NS_PER_S))
+        now_ns = time.monotonic_ns()
+        os.write(out, ROW.pack(now_ns, max(0, now_ns - due_ns)))
 
 
 if __name__ == "__main__":

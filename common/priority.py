@@ -7,7 +7,7 @@ from pathlib import Path
 PRIORITY = 20  # above everything ordinary, below what the kernel and sound servers use
 
 
-def take_realtime_priority() -> bool:
+def take_realtime_priority(priority: int = PRIORITY) -> bool:
     """Let all threads of this process go before ordinary ones; tell whether the machine allowed it.
 
     To be called when the process is ready to work, not before: starting up takes whole tenths of a
@@ -17,7 +17,7 @@ def take_realtime_priority() -> bool:
     """
     try:
         for thread in Path("/proc/self/task").iterdir():
-            _set(int(thread.name), os.SCHED_FIFO, PRIORITY)
+            _set(int(thread.name), os.SCHED_FIFO, priority)
     except (AttributeError, OSError):
         return False
     return True

@@ -35,7 +35,7 @@ def pytest_runtest_makereport() -> Generator[None, pytest.TestReport, pytest.Tes
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Let every run have its own witness and its own count."""
+    """Let every run have its own witnesses and its own count."""
     folder = tempfile.TemporaryDirectory(prefix="witness-")
     config.add_cleanup(folder.cleanup)
-    config.pluginmanager.register(Repeats(Path(folder.name, "stalls")))
+    config.pluginmanager.register(Repeats(Path(folder.name)))

@@ -1,20 +1,19 @@
 """A test that failed while the machine itself stood still is tried once more; no other one is.
 
-A witness (`chaos.witness`), a process of its own with the period and the priority of the control
-loops, notes when it was woken too late. A failure of a test in real time is repeated once where
-the witness was late by more than the deadline of the cell, within that very test. Never repeated:
+Idle witnesses (`chaos.witness`), one process for each processor, note how late they are woken. A
+failure of a test in real time is repeated once where one of them was late by more than the deadline
+of the cell, within that very test. Never repeated:
 what is marked `judged_once` (attacks, misreads, movement), and every test that is not in real time.
 """
 
-import subprocess
-import sys
 import time
+from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
 
 import pytest
 
-from chaos.witness import longest_stall_s, read_stalls
+from chaos.witness import Witness, witness
 
 DEADLINE_S = 0.1  # of commands and sensor data in the demo's cells; a marker may say another one
 MOST_REPEATS = 3  # more fail the run: that machine is no place for a verdict
@@ -23,10 +22,11 @@ MOST_REPEATS = 3  # more fail the run: that machine is no place for a verdict
 class Repeats:
     """Allows a second try where the witness saw a stall, and tells all of them."""
 
-    def __init__(self, noted: Path) -> None:
-        """Tell where the witness notes what it sees."""
-        self._noted = noted
-        self._witness: subprocess.Popen[bytes] | None = None
+    def __init__(self, folder: Path) -> None:
+        """Tell where the witnesses note what they see."""
+        self._folder = folder
+        self._exits = ExitStack()
+        self.witness = Witness([])
         self._began_ns = 0
         self._told: list[str] = []
 
@@ -38,18 +38,16 @@ class Repeats:
                 item.add_marker(pytest.mark.flaky(reruns=1, condition=asks))
 
     def pytest_collection_finish(self, session: pytest.Session) -> None:
-        """Start the witness where somebody may ask it."""
+        """Start the witnesses where somebody may ask them."""
         if not session.config.option.collectonly and any(map(may_be_repeated, session.items)):
-            command = [sys.executable, "-m", "chaos.witness", str(self._noted)]
-            self._witness = subprocess.Popen(command)
+            self.witness = self._exits.enter_context(witness(self._folder))
 
     def pytest_runtest_logstart(self) -> None:
         """Remember when a try began."""
         self._began_ns = time.monotonic_ns()
 
     def _stood_still(self, deadline_s: float) -> bool:
-        stalls = read_stalls(self._noted)
-        return longest_stall_s(stalls, self._began_ns, time.monotonic_ns()) > deadline_s
+        return self.witness.worst_s(self._began_ns, time.monotonic_ns()) > deadline_s
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
         """Remember a failure that is about to be repeated."""
@@ -59,10 +57,8 @@ class Repeats:
             self._told.append(f"REPEATED, the machine stood still: {report.nodeid}: {why}")
 
     def pytest_sessionfinish(self, session: pytest.Session) -> None:
-        """End the witness; fail a run that needed more repeats than are allowed."""
-        if self._witness is not None:
-            self._witness.kill()
-            self._witness.wait()
+        """End the witnesses; fail a run that needed more repeats than are allowed."""
+        self._exits.close()
         if len(self._told) > MOST_REPEATS:
             session.exitstatus = pytest.ExitCode.TESTS_FAILED
             self._told.append(f"{len(self._told)} repeats, {MOST_REPEATS} are allowed: failed")

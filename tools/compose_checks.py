@@ -15,7 +15,7 @@ from http.client import HTTPConnection
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from chaos.soak_witness import witness
+from chaos.witness import witness
 from cli.scenario import Plan, Scenario, Trace
 from common import topics
 from common.bus import open_bus

@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 
 import yaml
 
-from chaos.soak_witness import Witness
+from chaos.witness import Witness
 from common import topics
 from common.cell import Cell
 from common.endpoints import Bus

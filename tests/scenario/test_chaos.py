@@ -11,7 +11,7 @@ from chaos.journal import Journal
 from chaos.outcome import Limits, Outcome, violations
 from chaos.run import Runner
 from chaos.truth import Path
-from chaos.witness import longest_stall_s
+from chaos.witness import ROW, Witness
 
 LIMITS = Limits(command_s=0.1, watchdog_s=0.0, speed_m_s=0.25)
 CASE = Case("sim", "regulator", "kill", "press", 0)
@@ -115,13 +115,15 @@ def test_the_flange_stands_when_it_is_slow_for_a_tenth_of_a_second():
     assert path(*[0.0] * 200).still_since_ns() == 0
 
 
-def test_a_window_sees_the_stalls_that_touch_it():
+def test_a_window_sees_the_stalls_that_touch_it(tmp_path):
     """Late from 100 to 130 ms: it counts within, across an edge, and nowhere else."""
-    stalls = np.array([[100, 130], [200, 206]]) * MS
-    assert longest_stall_s(stalls, 90 * MS, 210 * MS) == pytest.approx(0.030)
-    assert longest_stall_s(stalls, 120 * MS, 150 * MS) == pytest.approx(0.030)
-    assert longest_stall_s(stalls, 131 * MS, 210 * MS) == pytest.approx(0.006)
-    assert longest_stall_s(stalls, 140 * MS, 190 * MS) == 0.0
+    noted = tmp_path / "noted"
+    noted.write_bytes(ROW.pack(130 * MS, 30 * MS) + ROW.pack(206 * MS, 6 * MS))
+    worst_s = Witness([noted]).worst_s
+    assert worst_s(90 * MS, 210 * MS) == pytest.approx(0.030)
+    assert worst_s(120 * MS, 150 * MS) == pytest.approx(0.030)
+    assert worst_s(131 * MS, 210 * MS) == pytest.approx(0.006)
+    assert worst_s(140 * MS, 190 * MS) == 0.0
 
 
 def test_an_interrupted_run_goes_on_with_what_is_left(tmp_path):

@@ -15,7 +15,7 @@ import zenoh
 from chaos import flood, soak
 from chaos.common_net import free_port, make_cell, running_cell
 from chaos.flood_peer import session_of
-from chaos.soak_witness import ROW, Witness, witness
+from chaos.witness import ROW, Witness, witness
 from common import topics
 from common.bus import LONGEST_MESSAGE_B, ZenohTransport, open_hub
 from common.cell import Cell
@@ -152,7 +152,11 @@ def test_a_short_soak_has_a_small_bound(over_s, most_b):
 
 @pytest.fixture
 def pressing(tmp_path, monkeypatch) -> Iterator[tuple[flood.Watcher, Path]]:
-    """A real cell that presses, and who watches it."""
+    """A real cell that presses, and who watches it.
+
+    Late is here what misses a deadline of that cell; `make chaos-flood` asks for milliseconds, on a
+    machine that does nothing else.
+    """
     monkeypatch.setenv("FORCEMESH_RUN_FOLDER", str(tmp_path))
     overrides = {"cell": "flood", "bus.endpoint": f"tcp/127.0.0.1:{free_port()}"}
     cell, path = make_cell("demo", tmp_path, overrides)
@@ -161,12 +165,13 @@ def pressing(tmp_path, monkeypatch) -> Iterator[tuple[flood.Watcher, Path]]:
         under_test.make_ready()
         under_test.press(flood.PRESS_N)
         time.sleep(flood.HEALTH_WINDOW_S)  # health tells of a second and more ago
-        yield flood.Watcher(under_test, watch), path
+        deadline_s = cell.deadlines.sensor_s
+        yield flood.Watcher(under_test, watch, flood.Bounds(deadline_s, deadline_s)), path
 
 
 @pytest.mark.processes
 def test_a_frozen_viewer_and_a_flood_hold_nobody_up(pressing):
-    """One second of each: no loop is late that an idle process was not, no put takes long."""
+    """One second of each: no loop and no put misses a deadline that an idle process does not."""
     watcher, path = pressing
     frozen = flood.frozen_viewer(watcher, path, 1.0)
     flooded, said = flood.flooded(watcher, path, "mixed", seconds=1.0, rate_hz=1000, least_hz=100)

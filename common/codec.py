@@ -4,6 +4,7 @@ Any language reads it with plain msgpack. Everything that comes in is bounded in
 finite, or it is refused; nothing is guessed.
 """
 
+from functools import lru_cache
 from typing import Any, TypeVar
 
 import msgpack
@@ -52,8 +53,11 @@ def encode(header: Header, message: Message) -> bytes:
     return pack(header.model_dump() | message.model_dump())
 
 
+@lru_cache(maxsize=64)
 def decode(data: bytes, message_type: type[M], address: str | None = None) -> tuple[Header, M]:
     """Return header and message, of one address `<cell>/<key>` where it is named.
+
+    Both are values: readers of one process (several roles may share it) share what one has read.
 
     Raise MisroutedError when the bytes do not say that they were written for that address, and
     MessageError when they are anything else but a header and such a message.

@@ -74,10 +74,11 @@ def R_from_quaternion(xyzw: tuple[float, float, float, float] | Array) -> Array:
 
     One of length zero has no direction: it gives NaN, which every limit refuses, not "unturned".
     """
-    largest = float(np.max(np.abs(xyzw)))
-    if largest == 0.0:
+    # Divided first: squares overflow long before the numbers do.
+    largest = max(map(abs, xyzw))
+    x, y, z, w = (float(each) / largest if largest else math.nan for each in xyzw)
+    if math.isnan(x + y + z + w):
         return np.full((3, 3), np.nan)
-    x, y, z, w = np.asarray(xyzw) / largest  # squares overflow long before the numbers do
     quaternion = pin.Quaternion(w, x, y, z)
     quaternion.normalize()
     return np.asarray(quaternion.toRotationMatrix())

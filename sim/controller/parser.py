@@ -6,6 +6,7 @@ understands are skipped and listed. Bytes are Latin-1: one character is one byte
 """
 
 import re
+from functools import lru_cache
 from pathlib import Path
 
 from common.errors import DataError
@@ -50,8 +51,12 @@ def parse(text: str, name: str = "text") -> SourceFile:
     return source
 
 
+@lru_cache(maxsize=8)
 def examine(text: str, name: str = "text") -> tuple[SourceFile, tuple[Mistake, ...]]:
-    """Parse the text of a file; return what could be read, and every mistake."""
+    """Parse the text of a file; return what could be read, and every mistake.
+
+    What was read is a value: whoever loads the same text again shares it.
+    """
     reader = _Reader(name)
     for number, line in enumerate(re.split(r"\r\n|\n|\r", text), start=1):
         reader.read(line, Position(name, number))

@@ -6,6 +6,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -13,6 +14,15 @@ from common.config import dump_cell, load_cell
 
 ROOT = Path(__file__).parents[2]
 PATIENCE_S = 60.0  # of the test, not of the cell: a loaded machine is slow to start processes
+
+# A quarter of the demo's rates: what these tests show does not depend on them, and two processors
+# with other work on them have the time for it. At full rate the cell needs most of both, and the
+# kernel stops real time that needs 95 % of one for 50 ms: that is what `make demo` and bench/ see.
+LIGHT: dict[str, Any] = {
+    "rates": {"robot_hz": 60, "sensor_hz": 120, "control_hz": 60},
+    "deadlines": {"command_s": 0.4, "sensor_s": 0.4},
+    "force.approach_m_s": 0.005,
+}
 
 Start = Callable[..., subprocess.Popen[str]]
 
@@ -26,10 +36,10 @@ def free_port() -> int:
 
 @pytest.fixture
 def cell_file(tmp_path, monkeypatch) -> Path:
-    """The demo's cell under a name, an endpoint and a run folder of this test alone."""
+    """The demo's cell, light, under a name, an endpoint and a run folder of this test alone."""
     monkeypatch.setenv("FORCEMESH_RUN_FOLDER", str(tmp_path))
     port = free_port()
-    overrides = {"cell": f"demo-{port}", "bus.endpoint": f"tcp/127.0.0.1:{port}"}
+    overrides = {"cell": f"demo-{port}", "bus.endpoint": f"tcp/127.0.0.1:{port}", **LIGHT}
     path = tmp_path / "cell.yaml"
     path.write_text(dump_cell(load_cell(ROOT / "cells" / "demo.yaml", overrides)))
     return path
@@ -37,13 +47,15 @@ def cell_file(tmp_path, monkeypatch) -> Path:
 
 @pytest.fixture
 def tcp_cell_file(tmp_path, monkeypatch) -> Path:
-    """The cell of gateway and emulated controller, on ports of this test alone."""
+    """The cell of gateway and emulated controller, light, on ports of this test alone."""
     monkeypatch.setenv("FORCEMESH_RUN_FOLDER", str(tmp_path))
     port = free_port()
     overrides = {
         "cell": f"tcp-{port}",
         "bus.endpoint": f"tcp/127.0.0.1:{port}",
         "gateway.port": free_port(),
+        **LIGHT,
+        "rates": {**LIGHT["rates"], "robot_hz": 40},
     }
     path = tmp_path / "cell.yaml"
     path.write_text(dump_cell(load_cell(ROOT / "cells" / "demo-tcp.yaml", overrides)))

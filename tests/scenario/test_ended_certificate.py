@@ -11,20 +11,13 @@ from common.bus import open_bus
 from common.config import dump_cell, load_cell
 from common.messages import MAY_MOVE
 from tests.contract.test_bus_expiry import shorten
+from tests.scenario.conftest import LIGHT
 from tests.scenario.test_attacks import PATIENCE_S, ROOT, cell_file  # noqa: F401
 from tests.scenario.test_calibrate_processes import wait_for
 from tests.scenario.test_demo_processes import Watcher, forcemesh, status_of
 from tests.scenario.test_revived import press
 
 LIVES_S = 45.0  # long enough to be up and to press on a loaded machine
-# Half a minute of an encrypted cell at full rate is more than a slow machine has; what is shown
-# here does not depend on rates, and the press must not end for another reason.
-LIGHT = {
-    "rates": {"robot_hz": 60, "sensor_hz": 120, "control_hz": 60},
-    "deadlines": {"command_s": 0.4, "sensor_s": 0.4},
-    "force.approach_m_s": 0.005,
-    "limits.speed_m_s": 1.0,
-}
 LATE_S = 5.0  # until the hub has closed the link and the others have missed what came over it
 
 pytestmark = [pytest.mark.realtime, pytest.mark.long, pytest.mark.timeout(300)]

@@ -24,6 +24,7 @@ from common.config import load_cell
 from common.endpoints import MOST_AT_ONCE, Inbox
 from common.messages import Health
 from common.requests import Empty
+from tests.scenario.conftest import LIGHT
 
 DEMO = Path(__file__).resolve().parents[2] / "cells" / "demo.yaml"
 PATIENCE_S = 20.0  # of the test, for a loaded machine
@@ -158,7 +159,7 @@ def pressing(tmp_path, monkeypatch) -> Iterator[tuple[flood.Watcher, Path]]:
     machine that does nothing else.
     """
     monkeypatch.setenv("FORCEMESH_RUN_FOLDER", str(tmp_path))
-    overrides = {"cell": "flood", "bus.endpoint": f"tcp/127.0.0.1:{free_port()}"}
+    overrides = {"cell": "flood", "bus.endpoint": f"tcp/127.0.0.1:{free_port()}", **LIGHT}
     cell, path = make_cell("demo", tmp_path, overrides)
     with witness(tmp_path) as watch, running_cell(cell, path) as under_test:
         under_test.tare()

@@ -17,7 +17,7 @@ import pytest
 
 from common.convert import record_of
 from common.packet import FRAME_STRIDE, PACKET_CHARS
-from services.gateway.service import STEP_MARGIN, set_point_step
+from services.gateway.service import set_point_step
 from tests.contract.rig import shifted
 from tests.fakes.hostile_cell import HostileCell
 from tests.fakes.hostile_stream import Rewrite
@@ -28,6 +28,7 @@ FLIPS = [(com, place, char) for com in (b"000101", b"000102")
          for place in PLACES for char in b"0123456789-"]  # fmt: skip
 ASIDE_M = 1e-3  # of the straight way up, on which the arm goes anyway
 ASIDE_RAD = 2e-3
+STEP_MARGIN = 1.1
 BLEND = 1.5
 SAMPLE, PARTS = 3, 8
 EVERY = bool(os.environ.get("EVERY_FLIP"))  # hours

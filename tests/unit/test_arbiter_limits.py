@@ -13,12 +13,11 @@ from common.cell import LimitsSection
 from common.convert import pose_of, record_of
 from common.frames import rotation_between, rotation_from_vector
 from common.messages import PoseRecord
-from common.motion_limits import JOINT_WINDOW_S
-from services.arbiter.bounds import MEASURED_SLACK_RAD
 from tests.fakes.arbiter_world import CELL, PERIOD_NS, T_START, World, shifted
 
 DT_S = PERIOD_NS * 1e-9
 LIMITS = CELL.limits
+SLACK_RAD = radians(0.5)
 SPEED_DEG_S = [LIMITS.joint_speed_share * v for v in CELL.robot.joint_speed_max_deg_s]
 each_motion = pytest.mark.parametrize("motion", ["none", "operator", "regulator"])
 
@@ -40,10 +39,10 @@ def test_a_measured_joint_beyond_its_range_holds(motion: str, number: int) -> No
     """Swept; on the limit itself, and a rounding beyond it, the arm may be."""
     limit_rad = radians(CELL.robot.joint_max_deg[number - 1])
     world = World()
-    world.change("robot", joint_rad=joints(number, limit_rad + 0.9 * MEASURED_SLACK_RAD))
+    world.change("robot", joint_rad=joints(number, limit_rad + 0.9 * SLACK_RAD))
     prepared(motion, world)
     assert world.tick(30).permission is not None
-    world.change("robot", joint_rad=joints(number, limit_rad + 1.1 * MEASURED_SLACK_RAD))
+    world.change("robot", joint_rad=joints(number, limit_rad + 1.1 * SLACK_RAD))
     assert world.tick().permission is None
     (trip,) = world.core.status().trips
     assert (trip.code, f"joint {number} " in trip.text) == ("joint", True)
@@ -66,7 +65,7 @@ def test_a_joint_that_turns_too_fast_holds(motion: str, number: int, share: floa
     assert (world.core.state == "HOLDING") == (share > 1.0)
     if share > 1.0:
         assert world.core.status().trips[0].code == "joint_speed"
-        assert periods == pytest.approx(JOINT_WINDOW_S / DT_S, abs=2)
+        assert periods == pytest.approx(0.1 / DT_S, abs=2)
 
 
 @each_motion

@@ -8,11 +8,12 @@ from pathlib import Path
 from hypothesis import given
 from hypothesis import strategies as st
 
-from services.hub.refusals import MOST_AT_ONCE_B, TELL_EVERY_NS, Judge, Refusals
+from services.hub.refusals import Judge, Refusals
 
 ROOT = Path(__file__).resolve().parents[2]
 ACL = "zenoh::net::routing::interceptor::access_control"
 ARBITER, MONITOR = "43e72ad703c02988df40ff33891b35c0", "2f1f30b60fc3a1a27ed41943e007d019"
+MOST_AT_ONCE_B, TELL_EVERY_NS = 256_000, 1_000_000_000
 KNOWN = frozenset({"arbiter.demo", "monitor.demo"})
 
 

@@ -1,7 +1,8 @@
 """What a reader remembers of writers is bounded, however many there were."""
 
-from common.reader import MOST_RETIRED
 from tests.fakes.line import Line
+
+MOST_RETIRED = 64
 
 
 def test_the_memory_of_former_writers_is_bounded() -> None:

@@ -320,7 +320,12 @@ def is_killed(mutant: Mutant) -> bool:
 
 
 def forked(mutant: Mutant, within_s: float) -> tuple[bool, float]:
-    """Judge a mutant in a process of its own; return whether it is killed, and how long it took."""
+    """Judge a mutant in a process of its own; return whether it is killed, and how long it took.
+
+    Raises RuntimeError where this process has imported the module: the tests would see it as it is.
+    """
+    if mutant.module in sys.modules:
+        raise RuntimeError(f"{mutant.module} is imported already: a change of it is not seen")
     began_s = time.monotonic()
     pid = os.fork()
     if pid == 0:

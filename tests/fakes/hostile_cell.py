@@ -42,6 +42,7 @@ WATCHDOG_S = 0.25
 POSITION_PER_MM, JOINT_PER_DEG = 50, 250  # the scales of hello that this cell asks for
 STILL_RAD = 1e-9  # between two milliseconds of command
 ARM_STILL_RAD = 2e-4  # how far an arm that holds may settle
+LONGEST_RENEWAL_NS = 10_000_000  # longer ones are stalls of the machine, half a millimetre each
 QUICK = Behaviour(step_s=1e-4)
 GAINS = Gains(force_p_m_per_N=(1e-6,) * 3, force_i_m_per_Ns=(1e-3,) * 3)  # 10 N: 10 mm/s
 
@@ -122,12 +123,15 @@ class HostileCell:
         self.rig.advance(0.05)
 
     def _stream(self, start: Any) -> None:
-        """Set points that run up with 50 mm/s, a new one each millisecond."""
-        began_ns, arbitrate = self.rig.clock.now_ns(), self.rig._arbitrate
+        """Set points that run up with 50 mm/s, a new one each millisecond; a stall is no step."""
+        arbitrate = self.rig._arbitrate
+        last_ns, z_m = self.rig.clock.now_ns(), 0.0
 
         def renew(now_ns: int) -> None:
+            nonlocal last_ns, z_m
+            last_ns, past_ns = now_ns, now_ns - last_ns
             if self.rig.command is not None and self.rig.command.kind == "setpoint":
-                z_m = min(0.05e-9 * (now_ns - began_ns), 0.06)
+                z_m = min(z_m + 0.05e-9 * min(past_ns, LONGEST_RENEWAL_NS), 0.06)
                 self.rig.say("setpoint", pose=record_of(shifted(start, z_m=z_m)))
             arbitrate(now_ns)
 

@@ -1,5 +1,7 @@
 """The judge of the tests: it makes the changes that it says, and sees whether a test notices."""
 
+import multiprocessing
+import sys
 from pathlib import Path
 
 import pytest
@@ -26,6 +28,12 @@ def said(value: float) -> str:
     """Texts for people stay as they are."""
     return f"{value * 1e3:.1f} mm"
 '''
+
+
+def judged(mutant: Mutant, within_s: float) -> bool:
+    """Judge it from a process that has imported nothing, as `make mutate` does."""
+    with multiprocessing.get_context("spawn").Pool(1) as pool:
+        return pool.apply(mutate.forked, (mutant, within_s))[0]
 
 
 def made() -> dict[str, str]:
@@ -92,15 +100,22 @@ def test_a_change_that_a_test_notices_is_killed_and_one_that_changes_nothing_liv
     text = mutate.path_of(module).read_text()
     same = Mutant(module, "another comment", f"{text}\n# nothing\n")
     dead = next(each for each in mutate.mutants_of(module) if each.name.endswith("returns None"))
-    assert not mutate.forked(same, 300.0)[0]
-    assert mutate.forked(dead, 300.0)[0]
+    assert not judged(same, 300.0)
+    assert judged(dead, 300.0)
 
 
 def test_what_hangs_is_killed():
     """A loop without end is noticed by its time."""
     module = "services.wrench.tare"
     text = mutate.path_of(module).read_text()
-    assert mutate.forked(Mutant(module, "hangs", f"while True: pass\n{text}"), 2.0)[0]
+    assert judged(Mutant(module, "hangs", f"while True: pass\n{text}"), 2.0)
+
+
+def test_a_module_that_is_imported_already_cannot_be_judged(monkeypatch: pytest.MonkeyPatch):
+    """Its tests would see the module as it is, and every change of it would live."""
+    monkeypatch.setitem(sys.modules, "services.wrench.tare", sys)
+    with pytest.raises(RuntimeError, match="imported already"):
+        mutate.forked(Mutant("services.wrench.tare", "any", ""), 2.0)
 
 
 def test_only_a_survivor_that_nobody_has_looked_at_counts():

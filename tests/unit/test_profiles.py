@@ -135,7 +135,7 @@ def test_what_says_the_cell_file_is_in_memory_and_ends_with_the_containers() -> 
 @pytest.mark.parametrize("word", ["", "emulated", "real"])
 def test_make_up_is_compose_with_that_word_alone(word: str) -> None:
     """No second word, none for the simulation; it says why the cell file is not in use if not."""
-    outside = {k: v for k, v in os.environ.items() if not k.startswith(("MAKE", "MFLAGS"))}
+    outside = {k: v for k, v in os.environ.items() if not k.startswith(("MAKE", "MFLAGS", "ARGS"))}
     command = ["make", "-n", "up", f"PROFILE={word}", "COMPOSE=compose"]
     done = subprocess.run(
         command, cwd=ROOT, env=outside, capture_output=True, text=True, check=True

@@ -23,6 +23,11 @@ LIGHT: dict[str, Any] = {
     "deadlines": {"command_s": 0.4, "sensor_s": 0.4},
     "force.approach_m_s": 0.005,
 }
+# Half the demo's rates: a motion of 20 ms is measured in whole periods of the control.
+HALF: dict[str, Any] = {
+    "rates": {"robot_hz": 125, "sensor_hz": 250, "control_hz": 125},
+    "force.approach_m_s": 0.01,
+}
 
 Start = Callable[..., subprocess.Popen[str]]
 

@@ -24,7 +24,7 @@ from common.config import load_cell
 from common.endpoints import MOST_AT_ONCE, Inbox
 from common.messages import Health
 from common.requests import Empty
-from tests.scenario.conftest import LIGHT
+from tests.scenario.conftest import HALF, LIGHT
 
 DEMO = Path(__file__).resolve().parents[2] / "cells" / "demo.yaml"
 PATIENCE_S = 20.0  # of the test, for a loaded machine
@@ -184,9 +184,14 @@ def test_a_frozen_viewer_and_a_flood_hold_nobody_up(pressing):
 
 @pytest.mark.processes
 def test_a_few_seconds_of_rounds_leak_nothing(monkeypatch, tmp_path):
-    """The soak itself, as short as it can be: a round, no growth, no open files, no false hold."""
+    """The soak itself, as short as it can be: a round, no growth, no open files, no false hold.
+
+    Late is here what misses a deadline of its cell, at half the demo's rates; `make soak` asks one
+    at full rate, on a machine that does nothing else, for 20 ms in 999 of 1000 messages.
+    """
     monkeypatch.setenv("FORCEMESH_RUN_FOLDER", str(tmp_path))
-    seen = soak.soak(minutes=0.1)
+    late_s = LIGHT["deadlines"]["sensor_s"]
+    seen = soak.soak(minutes=0.1, changes={**LIGHT, **HALF}, late_s=late_s)
 
     assert seen.rounds >= 1
     assert seen.mistakes == []

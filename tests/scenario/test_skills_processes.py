@@ -9,17 +9,11 @@ from common.bus import open_bus
 from common.config import dump_cell, load_cell
 from common.topics import CLIENT
 from tests.fakes.axes_checked import axes_are_checked
-from tests.scenario.conftest import ROOT
+from tests.scenario.conftest import HALF, ROOT
 from tests.scenario.test_calibrate_processes import SHORT, wait_for
 
 PATIENCE_S = 90.0  # of the test, not of the cell: a loaded machine is slow to start processes
 UP_MM, ASIDE_MM = 20.0, 10.0
-
-# Half of the demo's: a motion of 20 ms is measured in whole periods of the control.
-MEASURED_AT = {
-    "rates": {"robot_hz": 125, "sensor_hz": 250, "control_hz": 125},
-    "force.approach_m_s": 0.01,
-}
 
 pytestmark = [pytest.mark.realtime, pytest.mark.long, pytest.mark.timeout(150)]
 
@@ -27,7 +21,7 @@ pytestmark = [pytest.mark.realtime, pytest.mark.long, pytest.mark.timeout(150)]
 @pytest.fixture
 def say(cell_file, start):
     """A command line on a cell that is up, tared and armed: what it prints."""
-    cell_file.write_text(dump_cell(load_cell(cell_file, MEASURED_AT)))
+    cell_file.write_text(dump_cell(load_cell(cell_file, HALF)))
 
     def run(*words: object) -> str:
         process: subprocess.Popen[str] = start("-m", "cli", *words, "--cell", cell_file)

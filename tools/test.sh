@@ -1,7 +1,8 @@
 #!/usr/bin/env bash
-# Every test in two runs: what lives in real time first and alone, then all the rest on all cores.
-# Both runs happen, whatever the first one finds. What is marked long is left to `make test-long`,
-# which calls this with LONG=1.
+# Every test in three runs: whole cells in real processes first, each alone on the machine; then what
+# else lives in real time, mostly waiting, and what does not, both on all cores. All runs happen,
+# whatever the others find. What is marked long is left to `make test-long`, which calls this with
+# LONG=1.
 set -uo pipefail
 python=${PYTHON:-.venv/bin/python}
 readonly REAL="realtime or processes" NONE_SELECTED=5
@@ -17,7 +18,8 @@ run() {
 }
 
 ran=0
-run -m "($REAL) and $length" "$@"
+run -m "alone and $length" "$@"
+run -m "($REAL) and not alone and $length" -n auto "$@"
 run -m "not ($REAL) and $length" -n auto "$@"
 if [ $ran = 0 ]; then
   echo "no test fits: $*" >&2

@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 
 from common.config import dump_cell, load_cell
+from tests.repeats import real_time
 
 ROOT = Path(__file__).parents[2]
 PATIENCE_S = 60.0  # of the test, not of the cell: a loaded machine is slow to start processes
@@ -28,6 +29,17 @@ HALF: dict[str, Any] = {
     "rates": {"robot_hz": 125, "sensor_hz": 250, "control_hz": 125},
     "force.approach_m_s": 0.01,
 }
+
+HERE = Path(__file__).parent
+
+
+@pytest.hookimpl(tryfirst=True)  # before -m chooses
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Nothing runs beside a cell in real processes: it needs most of a small machine."""
+    for item in items:
+        if item.path.is_relative_to(HERE) and real_time(item):
+            item.add_marker(pytest.mark.alone)
+
 
 Start = Callable[..., subprocess.Popen[str]]
 

@@ -55,13 +55,14 @@ def test_planted(number):
 REAL = "@pytest.mark.realtime"
 
 
-def run(folder: Path, marks: str, stall: str, number: int = 1) -> tuple[int, str]:
+def run(folder: Path, marks: str, stall: str, number: int = 1, *options: str) -> tuple[int, str]:
     """Run a test that fails the first time; return exit code and what was printed."""
     (folder / "conftest.py").write_text(CONFTEST)
     text = TEST.format(marks=marks, stall=stall or "pass", number=number)
     (folder / "test_planted.py").write_text(text)
     (folder / "pytest.ini").write_text("[pytest]\n")
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "test_planted.py"]
+    command += options
     done = subprocess.run(
         command,
         cwd=folder,
@@ -101,10 +102,11 @@ def test_a_stall_longer_than_the_deadline_is_told_and_the_test_tried_once_more(t
     assert "planted" in said
 
 
+@pytest.mark.parametrize("options", [(), ("-n", "2")], ids=["alone", "side by side"])
 @pytest.mark.parametrize(("number", "expected"), [(3, 0), (4, 1)])
-def test_more_than_three_repeats_fail_the_run(tmp_path, number: int, expected: int):
-    """A machine that stalls all the time is no place for a verdict."""
-    code, said = run(tmp_path, REAL, "stall(0.3)", number)
+def test_more_than_three_repeats_fail_the_run(tmp_path, number: int, expected: int, options):
+    """A machine that stalls all the time is no place for a verdict, of all workers together."""
+    code, said = run(tmp_path, REAL, "stall(0.3)", number, *options)
     assert code == expected, said
     assert ("4 repeats, 3 are allowed: failed" in said) == bool(expected)
 

@@ -8,6 +8,7 @@ python=${PYTHON:-.venv/bin/python}
 readonly REAL="realtime or processes" NONE_SELECTED=5
 length="not long"
 [ -z "${LONG:-}" ] || length="long and not browser" # `make test-browser` runs those
+unset PYTHONDONTWRITEBYTECODE # hundreds of processes: none compiles what another one has compiled
 failed=0
 
 run() {

@@ -18,7 +18,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from chaos.rig import free_port
+from chaos.common_net import free_port
 from cli.processes import Supervisor
 from cli.running import Process, Running, say_on_stderr
 from common import topics

@@ -1,13 +1,13 @@
 """The processes of a real cell, each of which can be stopped and started alone, and a witness."""
 
 import os
-import socket
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from chaos.cases import CellName
+from chaos.common_net import free_port
 from chaos.witness import Witness, witness
 from cli.processes import processes_of
 from cli.runfile import FOLDER_VARIABLE, ROOT
@@ -36,13 +36,6 @@ def chaos_cell(name: CellName) -> Cell:
     if name == "tcp":
         overrides["gateway.port"] = controller
     return load_cell(ROOT / "cells" / FILES[name], overrides)
-
-
-def free_port() -> int:
-    """Return a TCP port that nobody listens on right now."""
-    with socket.create_server(("127.0.0.1", 0)) as probe:
-        port: int = probe.getsockname()[1]
-        return port
 
 
 class Rig:

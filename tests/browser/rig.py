@@ -2,7 +2,6 @@
 
 import os
 import re
-import socket
 import subprocess
 import sys
 import time
@@ -35,13 +34,6 @@ DRAW_ONCE = (
     "new Promise(done => { window.__draw = true;"
     " setTimeout(() => { window.__draw = false; done(); }, 900); })"
 )
-
-
-def free_port() -> int:
-    """Return a TCP port that nobody listens on right now."""
-    with socket.create_server(("127.0.0.1", 0)) as probe:
-        port: int = probe.getsockname()[1]
-        return port
 
 
 class Cockpit:

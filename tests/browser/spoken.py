@@ -7,6 +7,7 @@ from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
+from chaos.common_net import free_port
 from common.clock import MonotonicClock
 from common.config import load_cell
 from common.endpoints import Reading
@@ -14,7 +15,7 @@ from services.panel import page as page_module
 from services.panel.door import Door
 from services.panel.watch import Snapshot
 from services.panel.wizard import Progress
-from tests.browser.rig import ROOT, free_port
+from tests.browser.rig import ROOT
 
 CELL = ROOT / "cells" / "demo.yaml"
 

@@ -8,9 +8,10 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import expect
 
+from chaos.common_net import free_port
 from cli.runfile import Run
 from common.config import load_cell
-from tests.browser.rig import PATIENCE_S, answers, free_port, hit, running, wait_until
+from tests.browser.rig import PATIENCE_S, answers, hit, running, wait_until
 
 pytestmark = [
     pytest.mark.realtime,

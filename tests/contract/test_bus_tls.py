@@ -2,7 +2,6 @@
 
 import datetime as dt
 import json
-import socket
 import threading
 import time
 from collections.abc import Iterator
@@ -15,6 +14,7 @@ import pytest
 import zenoh
 from typer.testing import CliRunner
 
+from chaos.common_net import free_port
 from cli.__main__ import app
 from common import topics
 from common.bus import ENDPOINT_VARIABLE, open_bus, open_hub
@@ -41,12 +41,6 @@ PEOPLE = ("operator", "monitor")
 def _nothing_from_outside(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in (ENDPOINT_VARIABLE, FOLDER_VARIABLE, NAME_VARIABLE):
         monkeypatch.delenv(name, raising=False)
-
-
-def free_port() -> int:
-    """Return a port that nobody listens on right now."""
-    with socket.create_server(("127.0.0.1", 0)) as probe:
-        return probe.getsockname()[1]
 
 
 def make_cell(folder: Path, name: str = "tls", **bus: object) -> Cell:

@@ -8,6 +8,7 @@ from contextlib import AbstractContextManager, ExitStack, contextmanager
 import numpy as np
 import pytest
 
+from chaos.common_net import free_port
 from cli.doctor_link import Patience, Visit, visit
 from common.packet import Packet, encode
 from common.packet_table import ID_FIRST, Com, Status, greeting
@@ -23,13 +24,6 @@ SCALES = Scales()
 def see(port: int, patience: Patience = SHORT) -> Visit:
     """Visit a port of this machine."""
     return visit("127.0.0.1", port, SCALES, patience)
-
-
-def free_port() -> int:
-    """A port that nobody listens on."""
-    with socket.create_server(("127.0.0.1", 0)) as probe:
-        port: int = probe.getsockname()[1]
-        return port
 
 
 def test_a_visit_hears_everything_and_leaves_the_controller_as_it_was() -> None:

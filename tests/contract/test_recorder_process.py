@@ -13,6 +13,7 @@ import pytest
 import yaml
 from mcap.reader import NonSeekingReader
 
+from chaos.common_net import free_port
 from common import topics
 from common.bus import ENDPOINT_VARIABLE, open_bus, open_hub
 from common.cell import Cell
@@ -39,7 +40,7 @@ def cell(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Cell:
     """A cell that records into a folder of the test's, on a port that is free."""
     monkeypatch.delenv(ENDPOINT_VARIABLE, raising=False)
     settings = {"recorder.folder": str(tmp_path), "recorder.least_free_GB": 0.0}
-    return load_cell(DEMO, {"bus.endpoint": "tcp/127.0.0.1:17431", **settings})
+    return load_cell(DEMO, {"bus.endpoint": f"tcp/127.0.0.1:{free_port()}", **settings})
 
 
 @contextmanager
@@ -149,7 +150,7 @@ def test_a_replay_reproduces_every_topic_to_the_byte(cell: Cell, tmp_path: Path)
     """A client on the replay's own hub hears what was recorded, in order, and nothing else."""
     frames = of_every_topic(rounds=4)
     path = recorded(tmp_path, frames)
-    port = "17432"
+    port = str(free_port())
     with replaying(path, "--port", port, "--wait", "2", "--speed", "4") as process:
         there = load_cell(DEMO, {"bus.endpoint": f"tcp/127.0.0.1:{port}"})
         with open_bus(there, CLIENT, patience_s=PATIENCE_S) as client:

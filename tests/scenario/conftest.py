@@ -1,6 +1,5 @@
 """A cell file of one test alone, and processes that do not outlive their test."""
 
-import socket
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -10,6 +9,7 @@ from typing import Any
 
 import pytest
 
+from chaos.common_net import free_port
 from common.config import dump_cell, load_cell
 from tests.repeats import real_time
 
@@ -42,13 +42,6 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 Start = Callable[..., subprocess.Popen[str]]
-
-
-def free_port() -> int:
-    """Return a TCP port that nobody listens on right now."""
-    with socket.create_server(("127.0.0.1", 0)) as probe:
-        port: int = probe.getsockname()[1]
-        return port
 
 
 @pytest.fixture

@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
+from chaos.common_net import free_port
 from cli.__main__ import app
 from common.config import dump_cell, load_cell
-from tests.scenario.conftest import free_port
 from tools.attacks import ATTACKS
 
 pytestmark = [pytest.mark.judged_once, pytest.mark.realtime, pytest.mark.processes]

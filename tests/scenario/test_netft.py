@@ -6,13 +6,14 @@ import urllib.request
 
 import pytest
 
+from chaos.common_net import free_port
 from cli.processes import processes_of
 from common import topics
 from common.bus import open_bus
 from common.config import dump_cell, load_cell
 from common.errors import ConfigError
 from common.requests import ArmRequest, Empty
-from tests.scenario.conftest import PATIENCE_S, ROOT, free_port
+from tests.scenario.conftest import PATIENCE_S, ROOT
 
 pytestmark = pytest.mark.processes
 

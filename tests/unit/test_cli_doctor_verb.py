@@ -1,7 +1,6 @@
 """The verb `forcemesh doctor`: its exit codes, its choice between link and bus, as typed."""
 
 import json
-import socket
 import subprocess
 import sys
 import threading
@@ -12,6 +11,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
+from chaos.common_net import free_port
 from cli import doctor_link
 from cli.__main__ import app
 from cli.context import NO_ANSWER, NOT_WELL, OK, USAGE
@@ -34,13 +34,6 @@ ROOT = Path(__file__).resolve().parents[2]
 HUB = Process("services.hub", ("hub",))
 DEADLINE_S = 60.0
 SHORT = Patience(connect_s=0.5, hello_s=0.5, reports_s=0.5, watch_s=1.2, confirm_s=0.5)
-
-
-def free_port() -> int:
-    """A port that nobody listens on."""
-    with socket.create_server(("127.0.0.1", 0)) as probe:
-        port: int = probe.getsockname()[1]
-        return port
 
 
 @pytest.fixture

@@ -1,0 +1,96 @@
+"""Runs too long for CI: what is kept of one, and when it is too old."""
+
+import json
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from tools import whole_runs
+from tools.whole_runs import WholeRun, complaint, git, keep
+
+SAYS_42 = WholeRun("echo 42", ("code",))
+
+
+@pytest.fixture
+def root(tmp_path: Path) -> Path:
+    """A repository with one commit."""
+    git("init", "-q", root=tmp_path)
+    git("config", "user.name", "nobody", root=tmp_path)
+    git("config", "user.email", "nobody@localhost", root=tmp_path)
+    commit(tmp_path, "code/first")
+    return tmp_path
+
+
+def commit(root: Path, name: str, text: str = "") -> None:
+    """Commit one file."""
+    (root / name).parent.mkdir(parents=True, exist_ok=True)
+    (root / name).write_text(text or name)
+    git("add", "-A", root=root)
+    git("commit", "-qm", name, root=root)
+
+
+def test_what_is_kept_says_which_command_at_which_commit_and_what_came_of_it(root: Path) -> None:
+    """The whole record."""
+    assert keep("one", root, SAYS_42) == 0
+    record = json.loads((root / "docs/runs/one.json").read_text())
+    assert record["command"] == "echo 42"
+    assert git("rev-parse", "HEAD", root=root).startswith(record["commit"])
+    assert (record["exit_code"], record["printed"]) == (0, ["42"])
+    assert complaint("one", root, SAYS_42) == ""
+
+
+def test_a_run_of_a_tree_with_changes_is_of_no_commit(root: Path) -> None:
+    """Nothing is run, nothing written."""
+    (root / "code/first").write_text("changed")
+    assert keep("one", root, SAYS_42) == 2
+    assert not (root / "docs").exists()
+
+
+def test_a_run_that_failed_is_kept_and_told(root: Path) -> None:
+    """Nobody can lose it by not committing a green one."""
+    failing = WholeRun("false", ("code",))
+    assert keep("one", root, failing) == 1
+    assert "failed at" in complaint("one", root, failing)
+
+
+def test_no_run_at_all_and_one_of_another_command_are_told(root: Path) -> None:
+    """A row without its file; a row whose command has changed since."""
+    assert "no run is kept" in complaint("one", root, SAYS_42)
+    keep("one", root, SAYS_42)
+    assert "kept of `echo 42`" in complaint("one", root, WholeRun("echo 43", ("code",)))
+
+
+@pytest.mark.parametrize(("more", "is_old"), [(40, False), (41, True)])
+def test_more_than_forty_commits_on_what_it_is_about_make_it_old(
+    root: Path, more: int, is_old: bool
+) -> None:
+    """Commits on other files do not count."""
+    keep("one", root, SAYS_42)
+    for n in range(more):
+        commit(root, "code/first", f"version {n}")
+    commit(root, "elsewhere")
+    said = complaint("one", root, SAYS_42)
+    assert bool(said) == is_old
+    assert ("41 commits touched code" in said) == is_old
+
+
+def test_where_history_was_rewritten_the_commit_that_brought_it_counts(root: Path) -> None:
+    """An unknown commit is no way out: the count starts where the run came in."""
+    keep("one", root, SAYS_42)
+    path = root / "docs/runs/one.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | {"commit": "0123456789"}))
+    commit(root, "elsewhere")
+    for n in range(41):
+        commit(root, "code/first", f"version {n}")
+    assert "41 commits" in complaint("one", root, SAYS_42)
+
+
+def test_every_path_of_the_table_is_there_and_every_command_a_target() -> None:
+    """A path that has gone would never be touched again."""
+    for run in whole_runs.RUNS.values():
+        command = ["make", "-n", run.command.removeprefix("make ")]
+        done = subprocess.run(command, cwd=whole_runs.ROOT, capture_output=True, check=False)
+        assert done.returncode == 0, run.command
+        for path in run.about:
+            assert (whole_runs.ROOT / path).exists(), path

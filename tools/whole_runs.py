@@ -1,0 +1,130 @@
+"""Runs too long for CI: kept with the commit they are of; CI says when one is too old.
+
+`python -m tools.whole_runs keep NAME` runs the command of a row from a clean tree, shows what it
+prints, and writes docs/runs/NAME.json: command, commit, day, duration, exit code, and the end of
+what was printed. A run that failed is kept as well: what is committed is what was seen.
+
+`python -m tools.whole_runs check` tells which runs are missing, failed, or older than the files
+they speak of by more commits than allowed. Exit code 0: none; 1: some, or the run failed; 2: the
+tree has changes that no commit has.
+"""
+
+import argparse
+import json
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+FOLDER = Path("docs/runs")
+MOST_COMMITS = 40  # that touch what a run is about, before it has to be done again
+KEPT_LINES = 80
+CELL = ("common", "services", "sim", "controller", "cells")
+
+
+@dataclass(frozen=True, slots=True)
+class WholeRun:
+    """What is run, and which files it speaks of."""
+
+    command: str
+    about: tuple[str, ...]
+
+
+RUNS = {
+    "chaos-network": WholeRun("make chaos-network", (*CELL, "chaos")),
+    "chaos-clocks": WholeRun("make chaos-clocks", (*CELL, "chaos")),
+    "chaos-flood": WholeRun("make chaos-flood", (*CELL, "chaos")),
+    "soak": WholeRun("make soak", (*CELL, "chaos")),
+    "mutate": WholeRun("make mutate", ("common", "services", "tests/mutate.py", "tests/unit")),
+}
+
+
+def git(*words: str, root: Path = ROOT) -> str:
+    """Return what git says. Raises subprocess.CalledProcessError where it refuses."""
+    command = ["git", *words]
+    done = subprocess.run(command, cwd=root, capture_output=True, text=True, check=True)
+    return done.stdout.strip()
+
+
+def keep(name: str, root: Path = ROOT, run: WholeRun | None = None) -> int:
+    """Run a row of the table and write down what came of it; return its exit code."""
+    run = run or RUNS[name]
+    if git("status", "--porcelain", "--untracked-files=no", root=root):
+        print("commit first: a run is of a commit, and this tree has changes", file=sys.stderr)
+        return 2
+    commit, began_s = git("rev-parse", "--short=10", "HEAD", root=root), time.monotonic()
+    printed: list[str] = []
+    with subprocess.Popen(
+        run.command.split(), cwd=root, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+    ) as process:
+        for line in process.stdout or ():
+            print(line, end="", flush=True)
+            printed.append(line.rstrip())
+    record = {
+        "command": run.command,
+        "commit": commit,
+        "day": f"{datetime.now(UTC):%Y-%m-%d}",
+        "took_s": round(time.monotonic() - began_s),
+        "exit_code": process.returncode,
+        "printed": printed[-KEPT_LINES:],
+    }
+    path = root / FOLDER / f"{name}.json"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
+    return process.returncode
+
+
+def complaint(name: str, root: Path = ROOT, run: WholeRun | None = None) -> str:
+    """Return what is wrong with the kept run of a row, empty when nothing is."""
+    run = run or RUNS[name]
+    path = root / FOLDER / f"{name}.json"
+    again = f"do it again: python -m tools.whole_runs keep {name}"
+    if not path.is_file():
+        return f"{name}: no run is kept; {again}"
+    record = json.loads(path.read_text(encoding="utf-8"))
+    if record["command"] != run.command:
+        return f"{name}: kept of `{record['command']}`, the table says `{run.command}`; {again}"
+    if record["exit_code"] != 0:
+        return f"{name}: failed at {record['commit']}; mend what it found, and {again}"
+    behind = commits_since(record["commit"], path, run.about, root)
+    if behind > MOST_COMMITS:
+        about = ", ".join(run.about)
+        return (
+            f"{name}: {behind} commits touched {about} since {record['commit']}, "
+            f"{MOST_COMMITS} are allowed; {again}"
+        )
+    return ""
+
+
+def commits_since(commit: str, path: Path, about: tuple[str, ...], root: Path) -> int:
+    """Return how many commits touched some paths since one.
+
+    Where history was rewritten and does not know the commit, it counts from the one that brought
+    the kept run in.
+    """
+    try:
+        git("cat-file", "-e", f"{commit}^{{commit}}", root=root)
+    except subprocess.CalledProcessError:
+        commit = git("log", "-1", "--format=%H", "--", str(path.relative_to(root)), root=root)
+    return int(git("rev-list", "--count", f"{commit}..HEAD", "--", *about, root=root))
+
+
+def main() -> int:
+    """Keep one run, or check all of them; return the exit code."""
+    parser = argparse.ArgumentParser(prog="tools.whole_runs", description=__doc__)
+    verbs = parser.add_subparsers(dest="verb", required=True)
+    verbs.add_parser("keep").add_argument("name", choices=sorted(RUNS))
+    verbs.add_parser("check")
+    given = parser.parse_args()
+    if given.verb == "keep":
+        return min(keep(given.name), 2)
+    complaints = [said for name in RUNS if (said := complaint(name))]
+    print("\n".join(complaints) or f"{len(RUNS)} whole runs are kept and new enough")
+    return 1 if complaints else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

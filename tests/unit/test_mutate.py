@@ -1,6 +1,7 @@
 """The judge of the tests: it makes the changes that it says, and sees whether a test notices."""
 
 import multiprocessing
+import subprocess
 import sys
 from pathlib import Path
 
@@ -156,3 +157,18 @@ def test_a_choice_is_the_same_for_the_same_seed_and_another_for_another_one():
     assert len(mutate.chosen(["services.wrench.tare"], 999, 1)) == len(
         mutate.mutants_of("services.wrench.tare")
     )
+
+
+def test_the_command_judges_a_choice_and_names_a_module_that_it_does_not_know():
+    """As `make mutate` calls it, with everything imported that it imports beforehand."""
+    command = [sys.executable, "-m", "tests.mutate", "--count", "1", "--jobs", "1"]
+    known, unknown = (
+        subprocess.run(
+            [*command, module], cwd=mutate.ROOT, capture_output=True, text=True, check=False
+        )
+        for module in ("services.wrench.tare", "common.nothing")
+    )
+    assert known.returncode == 0, known.stdout + known.stderr
+    assert "1 killed, 0 survived" in known.stdout
+    assert unknown.returncode == 2
+    assert "common.nothing is not in the table" in unknown.stderr

@@ -320,10 +320,7 @@ def is_killed(mutant: Mutant) -> bool:
 
 
 def forked(mutant: Mutant, within_s: float) -> tuple[bool, float]:
-    """Judge a mutant in a process of its own; return whether it is killed, and how long it took.
-
-    Raises RuntimeError where this process has imported the module: the tests would see it as it is.
-    """
+    """Judge a mutant in a process of its own; return whether it is killed, and how long it took."""
     if mutant.module in sys.modules:
         raise RuntimeError(f"{mutant.module} is imported already: a change of it is not seen")
     began_s = time.monotonic()
@@ -392,7 +389,7 @@ def limits_s(modules: Sequence[str]) -> dict[str, float]:
         same = Mutant(module, "unchanged", path_of(module).read_text(encoding="utf-8"))
         killed, took_s = forked(same, 600.0)
         if killed:
-            print(f"the tests of {module} fail on the module as it is", file=sys.stderr)  # noqa: T201
+            sys.stderr.write(f"the tests of {module} fail on the module as it is\n")
             raise SystemExit(2)
         limits[module] = max(LEAST_S, TIMES_LONGER * took_s)
     return limits
@@ -440,10 +437,7 @@ def main() -> int:
 
 
 def preload() -> None:
-    """Import what is large and not ours before forking: each process has it then.
-
-    Not what is a plugin of pytest, which imports those itself.
-    """
+    """Import before forking what is large, not ours, and no plugin: those are pytest's to import."""
     for name in ("lark", "mujoco", "msgpack", "pinocchio", "pydantic", "zenoh"):
         importlib.import_module(name)
 

@@ -437,7 +437,7 @@ def main() -> int:
 
 
 def preload() -> None:
-    """Import before forking what is large, not ours, and no plugin: those are pytest's to import."""
+    """Import before forking what is large and not ours; plugins are for pytest to import."""
     for name in ("lark", "mujoco", "msgpack", "pinocchio", "pydantic", "zenoh"):
         importlib.import_module(name)
 

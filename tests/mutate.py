@@ -57,10 +57,11 @@ JUDGES = {
     "services.regulator.oscillation": "unit/test_regulator_guards",
     "services.regulator.tuning": "unit/test_regulator_tuning unit/test_regulator_service"
     " unit/test_tune_advice",
-    "services.arbiter.preflight": "unit/test_arbiter_preflight unit/test_arbiter_core",
+    "services.arbiter.preflight": "unit/test_arbiter_preflight unit/test_arbiter_controller"
+    " unit/test_arbiter_core",
     "services.arbiter.stops": "unit/test_arbiter_stops unit/test_arbiter_service",
-    "services.arbiter.watch": "unit/test_arbiter_preflight unit/test_pure_corners"
-    " unit/test_arbiter_health",
+    "services.arbiter.watch": "unit/test_arbiter_watch unit/test_arbiter_preflight"
+    " unit/test_pure_corners unit/test_arbiter_health",
     "services.wrench.tare": "unit/test_wrench_tare",
     "services.wrench.plausibility": "unit/test_wrench_plausibility",
 }

@@ -63,7 +63,7 @@ class Look(NamedTuple):
     inputs: Inputs
     terms: Terms
     good_s: float  # how long the inputs have been heard and good
-    blind: bool = False  # to back off without a force to follow
+    blind: bool  # to back off without a force to follow
 
 
 class Check(NamedTuple):

@@ -9,11 +9,12 @@ import pytest
 from common.cell import Cell
 from common.config import cell_from_tree
 from common.messages import RegulatorTarget, WrenchAtTcp
-from services.arbiter.preflight import CHECKS
-from services.arbiter.watch import RESIDUAL_S, REST_POSITION_M, REST_S
+from services.arbiter.preflight import CHECKS, Look, Terms, complaints, load_text
 from tests.fakes.arbiter_world import CELL, FIT, MOVE_DOWN, T_START, World, shifted
 
 IDLE_MAX_N = CELL.force.idle_max_N
+# As the documentation says them, not as the code does.
+RESIDUAL_S, REST_S, REST_POSITION_M = 0.5, 0.2, 2e-4
 
 
 def ready(**changes: object) -> World:
@@ -298,3 +299,49 @@ def test_an_input_that_is_lost_is_told_alone() -> None:
     world.messages["wrench"] = WrenchAtTcp(valid=False, reason="no cable")
     world.tick()
     assert world.core.status().not_ready == ("wrench invalid: no cable",)
+
+
+# --- the last digit -------------------------------------------------------------------------------
+
+TERMS = Terms.of(CELL)
+
+
+def test_inputs_that_were_good_for_just_a_second_are_enough() -> None:
+    """One nanosecond less is not, and says how long it was."""
+    inputs = World().make_ready().inputs()
+    assert complaints(inputs, TERMS, 1.0, "all") == []
+    (trip,) = complaints(inputs, TERMS, 1.0 - 1e-9, "all")
+    assert (trip.code, trip.limit) == ("not_ready", 1.0)
+
+
+@pytest.mark.parametrize(("age_h", "told"), [(8.0, 0), (8.001, 1)])
+def test_a_tare_may_be_as_old_as_the_cell_says(age_h: float, told: int) -> None:
+    """Age and limit are told in seconds."""
+    world = World(cell_with(force__tare_age_max_s=28800.0)).make_ready()
+    world.change("wrench/health", numbers={"tare_age_h": age_h})
+    found = complaints(world.inputs(), Terms.of(world.cell), 9.0, "all")
+    assert [(trip.code, trip.limit) for trip in found] == [("tare", 28800.0)] * told
+    assert [trip.value for trip in found] == [pytest.approx(3600.0 * age_h)] * told
+
+
+@pytest.mark.parametrize("silent", [set(), {"wrench"}, {"wrench/health"}])
+def test_the_age_of_a_tare_that_nobody_tells_is_no_complaint(silent: set[str]) -> None:
+    """Who is not heard is told elsewhere; a wrench service without a number has just begun."""
+    world = World(cell_with(force__tare_age_max_s=1800.0)).make_ready()
+    if silent == {"wrench"}:
+        world.change("wrench/health", numbers={"tare_age_h": 9.0})
+    world.silent = silent
+    look = Look(world.inputs(), Terms.of(world.cell), 9.0, blind=False)
+    assert CHECKS[-1].complaints(look) == []
+
+
+@pytest.mark.parametrize(("over_N", "told"), [(0.0, False), (0.1, True)])
+def test_who_arms_is_told_of_a_load_beyond_a_touch(over_N: float, told: bool) -> None:
+    """What the cell calls a touch is none yet; without a wrench nothing is known."""
+    world = World().make_ready()
+    feel(world, TERMS.touch_N + over_N)
+    text = load_text(world.inputs(), TERMS)
+    assert text.startswith(f"; the tool is loaded with {TERMS.touch_N + over_N:.1f} N") == told
+    assert bool(text) == told
+    world.silent = {"wrench"}
+    assert load_text(world.inputs(), TERMS) == ""

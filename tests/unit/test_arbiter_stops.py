@@ -8,9 +8,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from common.convert import pose_of
-from common.faults import FAULTS
-from common.messages import PoseRecord
-from services.arbiter.stops import REACTIONS, RETREAT_FROM
+from common.faults import FAULTS, tripped
+from common.limits import Limits
+from common.messages import PoseRecord, WrenchAtTcp
+from services.arbiter.bounds import Bounds
+from services.arbiter.stops import REACTIONS, Retreat, Stopping, begin, step
+from services.arbiter.stream import Moment
+from services.arbiter.stream import begin as begin_stream
 from tests.fakes.arbiter_robot import RobotWorld
 from tests.fakes.arbiter_world import CELL, PERIOD_NS, T_START, shifted, way_m
 
@@ -20,6 +24,7 @@ CHANGE_M = LIMITS.accel_m_s2 * DT_S * DT_S * (1.0 + 1e-6)  # of one period's way
 TIP_M = CELL.tool.T_flange_tcp.position_m[2]
 FLOOR_M = LIMITS.workspace_min_m[2]
 RETREAT_M = 0.001
+RETREAT_FROM, RETREAT_WITHIN_S = 0.8, 2.0  # as docs/arbitration.md says
 SOFT_N = RETREAT_FROM * LIMITS.force_N + 1.0
 
 
@@ -54,6 +59,12 @@ def ways_m(world: RobotWorld) -> list[float]:
 
 
 # --- the table ------------------------------------------------------------------------------------
+
+
+def test_what_ends_softly_is_this_and_nothing_else() -> None:
+    """Row by row: one that is left out would be held at once, and nobody would notice."""
+    fades = {"workspace", "tether", "joint_speed", "regulator", "travel"}
+    assert dict.fromkeys(fades, "fade") | {"force": "retreat", "torque": "retreat"} == REACTIONS
 
 
 @pytest.mark.parametrize("code", REACTIONS)
@@ -286,3 +297,64 @@ def test_the_force_ceiling_of_a_goal_is_the_whole_one() -> None:
     world.change("wrench", force_N=(0.0, 0.0, LIMITS.force_N + 1.0))
     assert world.tick().kind == "hold"
     assert world.core.status().trips[0].limit == LIMITS.force_N
+
+
+# --- one step of a retreat ------------------------------------------------------------------------
+
+TRIP = tripped("force", "65 N pressed")
+BOUNDS = Bounds(Limits.of(CELL), CELL.tool.T_flange_tcp.pose, T_START)
+
+
+def retreat(way_m: float, speed_m_s: float, press_N: float = SOFT_N) -> Stopping | None:
+    """Return how a retreat begins when so much presses against a tool at rest at the start."""
+    press_axis = (T_START * BOUNDS.T_flange_tcp).rotation[:, 2]
+    x_N, y_N, z_N = (-press_N * press_axis).tolist()
+    wrench = WrenchAtTcp(force_N=(x_N, y_N, z_N))
+    allowed = Retreat(way_m, speed_m_s)
+    return begin(TRIP, begin_stream(T_START), BOUNDS, retreat=allowed, wrench=wrench, now_ns=0)
+
+
+def played(stopping: Stopping, end_s: float) -> tuple[Stopping, float]:
+    """Step until it is done, or a time is over; return when that was [s]."""
+    period = 0
+    while not stopping.done and period * DT_S < end_s:
+        period += 1
+        moment = Moment(T_START, period * PERIOD_NS, DT_S)
+        stopping = step(stopping, BOUNDS, moment)
+    return stopping, period * DT_S
+
+
+def test_a_retreat_lowers_both_ceilings_and_no_retreat_neither() -> None:
+    """Four fifths: the robot's own check of the whole one would cut it off."""
+    lower = Retreat(0.001, 0.005).ceilings(BOUNDS.limits)
+    assert lower.force_N == pytest.approx(0.8 * LIMITS.force_N)
+    assert lower.torque_Nm == pytest.approx(0.8 * LIMITS.torque_Nm)
+    assert Retreat(0.0, 0.005).ceilings(BOUNDS.limits) is BOUNDS.limits
+
+
+def test_a_retreat_says_how_far_it_went() -> None:
+    """All of its way when it arrives, in less than its time."""
+    begun = retreat(0.002, 0.01)
+    assert begun is not None
+    done, took_s = played(begun, 1.0)
+    assert done.done
+    assert 0.2 <= took_s < 0.5
+    assert done.trip.text == "65 N pressed; the tool went back 2.0 mm"
+
+
+def test_a_retreat_that_does_not_arrive_ends_after_two_seconds() -> None:
+    """Two seconds are allowed, one period more is not; it says how far it came."""
+    begun = retreat(0.01, 0.001)
+    assert begun is not None
+    assert not played(begun, RETREAT_WITHIN_S)[0].done
+    done, took_s = played(begun, 10.0)
+    assert done.done
+    assert took_s == pytest.approx(RETREAT_WITHIN_S + DT_S)
+    went_mm = float(done.trip.text.removesuffix(" mm").rsplit(" ", 1)[1])
+    assert 1.5 < went_mm <= 2.0
+
+
+@pytest.mark.parametrize("press_N", [0.0, -1.0])
+def test_without_a_press_nothing_goes_back(press_N: float) -> None:
+    """Exactly none is none: there is no way out of nothing."""
+    assert retreat(0.002, 0.01, press_N) is None

@@ -1,12 +1,14 @@
 """Tare by request: when it is accepted, and everything that it is refused for."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from common import topics
 from common.frames import GRAVITY_M_S2, rotation_from_vector
 from common.messages import RobotStatus
-from common.payload import Payload
+from common.payload import Payload, residual
 from common.requests import Empty
 from services.wrench.tare import TareLimits, tare
 from tests.fakes.bench import CELL
@@ -108,3 +110,60 @@ def test_a_tare_must_not_swallow_the_weight_of_the_tool(share: float) -> None:
     assert kept == payload
     drift = np.array([0.0, 0.5 * weight_N, -weight_N, 0.0, 0.0, 0.0])
     assert tare(payload, [drift], np.eye(3), limits)[1].accepted
+
+
+def tool_of(weight_N: float) -> Payload:
+    """Return a tool of this weight below the sensor's origin, whose bias is nothing."""
+    none = (0.0, 0.0, 0.0)
+    return Payload(weight_N / GRAVITY_M_S2, (0.0, 0.0, 0.05), none, none)
+
+
+def reading(weight_N: float, *, force_N: float = 0.0, torque_Nm: float = 0.0) -> np.ndarray:
+    """Return what a sensor reads of a weight and of something that pulls it aside."""
+    return np.array([force_N, 0.0, -weight_N, torque_Nm, 0.0, 0.0])
+
+
+@pytest.mark.parametrize(
+    ("force_N", "torque_Nm", "code"),
+    [(3.0, 0.25, "ok"), (3.0 + 1e-9, 0.0, "contact"), (0.0, 0.25 + 1e-9, "contact")],
+)
+def test_a_change_as_large_as_the_limit_is_no_contact_yet(
+    force_N: float, torque_Nm: float, code: str
+) -> None:
+    """The limit itself is allowed, for force and for torque."""
+    sample = reading(1.0, force_N=force_N, torque_Nm=torque_Nm)
+    _, reply = tare(tool_of(1.0), [sample], np.eye(3), TareLimits(3.0, 0.25))
+    assert reply.code == code
+
+
+@pytest.mark.parametrize(
+    ("weight_N", "share", "code"),
+    [(1.9, 0.7, "ok"), (2.1, 0.7, "payload"), (2.0, 0.7, "payload"), (2.0, 0.6, "ok")],
+)
+def test_from_two_newtons_on_a_tool_must_not_lose_more_than_three_fifths(
+    weight_N: float, share: float, code: str
+) -> None:
+    """Both figures as the documentation says them; the refusal tells the limit."""
+    tool = tool_of(weight_N)
+    weight_N = tool.mass_kg * GRAVITY_M_S2
+    sample = reading(weight_N, force_N=share * weight_N)
+    _, reply = tare(tool, [sample], np.eye(3), TareLimits(1000.0, 1000.0))
+    assert reply.code == code
+    if code == "payload":
+        assert reply.limit == pytest.approx(0.6 * weight_N)
+
+
+def test_after_a_tare_nothing_is_left_of_what_was_read() -> None:
+    """Also where each axis reads its load by a gain of its own, and had a bias before."""
+    tool = replace(
+        tool_of(1.0),
+        bias_force_N=(0.3, -0.2, 0.1),
+        bias_torque_Nm=(0.02, 0.01, -0.03),
+        force_gain=(1.1, 0.9, 1.05),
+        torque_gain=(0.95, 1.1, 0.9),
+    )
+    sample = np.array([0.8, 0.4, -1.3, 0.05, -0.02, 0.04])
+    tared, reply = tare(tool, [sample], np.eye(3), TareLimits(5.0, 1.0))
+    assert reply.accepted
+    left_N, left_Nm = residual(tared, np.eye(3), force_N=sample[:3], torque_Nm=sample[3:])
+    assert np.abs([left_N, left_Nm]).max() <= 1e-12

@@ -1,0 +1,118 @@
+"""What one look cannot show: each watcher by itself, at the last digit of what it allows."""
+
+from typing import Literal
+
+import numpy as np
+import pytest
+
+from common.convert import record_of
+from common.frames import rotation_from_vector
+from common.messages import RegulatorTarget, Trip
+from services.arbiter.watch import ResidualWatch, RestWatch
+from tests.fakes.arbiter_world import CELL, T_START, World, shifted
+
+S = 1_000_000_000
+
+
+def at(world: World, after_s: float) -> None:
+    """Let time pass without anybody stepping."""
+    world.now_ns += round(after_s * S)
+
+
+def seen(rest: RestWatch, world: World, after_s: float) -> Trip | None:
+    """Show the watcher the world, so much later."""
+    at(world, after_s)
+    return rest.see(world.inputs())
+
+
+# --- rest -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("period_s", "needed_s"), [(0.004, 0.2), (0.1, 0.3)])
+def test_an_arm_rests_that_stayed_for_a_fifth_of_a_second_or_three_reports(
+    period_s: float, needed_s: float
+) -> None:
+    """Exactly so long is enough; the wait that is missing is told."""
+    world, rest = World(), RestWatch(period_s)
+    assert seen(rest, world, 0.0) is not None
+    trip = seen(rest, world, needed_s - 1e-6)
+    assert trip is not None
+    assert (trip.code, trip.limit) == ("moving", needed_s)
+    assert trip.value == pytest.approx(needed_s, abs=2e-6)
+    assert seen(rest, world, 1e-6) is None
+
+
+@pytest.mark.parametrize(("robot_hz", "needed_s"), [(250.0, 0.2), (10.0, 0.3)])
+def test_the_cell_says_how_often_the_arm_reports(robot_hz: float, needed_s: float) -> None:
+    """A robot on a slow link is watched for longer."""
+    rates = CELL.rates.model_copy(update={"robot_hz": robot_hz})
+    world = World(CELL.model_copy(update={"rates": rates}))
+    unrest = world.inputs().watched.unrest
+    assert unrest is not None
+    assert unrest.limit == needed_s
+
+
+@pytest.mark.parametrize(("away_m", "rests"), [(2e-4, True), (2.001e-4, False)])
+def test_a_fifth_of_a_millimetre_is_still_rest(away_m: float, rests: bool) -> None:
+    """From where it was first seen, so that a slow drift is found."""
+    world, rest = World(), RestWatch(0.004)
+    world.change("robot", position_m=(0.0, 0.0, 0.0))
+    assert seen(rest, world, 0.0) is not None
+    world.change("robot", position_m=(0.0, 0.0, away_m))
+    assert (seen(rest, world, 0.5) is None) == rests
+
+
+@pytest.mark.parametrize(("turn_rad", "rests"), [(1.999e-3, True), (2.001e-3, False)])
+def test_two_milliradians_are_still_rest(turn_rad: float, rests: bool) -> None:
+    """As much as the position allows at a tenth of a metre."""
+    world, rest = World(), RestWatch(0.004)
+    assert seen(rest, world, 0.0) is not None
+    turned = T_START.copy()
+    turned.rotation = rotation_from_vector(np.array([turn_rad, 0.0, 0.0])) @ T_START.rotation
+    world.change("robot", orientation_xyzw=record_of(turned).orientation_xyzw)
+    assert (seen(rest, world, 0.5) is None) == rests
+
+
+def test_rest_begins_with_the_first_pose_that_is_one() -> None:
+    """From nowhere nothing is near, however long ago nowhere was."""
+    world, rest = World(), RestWatch(0.004)
+    here = record_of(T_START).orientation_xyzw
+    world.change("robot", orientation_xyzw=(0.0, 0.0, 0.0, 0.0))
+    assert seen(rest, world, 0.0) is not None
+    world.change("robot", orientation_xyzw=here)
+    trip = seen(rest, world, 1.0)
+    assert trip is not None
+    assert trip.value == 0.0
+
+
+# --- the arbiter's own loop -----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("gap_s", "told"), [(1.0, False), (1.0 + 1e-6, True)])
+def test_an_arbiter_that_stood_still_for_more_than_a_second_blames_itself(
+    gap_s: float, told: bool
+) -> None:
+    """All the others look silent then, and are not to blame."""
+    world = World()
+    world.inputs()
+    at(world, gap_s)
+    faults = world.inputs().watched.faults
+    assert any("itself stood still for 1.0 s" in trip.text for trip in faults) == told
+
+
+# --- what is left in free space -------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("contact", "told"), [("free", True), ("contact", False)])
+def test_only_contact_that_the_regulator_found_explains_a_force(
+    contact: Literal["free", "contact"], told: bool
+) -> None:
+    """While force feedback approaches, what is left is left in free space."""
+    world, residual = World(), ResidualWatch(2.0, 1.0)
+    world.messages["target"] = RegulatorTarget(mode="position", pose=shifted(), contact=contact)
+    world.change("wrench", force_N=(0.0, 0.0, 5.0))
+    assert residual.see(world.inputs()) is None
+    at(world, 0.5 - 1e-6)
+    assert residual.see(world.inputs()) is None
+    at(world, 1e-6)
+    assert (residual.see(world.inputs()) is not None) == told

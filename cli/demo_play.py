@@ -11,6 +11,7 @@ from rich.progress import Progress as Bar
 
 from cli.scenario import Plan, Progress, Scenario, ScenarioError, Trace
 from common.cell import Cell
+from common.errors import ForcemeshError
 
 if TYPE_CHECKING:
     from cli.processes import Supervisor
@@ -40,8 +41,9 @@ def play_real(
     """Start the cell's processes, play, and stop them all in any case.
 
     Raises:
-        ScenarioError: A process died or the arm was stopped; the cell stays up for `linger_s`
-            before that, so that `forcemesh status` can be asked.
+        ScenarioError: A process died or the arm was stopped; after a death the cell stays up for
+            `linger_s` before that, so that `forcemesh status` can be asked.
+        BusError: Nobody answered, and no process died.
     """
     from cli.panel import panel_beside
     from cli.processes import Supervisor
@@ -59,10 +61,12 @@ def play_real(
             ):
                 check = _refuse_the_dead(processes)
                 return Scenario(client, plan, check=check, progress=progress).run()
-        except ScenarioError as error:
+        except ForcemeshError as error:  # also an unanswered request: who serves it may have died
             processes.mourn(linger_s)
+            if not processes.died:
+                raise
             dead = "; ".join(str(died) for died in processes.died)
-            raise ScenarioError(f"{dead}: {error}" if dead else str(error)) from error
+            raise ScenarioError(f"{dead}: {error}") from error
 
 
 def _refuse_the_dead(processes: "Supervisor") -> Callable[[], None]:

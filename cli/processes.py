@@ -6,7 +6,7 @@ import sys
 import threading
 import time
 from collections.abc import Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from types import TracebackType
 
@@ -226,7 +226,8 @@ class Supervisor:
         if linger_s > 0.0 and self.died:
             until = "until Ctrl-C" if math.isinf(linger_s) else f"for {linger_s:g} s"
             self._say("up", f"the others stay up {until}: ask `forcemesh status`")
-            self._stop.wait(None if math.isinf(linger_s) else linger_s)
+            with suppress(KeyboardInterrupt):  # ends the waiting; what failed is still told
+                self._stop.wait(None if math.isinf(linger_s) else linger_s)
 
     # --- inside -----------------------------------------------------------------------------------
 

@@ -116,8 +116,9 @@ def test_killing_a_process_holds_the_arm_and_status_names_it(cell_file, start, r
     `make chaos` does it to all of them.
     """
     cell = load_cell(cell_file)
-    # The run must outlast the new hub: what an ended one says of its dead does not count any more.
-    demo = start(*demo_words(cell_file, "--linger", 15 if role == "hub" else 4))
+    # The run must outlast what is looked at here: what an ended one says of its dead does not count
+    # any more. Ctrl-C ends it.
+    demo = start(*demo_words(cell_file, "--linger", 10 * PATIENCE_S))
     with open_bus(cell, topics.CLIENT, patience_s=PATIENCE_S) as bus:
         watcher = Watcher(bus)
         watcher.until(lambda: watcher.state() == "ACTIVE" and watcher.pid(role))
@@ -129,6 +130,7 @@ def test_killing_a_process_holds_the_arm_and_status_names_it(cell_file, start, r
         with open_bus(cell, topics.CLIENT) as bus:
             assert_held(Watcher(bus))
     status = status_of(cell_file)
+    demo.send_signal(signal.SIGINT)
     _, err = demo.communicate(timeout=PATIENCE_S)
 
     dead = {service["name"]: service for service in status["services"]}[role]

@@ -18,6 +18,7 @@ from sim.robot.trace import RECORD
 MOVES_M_S = 2e-3  # a fault counts only while the flange is faster than this
 STILL_M_S = 1e-3
 WINDOW = 10  # ticks over which a speed is taken
+ON_ITS_WAY = 100  # and over which the arm is on its way: a controller's steps stop in between
 MS = 1e6  # nanoseconds
 
 Moments = npt.NDArray[np.int64]
@@ -73,19 +74,19 @@ class Truth:
     def speeds(self, since: int) -> tuple[Moments, Array]:
         """Return moments [ns] and true flange speeds [m/s] after a mark. Shapes (n,), (n,)."""
         count = self.mark() - since
+        if count <= WINDOW:
+            return np.zeros(0, np.int64), np.zeros(0)
         rows = np.fromfile(self._path, RECORD, count=count, offset=since * RECORD.itemsize)
         places = np.array([self._kinematics.flange_pose(q).translation for q in rows["q"]])
-        if len(rows) <= WINDOW:
-            return np.zeros(0, np.int64), np.zeros(0)
         gone_m = np.linalg.norm(places[WINDOW:] - places[:-WINDOW], axis=1)
         # Ticks are the arm's own time: one that catches up is not faster than it is.
         took_s = (rows["tick"][WINDOW:] - rows["tick"][:-WINDOW]) * TICK_S
         return rows["at_ns"][WINDOW:].astype(np.int64), gone_m / took_s
 
     def speed_now(self) -> float:
-        """Return the flange's speed right now [m/s], 0 when there is no trace yet."""
-        _, speeds = self.speeds(max(0, self.mark() - 2 * WINDOW))
-        return float(speeds[-1]) if len(speeds) else 0.0
+        """Return the flange's mean speed of late [m/s], 0 when there is no trace yet."""
+        _, speeds = self.speeds(max(0, self.mark() - ON_ITS_WAY - WINDOW))
+        return float(speeds.mean()) if len(speeds) else 0.0
 
 
 def judge(seen: Seen, at_ns: Moments, speed_m_s: Array, bounds: Bounds) -> Verdict:

@@ -15,9 +15,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from chaos import clocks, network
-from chaos.network_judge import Bounds, Seen, judge
+from chaos.network_judge import MOVES_M_S, Bounds, Seen, Truth, judge
 from chaos.network_lab import CANNOT_RUN, why_not
 from chaos.network_proxy import Delay
+from sim.robot.trace import RECORD
 
 ROOT = Path(__file__).parents[2]
 BOUNDS = Bounds(last_command_s=0.15, still_s=0.35, fastest_m_s=0.05)
@@ -45,6 +46,30 @@ def stops_after(moving_ms: int, speed_m_s: float = 0.01) -> tuple[np.ndarray, np
     """A flange that moves for some time after the fault, and then stands: moments, speeds."""
     at_ns = BEGAN_NS + MS * np.arange(-20, 2500, dtype=np.int64)
     return at_ns, np.where(at_ns <= BEGAN_NS + moving_ms * MS, speed_m_s, 0.0)
+
+
+def travelled(path: Path, ways_rad: np.ndarray) -> Truth:
+    """Write the trace of an upright arm whose second joint turns so far in each tick."""
+    rows = np.zeros(len(ways_rad), RECORD)
+    rows["tick"] = np.arange(len(ways_rad))
+    rows["q"][:, 1] = np.cumsum(ways_rad)
+    rows.tofile(path)
+    return Truth(path)
+
+
+@pytest.mark.parametrize("ends_at", range(200, 230, 5))
+def test_an_arm_that_dashes_and_waits_is_on_its_way(tmp_path, ends_at):
+    """A controller stops between its steps: that the arm stands right now says nothing."""
+    dashes_rad = np.where(np.arange(ends_at) % 30 < 10, 1e-5, 0.0)  # of some 900 mm
+    assert travelled(tmp_path / "t", dashes_rad).speed_now() > MOVES_M_S
+
+
+def test_an_arm_that_has_stopped_is_not_on_its_way(tmp_path):
+    """Nor one that only has a trace of standing, nor one that has none."""
+    dash_rad = np.where(np.arange(300) < 190, 1e-5, 0.0)
+    assert travelled(tmp_path / "t", dash_rad).speed_now() < MOVES_M_S
+    assert travelled(tmp_path / "u", np.zeros(300)).speed_now() == 0.0
+    assert Truth(tmp_path / "none").speed_now() == 0.0
 
 
 def test_a_hold_within_the_bounds_is_no_mistake():

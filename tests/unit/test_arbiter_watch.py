@@ -1,10 +1,12 @@
 """What one look cannot show: each watcher by itself, at the last digit of what it allows."""
 
+import dataclasses
 from typing import Literal
 
 import numpy as np
 import pytest
 
+from common.codec import Header
 from common.convert import record_of
 from common.frames import rotation_from_vector
 from common.messages import RegulatorTarget, Trip
@@ -116,3 +118,24 @@ def test_only_contact_that_the_regulator_found_explains_a_force(
     assert residual.see(world.inputs()) is None
     at(world, 1e-6)
     assert (residual.see(world.inputs()) is not None) == told
+
+
+# --- pose and wrench ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("apart_s", "told"), [(0.2 - 1e-6, False), (0.2 + 1e-6, True)])
+def test_two_periods_of_the_slower_one_may_lie_between_pose_and_wrench(
+    apart_s: float, told: bool
+) -> None:
+    """An arm that reports ten times a second, and a sensor that is quick."""
+    rates = CELL.rates.model_copy(update={"robot_hz": 10.0})
+    world = World(CELL.model_copy(update={"rates": rates}))
+    for seq in range(2, 5):
+        at(world, 0.1)
+        one = world.inputs()
+        header = Header(seq=seq, epoch=1, boot="virtual", stamp_ns=world.now_ns)
+        behind = {"sensor_stamp_ns": world.now_ns - round(apart_s * S), "sensor_seq": seq}
+        wrench = dataclasses.replace(one.wrench, header=header.model_copy(update=behind))
+        robot = dataclasses.replace(one.robot, header=header)
+        seen = world.watch.see(dataclasses.replace(one, robot=robot, wrench=wrench))
+    assert any(trip.code == "misaligned" for trip in seen.watched.faults) == told

@@ -340,6 +340,7 @@ def test_a_retreat_says_how_far_it_went() -> None:
     assert done.done
     assert 0.2 <= took_s < 0.5
     assert done.trip.text == "65 N pressed; the tool went back 2.0 mm"
+    assert done.pace.is_there, "it ends at rest, where it was to go, and not a step before"
 
 
 def test_a_retreat_that_does_not_arrive_ends_after_two_seconds() -> None:

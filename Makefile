@@ -27,7 +27,7 @@ NO_NEW_BRANCH := mistake_is_found or no_way_through or dead_end or every_fault_o
   or judge_sees or no_command_gets_past or wall_that_vanishes or four_times_stiffer
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-long test-browser test-subscribers coverage check format readme bench bench-tcp bench-payload bench-force chaos chaos-full chaos-network chaos-flood chaos-clocks soak soak-sensor flips mutate mutate-program fuzz fuzz-codec fuzz-commands hostile pki up down sbom compose-test lock clean
+.PHONY: help setup demo test test-long test-browser test-subscribers coverage check format readme bench bench-tcp bench-payload bench-force chaos chaos-full chaos-network chaos-flood chaos-clocks soak soak-sensor flips whole-runs mutate mutate-program fuzz fuzz-codec fuzz-commands hostile pki up down sbom compose-test lock clean
 
 help: ## list these targets
 	@grep -hE '^[a-z-]+:.*##' Makefile | sed -E 's/:[^#]*## */\t/' | expand -t 10
@@ -120,6 +120,9 @@ hostile: setup ## ten thousand hostile requests and messages to a running cell: 
 
 flips: setup ## spoil every digit of every report of the controller in turn, some hours
 	@EVERY_FLIP=1 $(BIN)/python -m pytest -q -n auto -m long tests/contract/test_abuse_reports.py $(ARGS)
+
+whole-runs: setup ## tell which runs too long for CI are kept no longer than they are true; make one: ARGS="keep soak"
+	@$(BIN)/python -m tools.whole_runs $(or $(ARGS),check)
 
 mutate: setup ## change single expressions of what decides about motion; no test may miss one: ARGS="--count 5"
 	@$(BIN)/python -m tests.mutate $(ARGS)

@@ -5,8 +5,9 @@ prints, and writes docs/runs/NAME.json: command, commit, day, duration, exit cod
 what was printed. A run that failed is kept as well: what is committed is what was seen.
 
 `python -m tools.whole_runs check` tells which runs are missing, failed, or older than the files
-they speak of by more commits than allowed. Exit code 0: none; 1: some, or the run failed; 2: the
-tree has changes that no commit has.
+they speak of by more commits than allowed. A row may say until when its failure does not bind: then
+it is told only. Exit code 0: none; 1: some, or the run failed; 2: the tree has changes that no
+commit has.
 """
 
 import argparse
@@ -14,6 +15,7 @@ import json
 import subprocess
 import sys
 import time
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -31,14 +33,16 @@ class WholeRun:
 
     command: str
     about: tuple[str, ...]
+    may_fail_until: str = ""  # what has to come before a failure binds; it is told all the same
 
 
 RUNS = {
-    "chaos-network": WholeRun("make chaos-network", (*CELL, "chaos")),
+    "chaos-network": WholeRun("make chaos-network ARGS=--write", (*CELL, "chaos")),
     "chaos-clocks": WholeRun("make chaos-clocks", (*CELL, "chaos")),
-    "chaos-flood": WholeRun("make chaos-flood", (*CELL, "chaos")),
+    "chaos-flood": WholeRun(
+        "make chaos-flood", (*CELL, "chaos"), "a cell needs less than one of two processors"
+    ),
     "soak": WholeRun("make soak", (*CELL, "chaos")),
-    "mutate": WholeRun("make mutate", ("common", "services", "tests/mutate.py", "tests/unit")),
 }
 
 
@@ -87,7 +91,7 @@ def complaint(name: str, root: Path = ROOT, run: WholeRun | None = None) -> str:
     record = json.loads(path.read_text(encoding="utf-8"))
     if record["command"] != run.command:
         return f"{name}: kept of `{record['command']}`, the table says `{run.command}`; {again}"
-    if record["exit_code"] != 0:
+    if record["exit_code"] != 0 and not run.may_fail_until:
         return f"{name}: failed at {record['commit']}; mend what it found, and {again}"
     behind = commits_since(record["commit"], path, run.about, root)
     if behind > MOST_COMMITS:
@@ -122,8 +126,18 @@ def main() -> int:
     if given.verb == "keep":
         return min(keep(given.name), 2)
     complaints = [said for name in RUNS if (said := complaint(name))]
-    print("\n".join(complaints) or f"{len(RUNS)} whole runs are kept and new enough")
+    print("\n".join([*complaints, *failures()]) or f"{len(RUNS)} whole runs are kept, all well")
     return 1 if complaints else 0
+
+
+def failures(root: Path = ROOT, runs: Mapping[str, WholeRun] = RUNS) -> Iterator[str]:
+    """Tell of the kept runs that failed and may."""
+    for name, run in runs.items():
+        path = root / FOLDER / f"{name}.json"
+        if run.may_fail_until and path.is_file():
+            record = json.loads(path.read_text(encoding="utf-8"))
+            if record["exit_code"] != 0:
+                yield f"{name}: FAILED at {record['commit']}; it may until {run.may_fail_until}"
 
 
 if __name__ == "__main__":

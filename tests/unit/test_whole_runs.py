@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from tools import whole_runs
-from tools.whole_runs import WholeRun, complaint, git, keep
+from tools.whole_runs import WholeRun, complaint, failures, git, keep
 
 SAYS_42 = WholeRun("echo 42", ("code",))
 
@@ -52,6 +52,20 @@ def test_a_run_that_failed_is_kept_and_told(root: Path) -> None:
     failing = WholeRun("false", ("code",))
     assert keep("one", root, failing) == 1
     assert "failed at" in complaint("one", root, failing)
+    assert not list(failures(root, {"one": failing}))
+
+
+def test_a_failure_that_may_be_is_told_and_does_not_bind(root: Path) -> None:
+    """It gets old like any other."""
+    failing = WholeRun("false", ("code",), "the day is longer")
+    keep("one", root, failing)
+    assert complaint("one", root, failing) == ""
+    (said,) = failures(root, {"one": failing, "none": failing})
+    assert "one: FAILED" in said
+    assert "may until the day is longer" in said
+    for n in range(41):
+        commit(root, "code/first", f"version {n}")
+    assert "41 commits" in complaint("one", root, failing)
 
 
 def test_no_run_at_all_and_one_of_another_command_are_told(root: Path) -> None:
@@ -89,7 +103,7 @@ def test_where_history_was_rewritten_the_commit_that_brought_it_counts(root: Pat
 def test_every_path_of_the_table_is_there_and_every_command_a_target() -> None:
     """A path that has gone would never be touched again."""
     for run in whole_runs.RUNS.values():
-        command = ["make", "-n", run.command.removeprefix("make ")]
+        command = ["make", "-n", *run.command.split()[1:]]
         done = subprocess.run(command, cwd=whole_runs.ROOT, capture_output=True, check=False)
         assert done.returncode == 0, run.command
         for path in run.about:

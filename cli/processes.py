@@ -11,7 +11,7 @@ from pathlib import Path
 from types import TracebackType
 
 from cli.cellview import POLL_S, CellView
-from cli.revive import Reviver
+from cli.revive import PAUSE_S, Patience, Reviver
 from cli.runfile import read_run, writable_folder, write_whole
 from cli.runlog import RunLog
 from cli.running import Died, Process, Running, Say, say_on_stderr
@@ -202,7 +202,8 @@ class Supervisor:
 
     def keep_up(self) -> None:
         """From now on start what dies again, in `tend`: the cell was ready once."""
-        self._reviver = Reviver(start=self._start_again, hold=self._hold, say=self._say)
+        patience = Patience(max(PAUSE_S, self._cell.stale_after_s(topics.ROBOT_COMMAND)))
+        self._reviver = Reviver(self._start_again, self._hold, self._say, patience)
 
     def tend(self) -> None:
         """Start again what has died; to be called often, by the thread that entered.

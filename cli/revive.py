@@ -11,14 +11,19 @@ from dataclasses import dataclass, field
 from cli.running import Died, Process, Say
 
 MOST, WITHIN_S = 5, 60.0  # deaths of one process; with the last one it is given up
-PAUSE_S = 0.2  # before the first new start; twice as long before each later one
+PAUSE_S = 0.2  # at least, before the first new start; twice as long before each later one
 NEXT = "the arm is held: `forcemesh clear`, then `forcemesh arm`"
 
 
 @dataclass(slots=True)
 class Patience:
-    """How often and how soon a process is started again. Pure."""
+    """How often and how soon a process is started again. Pure.
 
+    The first pause is no shorter than the deadline of commands: a hub that was back sooner would not
+    have been missed, and the arm would not be held.
+    """
+
+    pause_s: float = PAUSE_S
     _deaths: dict[str, deque[float]] = field(default_factory=dict)
 
     def died(self, name: str, now_s: float) -> float | None:
@@ -29,7 +34,7 @@ class Patience:
             deaths.popleft()
         if len(deaths) >= MOST:
             return None
-        return now_s + PAUSE_S * 2.0 ** (len(deaths) - 1)
+        return now_s + self.pause_s * 2.0 ** (len(deaths) - 1)
 
     def deaths(self, name: str) -> int:
         """Return how often it died within the time that counts."""

@@ -50,6 +50,17 @@ def test_each_new_start_waits_longer_and_each_process_has_its_own_patience() -> 
     assert patience.died("wrench", 3600.0) == 3600.0 + PAUSE_S
 
 
+def test_nothing_is_back_before_the_robot_has_missed_it(cell: Cell) -> None:
+    """With a long deadline a hub that was back within 0.2 s left an arm that went on."""
+    slow = cell.model_copy(
+        update={"deadlines": cell.deadlines.model_copy(update={"command_s": 0.7})}
+    )
+    supervisor = Supervisor(slow)
+    supervisor.keep_up()
+    assert supervisor._reviver is not None
+    assert supervisor._reviver.patience.died("hub", 10.0) == 10.7
+
+
 # --- what becomes of them, on a clock of the test's own -------------------------------------------
 
 

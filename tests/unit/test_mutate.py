@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from tests import mutate
-from tests.mutate import Changes, Mutant
+from tests import mutate, mutations
+from tests.mutations import Changes, Mutant
 
 TEXT = '''"""A module."""
 MARGIN = 1.5
@@ -75,7 +75,7 @@ def test_every_kind_of_change_is_made_once_and_nothing_else():
 
 def test_the_changes_that_must_never_live_are_among_them():
     """A sign check that a fifth of a touch passes, loose margins, a guard or a row left out."""
-    titles = {each.title for module in mutate.JUDGES for each in mutate.mutants_of(module)}
+    titles = {each.title for module in mutations.JUDGES for each in mutations.mutants_of(module)}
     wanted = (
         "services.regulator.guards module: 0.7 in MAIN_PART = 0.7 -> 0.07",
         "common.stream_budget module: 1.25 in SPEED_MARGIN = 1.25 -> 2",
@@ -89,18 +89,18 @@ def test_the_changes_that_must_never_live_are_among_them():
 
 def test_a_module_of_the_table_and_its_judges_are_there():
     """No judge is a file that has gone."""
-    for module, judges in mutate.JUDGES.items():
-        assert mutate.path_of(module).is_file(), module
-        for judge in judges.split():
-            assert (mutate.TESTS / f"{judge}.py").is_file(), judge
+    for module in mutations.JUDGES:
+        assert mutations.path_of(module).is_file(), module
+        for judge in mutations.judges_of(module):
+            assert (mutations.ROOT / judge).is_file(), judge
 
 
 def test_a_change_that_a_test_notices_is_killed_and_one_that_changes_nothing_lives():
     """In a process of its own, with the text in the module's place."""
     module = "services.wrench.tare"
-    text = mutate.path_of(module).read_text()
+    text = mutations.path_of(module).read_text()
     same = Mutant(module, "another comment", f"{text}\n# nothing\n")
-    dead = next(each for each in mutate.mutants_of(module) if each.name.endswith("returns None"))
+    dead = next(each for each in mutations.mutants_of(module) if each.name.endswith("returns None"))
     assert not judged(same, 300.0)
     assert judged(dead, 300.0)
 
@@ -108,7 +108,7 @@ def test_a_change_that_a_test_notices_is_killed_and_one_that_changes_nothing_liv
 def test_what_hangs_is_killed():
     """A loop without end is noticed by its time."""
     module = "services.wrench.tare"
-    text = mutate.path_of(module).read_text()
+    text = mutations.path_of(module).read_text()
     assert judged(Mutant(module, "hangs", f"while True: pass\n{text}"), 2.0)
 
 
@@ -145,7 +145,7 @@ def test_a_survivor_is_listed_with_its_reason(tmp_path: Path):
 
 def test_every_listed_survivor_is_still_a_change_of_its_module():
     """A row whose line has gone would let another change live unseen."""
-    titles = {each.title for module in mutate.JUDGES for each in mutate.mutants_of(module)}
+    titles = {each.title for module in mutations.JUDGES for each in mutations.mutants_of(module)}
     assert set(mutate.listed()) <= titles
 
 
@@ -155,7 +155,7 @@ def test_a_choice_is_the_same_for_the_same_seed_and_another_for_another_one():
     assert len(choice[0]) == 5
     assert choice[0] == choice[1] != choice[2]
     assert len(mutate.chosen(["services.wrench.tare"], 999, 1)) == len(
-        mutate.mutants_of("services.wrench.tare")
+        mutations.mutants_of("services.wrench.tare")
     )
 
 
@@ -164,7 +164,7 @@ def test_the_command_judges_a_choice_and_names_a_module_that_it_does_not_know():
     command = [sys.executable, "-m", "tests.mutate", "--count", "1", "--jobs", "1"]
     known, unknown = (
         subprocess.run(
-            [*command, module], cwd=mutate.ROOT, capture_output=True, text=True, check=False
+            [*command, module], cwd=mutations.ROOT, capture_output=True, text=True, check=False
         )
         for module in ("services.wrench.tare", "common.nothing")
     )

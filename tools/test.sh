@@ -31,7 +31,7 @@ beside=$!
 set +m
 trap 'kill -- -$beside 2>/dev/null; rm -f "$said"' EXIT
 
-run -m "alone and $length" "$@"
+run -m "alone and $length" --ignore=tests/unit --ignore=tests/contract "$@"
 run -m "($REAL) and not alone and $length" -n auto "$@"
 
 # Only root may take idle priority back; for others it only takes longer where the machine is busy.

@@ -15,7 +15,10 @@ from sim.robot.kinematics import ArmKinematics
 
 DEMO = Path(__file__).resolve().parents[2] / "cells" / "demo.yaml"
 HOME_RAD = np.radians([0.0, 0.0, -90.0, 0.0, -90.0, 0.0])
-QUICK = {"limits.speed_m_s": 1.0}  # the cell file's own limit would take minutes of virtual time
+QUICK: dict[str, Any] = {
+    "limits.speed_m_s": 1.0,  # the cell file's own limit would take minutes of virtual time
+    "rates": {"robot_hz": 125, "sensor_hz": 250, "control_hz": 125},
+}
 FAST = Pace(speed_m_s=0.8, dwell_s=0.3)
 
 

@@ -1,10 +1,11 @@
 """Change single expressions of the modules that decide about motion; see what no test notices.
 
-`make mutate`, or `python -m tests.mutate [MODULE ...] [--count N] [--seed S] [--since REF]`. No
-file is touched: a forked process imports the changed text in the module's place and runs the
-module's tests. Processes that tests start see the module as it is, so tests of real processes are
-left out. A survivor that is listed in `tests/survivors.txt` with its reason is not one; a listed
-one that is killed is told as well. The program of the controller has `tests.mutate_program`.
+`make mutate`, or `python -m tests.mutate [MODULE ...] [--count N] [--seed S] [--since REF]`; CI
+takes a sample, `--sample N`. No file is touched: a forked process imports the changed text in the
+module's place and runs the module's tests. Processes that tests start see the module as it is, so
+tests of real processes are left out. A survivor that is listed in `tests/survivors.txt` with its
+reason is not one; a listed one that is killed is told as well. The program of the controller has
+`tests.mutate_program`.
 
 Exit code 0: no survivor that is not listed; 1: some; 2: wrong arguments, or the tests fail anyway.
 """
@@ -23,9 +24,11 @@ from importlib.machinery import ModuleSpec, SourceFileLoader
 from pathlib import Path
 from types import CodeType, ModuleType
 
-from tests.mutations import JUDGES, ROOT, Mutant, judges_of, mutants_of, path_of
+from tests.mutations import JUDGES, ROOT, Mutant, files_of, judges_of, mutants_of, path_of
+from tools.whole_runs import kept_at
 
 SURVIVORS = ROOT / "tests" / "survivors.txt"
+SAMPLE = "N of each module changed since the kept whole run, one of each other"
 LEAST_S, TIMES_LONGER = 60.0, 6.0  # what runs longer than both has been caught in a loop: killed
 
 
@@ -123,11 +126,7 @@ def changed_since(reference: str) -> list[str]:
     command = ["git", "diff", "--name-only", reference, "--"]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
     touched = set(done.stdout.splitlines())
-    return [
-        module
-        for module in JUDGES
-        if touched & {str(path_of(module).relative_to(ROOT)), *judges_of(module)}
-    ]
+    return [module for module in JUDGES if touched.intersection(files_of(module))]
 
 
 def chosen(modules: Sequence[str], count: int, seed: int) -> list[Mutant]:
@@ -140,6 +139,16 @@ def chosen(modules: Sequence[str], count: int, seed: int) -> list[Mutant]:
             every = [every[at] for at in places]
         work += every
     return work
+
+
+def sampled(count: int, seed: int, since: str) -> list[Mutant]:
+    """Return so many mutants of each module that was changed since a commit, one of each other."""
+    changed = changed_since(since)
+    return [
+        mutant
+        for module in JUDGES
+        for mutant in chosen([module], count if module in changed else 1, seed)
+    ]
 
 
 def limits_s(modules: Sequence[str]) -> dict[str, float]:
@@ -178,6 +187,7 @@ def main() -> int:
     parser.add_argument("--count", type=int, default=0, help="of each module; 0: all")
     parser.add_argument("--seed", type=int, default=1, help="of the choice")
     parser.add_argument("--since", metavar="REF", help="modules changed since a commit alone")
+    parser.add_argument("--sample", type=int, metavar="N", help=SAMPLE)
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
     given = parser.parse_args()
     if unknown := set(given.modules) - set(JUDGES):
@@ -188,6 +198,8 @@ def main() -> int:
     except ValueError as error:
         parser.error(str(error))
     work = chosen(modules, given.count, given.seed)
+    if given.sample:
+        modules, work = list(JUDGES), sampled(given.sample, given.seed, kept_at("mutate"))
     print(f"{len(work)} mutants of {len(modules)} modules", flush=True)  # noqa: T201
     within_s = limits_s(modules)
     with multiprocessing.get_context("fork").Pool(given.jobs) as pool:

@@ -242,6 +242,11 @@ def judges_of(module: str) -> list[str]:
     return [f"tests/{name}.py" for name in JUDGES[module].split()]
 
 
+def files_of(module: str) -> list[str]:
+    """Return the files that say what its mutants are and whether they live."""
+    return [str(path_of(module).relative_to(ROOT)), *judges_of(module)]
+
+
 def mutants_of(module: str) -> list[Mutant]:
     """Return every change of a module that can be compiled."""
     return [each for each in Changes(module, path_of(module).read_text()) if _compiles(each)]

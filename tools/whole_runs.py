@@ -20,11 +20,14 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
+from tests.mutations import JUDGES, files_of
+
 ROOT = Path(__file__).resolve().parent.parent
 FOLDER = Path("docs/runs")
 MOST_COMMITS = 40  # that touch what a run is about, before it has to be done again
 KEPT_LINES = 80
 CELL = ("common", "services", "sim", "controller", "cells")
+JUDGED = tuple(sorted({file for module in JUDGES for file in files_of(module)}))
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,6 +46,7 @@ RUNS = {
         "make chaos-flood", (*CELL, "chaos"), "a cell needs less than one of two processors"
     ),
     "soak": WholeRun("make soak", (*CELL, "chaos")),
+    "mutate": WholeRun("make mutate", JUDGED),
 }
 
 
@@ -93,7 +97,9 @@ def complaint(name: str, root: Path = ROOT, run: WholeRun | None = None) -> str:
         return f"{name}: kept of `{record['command']}`, the table says `{run.command}`; {again}"
     if record["exit_code"] != 0 and not run.may_fail_until:
         return f"{name}: failed at {record['commit']}; mend what it found, and {again}"
-    behind = commits_since(record["commit"], path, run.about, root)
+    behind = int(
+        git("rev-list", "--count", f"{kept_at(name, root)}..HEAD", "--", *run.about, root=root)
+    )
     if behind > MOST_COMMITS:
         about = ", ".join(run.about)
         return (
@@ -103,17 +109,18 @@ def complaint(name: str, root: Path = ROOT, run: WholeRun | None = None) -> str:
     return ""
 
 
-def commits_since(commit: str, path: Path, about: tuple[str, ...], root: Path) -> int:
-    """Return how many commits touched some paths since one.
+def kept_at(name: str, root: Path = ROOT) -> str:
+    """Return the commit that a kept run is of.
 
-    Where history was rewritten and does not know the commit, it counts from the one that brought
-    the kept run in.
+    Where history was rewritten and does not know it, the one that brought the kept run in.
     """
+    path = root / FOLDER / f"{name}.json"
+    commit: str = json.loads(path.read_text(encoding="utf-8"))["commit"]
     try:
         git("cat-file", "-e", f"{commit}^{{commit}}", root=root)
     except subprocess.CalledProcessError:
         commit = git("log", "-1", "--format=%H", "--", str(path.relative_to(root)), root=root)
-    return int(git("rev-list", "--count", f"{commit}..HEAD", "--", *about, root=root))
+    return commit
 
 
 def main() -> int:

@@ -3,6 +3,7 @@
 import multiprocessing
 import subprocess
 import sys
+from collections import Counter
 from pathlib import Path
 
 import pytest
@@ -157,6 +158,21 @@ def test_a_choice_is_the_same_for_the_same_seed_and_another_for_another_one():
     assert len(mutate.chosen(["services.wrench.tare"], 999, 1)) == len(
         mutations.mutants_of("services.wrench.tare")
     )
+
+
+def test_a_sample_takes_more_of_what_was_changed(monkeypatch):
+    """And one of each other module: none is forgotten."""
+    monkeypatch.setattr(mutate, "changed_since", {"a0": ["common.permission"]}.__getitem__)
+    taken = Counter(mutant.module for mutant in mutate.sampled(3, 1, "a0"))
+    assert taken == Counter({**dict.fromkeys(mutations.JUDGES, 1), "common.permission": 3})
+
+
+def test_a_module_or_its_judges_that_were_touched_are_changed(monkeypatch):
+    """As git tells it."""
+    touched = "tests/unit/test_packet.py\ncommon/acl.py\nREADME.md\n"
+    done = subprocess.CompletedProcess([], 0, touched)
+    monkeypatch.setattr(subprocess, "run", lambda *_, **__: done)
+    assert mutate.changed_since("a0") == ["common.packet", "common.packet_table", "common.acl"]
 
 
 def test_the_command_judges_a_choice_and_names_a_module_that_it_does_not_know():

@@ -71,8 +71,8 @@ class Link:
         opened, data = False, b""
         if not self._open and not self._lost and now_ns >= self._next_attempt_ns:
             opened = self._connect(now_ns)
-        if self._open:
-            data = self._receive(now_ns)
+        if self._open and self._socket is not None:
+            data = self._receive(self._socket, now_ns)
             self._flush(now_ns)
             self._watch(now_ns)
         lost, self._lost = self._lost, ""
@@ -132,13 +132,11 @@ class Link:
         self.connections += 1
         return True
 
-    def _receive(self, now_ns: int) -> bytes:
+    def _receive(self, sock: socket.socket, now_ns: int) -> bytes:
         received = b""
         for _ in range(RECEIVES_PER_POLL):
-            if self._socket is None:
-                break
             try:
-                data = self._socket.recv(RECEIVE_BYTES)
+                data = sock.recv(RECEIVE_BYTES)
             except BlockingIOError:
                 break
             except OSError as error:

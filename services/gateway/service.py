@@ -133,12 +133,21 @@ class Gateway:
             self._driver.disconnected()
         if self.fault or measured is None:
             return self._gate.revoke(self.fault, self._connection.code)
-        if verdict.command is None:
+        command, accepted = verdict.command, verdict.accepted
+        if command is None or command.permission is None or accepted is None:
             return self._with_cause(verdict)
         if (unfit := self._connection.unfit()) is not None:
             return self._gate.revoke(unfit.text, unfit.code)
         try:
-            self._obey(verdict, measured, now_ns)
+            self._driver.obey(
+                command,
+                measured,
+                lease=(accepted.epoch, command.permission.lease),
+                wrench=self._wrench.read(now_ns),
+                is_new=verdict.is_new,
+                now_ns=now_ns,
+            )
+            self._connection.send(self._dialogue.tick(now_ns, permitted=True), now_ns)
             if is_new:
                 self._driver.watch(measured, now_ns)
         except LocalProtocolError as error:
@@ -155,20 +164,6 @@ class Gateway:
             return verdict
         reason = f"{unfit.text}; {verdict.hold_reason}"
         return replace(verdict, hold_reason=reason, hold_code=unfit.code)
-
-    def _obey(self, verdict: Verdict, measured: Measured, now_ns: int) -> None:
-        command, accepted = verdict.command, verdict.accepted
-        if command is None or command.permission is None or accepted is None:
-            return
-        self._driver.obey(
-            command,
-            measured,
-            lease=(accepted.epoch, command.permission.lease),
-            wrench=self._wrench.read(now_ns),
-            is_new=verdict.is_new,
-            now_ns=now_ns,
-        )
-        self._connection.send(self._dialogue.tick(now_ns, permitted=True), now_ns)
 
     # --- saying -----------------------------------------------------------------------------------
 

@@ -1,0 +1,66 @@
+"""A gateway's start and its end: nothing begins with half of what it needs, and the arm holds."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from common.cell import Cell
+from common.clock import ManualClock
+from common.endpoints import Bus
+from common.errors import ConfigError
+from common.memory import MemoryTransport
+from services.gateway.scales import SCALE_RANGES
+from services.gateway.service import Gateway
+from tests.contract.rig import gateway_cell, pose_goal, shifted
+from tests.contract.robots import Both
+from tests.fakes.bench import CELL
+from tests.fakes.controller import PORT
+from tests.fakes.gateway_cell import a_cell
+
+
+def gateway(cell: Cell) -> Gateway:
+    """Return the gateway of a cell, whose socket is not opened before its first step."""
+    return Gateway(Bus("robot", cell.cell, MemoryTransport(), cell, ManualClock()), cell)
+
+
+def test_without_its_section_a_gateway_says_what_is_missing() -> None:
+    """A cell whose robot is simulated has none, and this process may be started by hand."""
+    assert CELL.gateway is None
+    with pytest.raises(ConfigError) as caught:
+        gateway(CELL)
+    assert caught.value.mistakes == ["gateway: the section is missing"]
+
+
+@pytest.mark.parametrize("name", SCALE_RANGES)
+@pytest.mark.parametrize("end", ["lowest", "highest"])
+def test_a_scale_that_cannot_carry_what_it_is_for_is_named(name: str, end: str) -> None:
+    """The ends of its range are taken, the next ones are refused, by the cell file or here."""
+    low, high = SCALE_RANGES[name]
+    good, bad = (low, low - 1) if end == "lowest" else (high, high + 1)
+    good_cell: dict[str, Any] = {f"gateway.{name}": good}
+    assert gateway(gateway_cell(PORT, **good_cell)).verdict.command is None
+    with pytest.raises(ConfigError) as caught:
+        gateway(gateway_cell(PORT, **{f"gateway.{name}": bad}))
+    (line,) = caught.value.mistakes
+    assert name in line
+
+
+def test_the_controller_holds_when_its_gateway_ends() -> None:
+    """In the middle of a move: the line is closed, and the arm stands short of its goal."""
+    cell = a_cell()
+    rig, both = cell.rig, cell.rig.service
+    assert isinstance(both, Both)
+    rig.connect()
+    rig.arm()
+    start = rig.T
+    rig.say("goal", goal=pose_goal(1, shifted(start, z_m=0.1)))
+    rig.until(lambda: rig.T.translation[2] > start.translation[2] + 0.01)
+    both.gateway.close()
+    track: list[np.ndarray] = []
+    for _ in range(1000):
+        rig.clock.sleep_s(0.001)
+        cell.controller.live(rig.clock.now_ns() / 1e9)
+        track.append(cell.controller.T_base_flange.translation)
+    assert np.ptp(track[500:], axis=0).max() < 1e-6
+    assert track[-1][2] < start.translation[2] + 0.05

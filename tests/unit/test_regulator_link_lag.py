@@ -5,9 +5,12 @@ import pinocchio as pin
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from common import topics
 from common.convert import record_of
 from common.frames import rotation_from_vector
+from common.requests import ForceStartRequest, PathRequest
 from services.regulator.link_lag import Commanded
+from tests.fakes.arbiter_world import T_START
 from tests.fakes.bench import CELL
 from tests.fakes.regulator_bench import PERIOD_S, T_FLANGE_TCP, RegulatorBench
 
@@ -64,3 +67,43 @@ def test_the_law_stands_still_while_nothing_leaves_and_goes_on_from_there() -> N
     bench.robot = bench.robot.model_copy(update={"sent": record_of(flange)})
     bench.pass_s(0.02)
     assert np.linalg.norm(bench.T_base_tcp().translation - stood) > 2e-5
+
+
+def test_a_path_waits_behind_a_link_that_lags() -> None:
+    """The set point stands, what is left of the path stays, and then it goes on from there."""
+    bench = RegulatorBench()
+    bench.push((0.0, 0.0, 5.0))
+    bench.pass_s(0.1)
+    assert bench.start(ForceStartRequest(mode="position", setpoint_N=5.0)).accepted
+    x, y, z = bench.T_base_tcp().translation
+    way = PathRequest(points_m=((x + 0.05, y, z),), speed_m_s=0.04)
+    assert bench.ask(topics.FORCE_PATH, way).accepted
+    bench.pass_s(0.1)
+    stuck = bench.said().pose
+    bench.robot = bench.robot.model_copy(update={"sent": stuck})
+    bench.pass_s((WINDOW + 3) * PERIOD_S)
+    stood, left_m = bench.T_base_tcp().translation, bench.said().path_left_m
+    bench.pass_s(0.5)
+    assert np.array_equal(bench.T_base_tcp().translation, stood)
+    assert bench.said().path_left_m == left_m
+    assert left_m is not None
+    bench.robot = bench.robot.model_copy(update={"sent": bench.said().pose})
+    bench.pass_s(3 * PERIOD_S)
+    assert bench.T_base_tcp().translation[0] > stood[0]
+
+
+def test_a_link_that_lags_from_the_first_sample_on_moves_nothing_and_is_no_error() -> None:
+    """The robot says a pose of an earlier session: the law has computed nothing yet, and waits."""
+    bench = RegulatorBench()
+    bench.push((0.0, 0.0, 5.0))
+    bench.pass_s(0.1)
+    elsewhere = pin.SE3(T_START.rotation, T_START.translation + np.array([0.0, 0.0, 0.01]))
+    bench.robot = bench.robot.model_copy(update={"sent": record_of(elsewhere)})
+    bench.step()
+    assert bench.start().accepted
+    for _ in range(100):
+        bench.step()
+        assert bench.said().valid
+        assert bench.said().error_force_N == (0.0, 0.0, 0.0)
+    start_m = (T_START * T_FLANGE_TCP).translation
+    assert np.allclose(bench.T_base_tcp().translation, start_m, atol=1e-12)

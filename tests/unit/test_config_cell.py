@@ -180,6 +180,14 @@ def test_a_calibration_beyond_the_sensor_is_refused_as_a_payload_is() -> None:
     assert line.startswith("calibration.payload.bias_force_N is -501, beyond the sensor's range")
 
 
+def test_gravity_is_a_direction_of_length_one() -> None:
+    """Any other length would weigh the tool wrongly, at every pose."""
+    down = "payload.gravity_direction_in_base"
+    assert changed({down: [0.0, 0.0, -1.0 - 0.9e-3]}).cell == "demo"
+    (line,) = mistakes({down: [0.0, 0.0, -1.0 - 1.1e-3]})
+    assert line.startswith("payload: gravity_direction_in_base must have length 1")
+
+
 @pytest.mark.parametrize(("name", "usual"), [("force_N", 50.0), ("speed_m_s", 0.25)])
 def test_nothing_above_the_usual_passes_without_the_name_of_an_assessment(
     name: str, usual: float

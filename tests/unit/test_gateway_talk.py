@@ -15,6 +15,8 @@ from services.gateway.scales import Scales
 from tests.fakes.controller import FakeController
 from tests.fakes.dialogues import KEPT
 
+pytestmark = pytest.mark.realtime
+
 PATIENCE_S = 5.0
 
 

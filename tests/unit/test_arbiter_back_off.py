@@ -9,19 +9,21 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from common.back_off import FARTHEST_M, RISE_N, SPEED_M_S
+from common.cell import Cell
 from common.convert import pose_of, record_of
 from common.faults import FAULTS
 from common.frames import rotation_between
 from common.messages import MAY_MOVE, RobotCommand, RobotState, Vec3, WrenchAtTcp
 from common.requests import Reply
 from tests.fakes.arbiter_world import MOVE_DOWN, PERIOD_NS, T_START, World
+from tests.fakes.bench import CELL
 
 DT_S = PERIOD_NS * 1e-9
 
 
-def loaded(force_N: Vec3 = (0.0, 0.0, 75.0)) -> World:
+def loaded(force_N: Vec3 = (0.0, 0.0, 75.0), cell: Cell = CELL) -> World:
     """Return an arbiter that holds above its ceiling."""
-    world = World().make_armed()
+    world = World(cell).make_armed()
     world.change("wrench", force_N=force_N)
     world.tick()
     assert world.core.state == "HOLDING"
@@ -256,3 +258,15 @@ def test_a_move_stops_at_a_force_rise_of_its_own() -> None:
     assert codes(world) == ["force"]
     assert "limits.move_rise_N" in world.core.status().trips[0].text
     assert world.core.state not in MAY_MOVE
+
+
+def test_a_cell_that_is_slower_than_backing_off_refuses_it_and_holds() -> None:
+    """Its own speed limit goes first; the refusal names it, and nothing is commanded."""
+    slow = CELL.limits.model_copy(update={"speed_m_s": 0.5 * SPEED_M_S})
+    world = loaded(cell=CELL.model_copy(update={"limits": slow}))
+    reply = back_off(world)
+    assert (reply.accepted, reply.code) == (False, "speed")
+    assert (reply.value, reply.limit) == (SPEED_M_S, 0.5 * SPEED_M_S)
+    for _ in range(20):
+        assert world.tick().kind == "hold"
+    assert (world.core.state, codes(world)) == ("HOLDING", ["speed"])

@@ -13,6 +13,8 @@ from common.packet_table import Status
 from services.gateway import goals
 from services.gateway.goals import Measured, Track
 from services.gateway.numbering import NONE_YET
+from tests.contract.rig import pose_goal, shifted
+from tests.fakes.gateway_cell import a_cell
 
 START = pin.SE3(np.eye(3), np.array([0.0, 0.5, 0.3]))
 END = pin.SE3(np.eye(3), np.array([0.1, 0.5, 0.3]))
@@ -92,3 +94,20 @@ def test_relative_joints_count_from_where_they_were_when_it_was_sent() -> None:
     goal = Goal(id=1, kind="by", joint_rad=(0.1, 0.0, 0.0, 0.0, 0.0, 0.0))
     track = goals.sent(goal, PACKET, (1.0, 0.0, 0.0, 0.0, 0.0, 0.0), 0)
     assert track.joint_target_rad == pytest.approx((1.1, 0.0, 0.0, 0.0, 0.0, 0.0))
+
+
+def test_a_goal_that_comes_while_another_is_on_its_way_is_refused_and_the_arm_brakes() -> None:
+    """Whoever wants another one stops first: the controller would finish the first before it."""
+    rig = a_cell().rig
+    rig.connect()
+    rig.arm()
+    start = rig.T
+    rig.say("goal", goal=pose_goal(1, shifted(start, z_m=0.1)))
+    rig.until(lambda: rig.T.translation[2] > start.translation[2] + 0.01)
+    rig.say("goal", goal=pose_goal(2, shifted(start, z_m=-0.1)))
+    rig.until(lambda: rig.state.goal.id == 2)
+    assert rig.state.goal.state == "refused"
+    assert rig.is_at_rest()
+    assert start.translation[2] < rig.T.translation[2] < start.translation[2] + 0.05
+    rig.advance(0.5)
+    assert (rig.state.goal.id, rig.state.goal.state) == (2, "refused")

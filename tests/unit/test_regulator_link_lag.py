@@ -1,7 +1,10 @@
 """The lag of a link: commands that leave late freeze the law, those that leave in time never do."""
 
+from typing import Any
+
 import numpy as np
 import pinocchio as pin
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -92,7 +95,8 @@ def test_a_path_waits_behind_a_link_that_lags() -> None:
     assert bench.T_base_tcp().translation[0] > stood[0]
 
 
-def test_a_link_that_lags_from_the_first_sample_on_moves_nothing_and_is_no_error() -> None:
+@pytest.mark.parametrize("law", ["plain", "adaptive"])
+def test_a_link_that_lags_from_the_first_sample_on_moves_nothing_and_is_no_error(law: Any) -> None:
     """The robot says a pose of an earlier session: the law has computed nothing yet, and waits."""
     bench = RegulatorBench()
     bench.push((0.0, 0.0, 5.0))
@@ -100,7 +104,7 @@ def test_a_link_that_lags_from_the_first_sample_on_moves_nothing_and_is_no_error
     elsewhere = pin.SE3(T_START.rotation, T_START.translation + np.array([0.0, 0.0, 0.01]))
     bench.robot = bench.robot.model_copy(update={"sent": record_of(elsewhere)})
     bench.step()
-    assert bench.start().accepted
+    assert bench.start(ForceStartRequest(mode="position", law=law)).accepted
     for _ in range(100):
         bench.step()
         assert bench.said().valid

@@ -13,6 +13,7 @@ from common import topics
 from common.frames import Array
 from common.requests import Empty, ForceStartRequest
 from services.regulator.settings import law_settings
+from services.regulator.unproven import LIMIT_RAD, Yielding, trip_of
 from tests.fakes.bench import CELL
 from tests.fakes.long import long
 from tests.fakes.regulator_bench import PERIOD_S
@@ -201,3 +202,16 @@ def test_a_touch_from_free_space_proves_the_axis_along_the_tool_and_no_other() -
             plant.step()
         assert plant.said().valid == is_proved
         assert (np.linalg.norm(plant.p_m - begin_m) > 0.02) == is_proved
+
+
+def test_a_tool_that_turns_to_a_torque_is_stopped_at_its_limit() -> None:
+    """Only where it may turn, and only while an axis is unproved; the trip has both numbers."""
+    free_N, unproved = np.zeros(3), np.array([True, True, False])
+    at, beyond = Yielding(turn_rad=LIMIT_RAD), Yielding(turn_rad=LIMIT_RAD + 1e-9)
+    assert trip_of(at, free_N, unproved, turns=True) is None
+    assert trip_of(beyond, free_N, unproved, turns=False) is None
+    assert trip_of(beyond, free_N, np.zeros(3, dtype=bool), turns=True) is None
+    trip = trip_of(beyond, free_N, unproved, turns=True)
+    assert trip is not None
+    assert (trip.code, trip.value, trip.limit) == ("sensor_sign", LIMIT_RAD + 1e-9, LIMIT_RAD)
+    assert "forcemesh check axes" in trip.text

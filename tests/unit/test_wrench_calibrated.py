@@ -11,9 +11,9 @@ from common.calibration import CalibrationSection, Residuals
 from common.cell import Cell
 from common.cell_terms import FrameSection
 from common.messages import RegulatorTarget, RobotStatus
-from common.requests import CalibrationRequest, Empty, Reply
+from common.requests import AxesRequest, CalibrationRequest, Empty, Reply
 from common.service import Measuring
-from services.wrench.calibrated import of_cell
+from services.wrench.calibrated import LARGEST, of_cell
 from tests.fakes.wrench_bench import BIAS_N, BIAS_NM, IDEAL, WrenchBench
 from tests.unit.test_calibration import NOTHING_LEFT, calibration
 
@@ -235,3 +235,32 @@ def test_the_filters_delay_is_told(bench: WrenchBench) -> None:
     assert told.keys() == {"filter_delay_s", "tare_age_h"}
     assert told["filter_delay_s"] == pytest.approx(expected_s)
     assert 0.0 <= told["tare_age_h"] < 1.0
+
+
+# --- axes that were checked -----------------------------------------------------------------------
+
+
+def test_axes_are_proved_for_the_calibration_in_use_and_no_other(bench: WrenchBench) -> None:
+    """A check under another calibration proves nothing; a new calibration asks for a new check."""
+    in_use = bench.said().calibration
+    assert not bench.said().axes_checked
+    reply = bench.ask(topics.AXES, AxesRequest(calibration="00000000"))
+    assert (reply.accepted, reply.code) == (False, "payload")
+    assert "'00000000'" in reply.text
+    bench.pass_s(0.1)
+    assert not bench.said().axes_checked
+    assert bench.ask(topics.AXES, AxesRequest(calibration=in_use)).accepted
+    bench.pass_s(0.1)
+    assert bench.said().axes_checked
+    assert ask(bench, of_the_demo()).accepted
+    bench.pass_s(0.1)
+    assert not bench.said().axes_checked
+
+
+def test_a_number_that_no_calibration_has_is_refused_with_its_place(bench: WrenchBench) -> None:
+    """Finite, and yet beyond all that the arithmetic was tried with; the limit itself passes."""
+    reply = ask(bench, of_the_demo(fit=left(LARGEST * (1.0 + 1e-9))))
+    assert not reply.accepted
+    assert "fit.force_max_N" in reply.text
+    assert "beyond 1e+06" in reply.text
+    assert ask(bench, of_the_demo(fit=left(LARGEST))).code != reply.code

@@ -16,7 +16,7 @@ from common.convert import record_of
 from common.frames import rotation_from_vector
 from common.guard import Guard
 from common.limits import Limits, check_workspace
-from common.messages import Goal, Speed, Trip, Vec3, WrenchAtTcp
+from common.messages import Feedback, Gains, Goal, Speed, Trip, Vec3, WrenchAtTcp
 from tests.contract.rig import DEMO_CELL, shifted
 
 CELL = load_cell(DEMO_CELL)
@@ -225,6 +225,15 @@ def test_the_robot_takes_nothing_but_that_goal() -> None:
     assert code(guard.setpoint(shifted(DOWN, z_m=1e-4), DOWN, 4 * MS)) == "state"
     free = freed_guard(felt((0.0, 0.0, 5.0)))
     assert code(free.goal(goal_to(shifted(DOWN, z_m=0.01)), SLOW, DOWN, JOINTS)) == "already"
+
+
+def test_the_robot_takes_no_force_feedback_while_it_backs_off() -> None:
+    """The same request is fine under a lease for all: it is the purpose that forbids it."""
+    guard, wanted = Guard(CELL), Feedback(mode="position", gains=Gains())
+    guard.start(DOWN, 0, "back_off")
+    assert code(guard.feedback(wanted)) == "state"
+    guard.start(DOWN, 0, "all")
+    assert guard.feedback(wanted) is None
 
 
 def test_the_robot_s_ceiling_is_a_ratchet_then_and_the_cell_s_again_afterwards() -> None:

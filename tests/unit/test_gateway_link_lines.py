@@ -181,6 +181,15 @@ def test_silence_ends_a_connection_and_any_byte_keeps_it(line: Line) -> None:
     assert sock.closed
 
 
+def test_silence_counts_from_the_opening_and_not_from_the_first_attempt(line: Line) -> None:
+    """A connection that took its time is not given up for it."""
+    line.prepare = lambda sock: sock.connects.append(errno.EINPROGRESS)
+    line.poll()
+    assert line.poll(1e3 * SETTINGS.connect_within_s).opened
+    assert line.poll(1e3 * SETTINGS.silent_after_s).lost == ""
+    assert line.poll(1e-3).lost == NAME + "silent for 1.5 s"
+
+
 # --- sending --------------------------------------------------------------------------------------
 
 
@@ -269,11 +278,25 @@ def test_a_peer_that_takes_in_turns_is_never_called_stalled(line: Line) -> None:
     sock = stalled(line, packets=2)
     for _ in range(10):
         sock.confirms = True
-        assert line.poll(0.9e3 * SETTINGS.stalled_after_s).lost == ""
+        assert line.poll(0.6e3 * SETTINGS.stalled_after_s).lost == ""
         sock.confirms = False
         assert line.send()
         assert line.send()
+        assert line.poll(0.6e3 * SETTINGS.stalled_after_s).lost == ""
         sock.arrived.append(b"y")
+
+
+def test_a_new_connection_is_not_blamed_for_packets_of_the_one_before(line: Line) -> None:
+    """Whatever was on its way when that one ended: the age of the new one's packets counts."""
+    sock = stalled(line, packets=2)
+    sock.arrived.append(b"")
+    assert line.poll(1.0).lost
+    line.poll(1e3 * SETTINGS.stalled_after_s)
+    assert line.link.is_open
+    line.socket.confirms = False
+    assert line.send()
+    assert line.send()
+    assert line.poll(1e3 * SETTINGS.stalled_after_s).lost == ""
 
 
 def test_where_the_kernel_cannot_say_what_is_on_its_way_the_rest_is_still_watched(

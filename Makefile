@@ -21,10 +21,12 @@ endif
 
 # The tests of the modules that `make coverage` measures, without those that only repeat their ways.
 COVERED_BY = $(foreach name,arbiter faults frames gateway guard inbox limits packet permission pure \
-  endpoints misrouted service_overruns regulator wrench_compensation wrench_plausibility \
-  skills_regulator wrench_calibrated wrench_inertia wrench_tare wrench_service calibration,$(wildcard tests/unit/test_$(name)*.py))
+  endpoints misrouted service_overruns service_breakdown service_process regulator \
+  wrench_compensation wrench_plausibility skills_regulator wrench_calibrated wrench_inertia \
+  wrench_tare wrench_service back_off calibration config messages_codec recording_versions,$(wildcard tests/unit/test_$(name)*.py))
 NO_NEW_BRANCH := mistake_is_found or no_way_through or dead_end or every_fault_of_the_sensor \
-  or judge_sees or no_command_gets_past or wall_that_vanishes or four_times_stiffer
+  or judge_sees or no_command_gets_past or wall_that_vanishes or four_times_stiffer \
+  or stall_at_first_touch or stall_while_holding or number_survives_the_dump or verbs_open
 
 .DEFAULT_GOAL := help
 .PHONY: help setup demo test test-long test-browser test-subscribers coverage check format readme bench bench-tcp bench-payload bench-force chaos chaos-full chaos-network chaos-flood chaos-clocks soak soak-sensor flips whole-runs mutate mutate-program fuzz fuzz-codec fuzz-commands hostile pki up down sbom compose-test lock clean
@@ -55,7 +57,7 @@ test-subscribers: setup ## run the subscribers in other languages against a hub 
 	@$(BIN)/python -m tools.subscribers_test
 
 coverage: setup ## take every branch of the modules that decide about motion: the list is in pyproject.toml
-	@CI=1 $(BIN)/python -m pytest -q -n auto -o timeout=600 -m "not (realtime or processes)" -k "not ($(NO_NEW_BRANCH))" \
+	@CI=1 $(BIN)/python -m pytest -q -n auto -o timeout=600 -m "not (realtime or processes or long)" -k "not ($(NO_NEW_BRANCH))" \
 	  --cov --cov-report=term $(COVERED_BY) $(ARGS)
 
 check: setup ## lint, format, types, import contracts, sizes

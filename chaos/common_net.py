@@ -4,12 +4,13 @@ The cell has a name, ports and a run folder of its own, so that it disturbs no o
 """
 
 import os
+import random
 import socket
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +35,7 @@ from common.topics import Q, Request
 
 ROOT = Path(__file__).resolve().parent.parent
 RUN_FOLDER = "FORCEMESH_RUN_FOLDER"
+OURS = range(20_000, 32_000)  # ports below those of outgoing connections, which begin at 32768
 POLL_S = 0.002
 PATIENCE_S = 30.0  # of the harness, with a machine that has other work
 
@@ -43,10 +45,15 @@ class HarnessError(ForcemeshError):
 
 
 def free_port() -> int:
-    """Return a TCP port of loopback that nobody listens on right now."""
-    with socket.create_server(("127.0.0.1", 0)) as probe:
-        port: int = probe.getsockname()[1]
-        return port
+    """Return a TCP port of loopback that nobody listens on right now.
+
+    None that the kernel gives to outgoing connections: one of them, even a client that waits for
+    this very port, could have it before whoever is to listen.
+    """
+    while True:
+        port = random.SystemRandom().choice(OURS)
+        with suppress(OSError), socket.create_server(("127.0.0.1", port)):
+            return port
 
 
 def make_cell(template: str, folder: Path, overrides: Mapping[str, object]) -> tuple[Cell, Path]:

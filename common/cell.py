@@ -256,11 +256,11 @@ class GatewaySection(Section):
 
     host: str = "192.168.0.2"
     port: int = Field(49152, ge=8192, le=65535)
-    position_per_mm: int = Field(50, ge=1, le=1000)
-    oat_per_deg: int = Field(500, ge=1, le=5000)
-    joint_per_deg: int = Field(250, ge=1, le=5000)
-    force_per_N: int = Field(100, ge=1, le=10000)
-    torque_per_Nm: int = Field(1000, ge=1, le=10000)
+    position_per_mm: int = Field(50, ge=10, le=99)
+    oat_per_deg: int = Field(500, ge=100, le=555)
+    joint_per_deg: int = Field(250, ge=50, le=277)
+    force_per_N: int = Field(100, ge=1, le=999)
+    torque_per_Nm: int = Field(1000, ge=10, le=9999)
     speed_per_mm_s: int = Field(10, ge=1, le=1000)
     arm: int = Field(1, ge=0, le=999)  # its number, fm.num in fm.config: swapped cables are found
     # Longest time between two set points that the controller takes; none goes farther in it than

@@ -35,13 +35,13 @@ def test_without_its_section_a_gateway_says_what_is_missing() -> None:
 @pytest.mark.parametrize("name", SCALE_RANGES)
 @pytest.mark.parametrize("end", ["lowest", "highest"])
 def test_a_scale_that_cannot_carry_what_it_is_for_is_named(name: str, end: str) -> None:
-    """The ends of its range are taken, the next ones are refused, by the cell file or here."""
+    """The ends of its range are taken, the next ones are refused when the cell file is read."""
     low, high = SCALE_RANGES[name]
     good, bad = (low, low - 1) if end == "lowest" else (high, high + 1)
     good_cell: dict[str, Any] = {f"gateway.{name}": good}
     assert gateway(gateway_cell(PORT, **good_cell)).verdict.command is None
     with pytest.raises(ConfigError) as caught:
-        gateway(gateway_cell(PORT, **{f"gateway.{name}": bad}))
+        gateway_cell(PORT, **{f"gateway.{name}": bad})
     (line,) = caught.value.mistakes
     assert name in line
 

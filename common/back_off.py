@@ -57,7 +57,8 @@ class Plan:
             "workspace": "straight back into the workspace",
             "blind": "back along the tool's axis, without a force to follow",
         }
-        return f"{1e3 * _size(self.way_m):.1f} mm {along[self.kind]}, at {SPEED_M_S * 1e3:g} mm/s"
+        way_mm, most_mm_s = 1e3 * _size(self.way_m), 1e3 * SPEED_M_S
+        return f"{way_mm:.1f} mm {along[self.kind]}, at most {most_mm_s:g} mm/s"
 
 
 def plan(

@@ -320,7 +320,7 @@ class Arbiter:
         unknown = tuple(known.fault_trips(inputs, blind=False)) if blind else ()
         self._freeing, request = replace(begun, unknown=unknown), begun.request
         goal = Goal(id=0, kind=request.kind, pose=request.pose)
-        claim = Claim("operator", request, goal, freeing.SPEED, inputs.now_ns)
+        claim = Claim("operator", request, goal, begun.speed, inputs.now_ns)
         reply, step = self._commanders.ask(request, robot, self._bounds, claim)
         self._note(step)
         if not reply.accepted:

@@ -19,8 +19,6 @@ from common.requests import MoveRequest
 from services.arbiter.bounds import Bounds
 from services.arbiter.inputs import Inputs
 
-SPEED = Speed(mechanical_m_s=back_off.SPEED_M_S)
-
 
 @dataclass(frozen=True, slots=True)
 class Freeing:
@@ -34,10 +32,15 @@ class Freeing:
     unknown: tuple[Trip, ...] = ()  # why it is blind: still a fault when it ends
 
     @property
+    def speed(self) -> Speed:
+        """How fast it goes: that of backing off, or what the cell allows where that is less."""
+        return Speed(mechanical_m_s=min(back_off.SPEED_M_S, self.limits.speed_m_s))
+
+    @property
     def request(self) -> MoveRequest:
         """The move that frees the arm."""
         pose = record_of(self.plan.goal(self.run.T_start))
-        return MoveRequest(kind="pose", pose=pose, speed_m_s=back_off.SPEED_M_S)
+        return MoveRequest(kind="pose", pose=pose, speed_m_s=self.speed.mechanical_m_s)
 
 
 def is_blind(inputs: Inputs) -> bool:

@@ -260,13 +260,12 @@ def test_a_move_stops_at_a_force_rise_of_its_own() -> None:
     assert world.core.state not in MAY_MOVE
 
 
-def test_a_cell_that_is_slower_than_backing_off_refuses_it_and_holds() -> None:
-    """Its own speed limit goes first; the refusal names it, and nothing is commanded."""
+def test_a_cell_that_is_slower_than_backing_off_backs_off_at_its_own_speed() -> None:
+    """It was refused with `speed`, and only the pendant was left."""
     slow = CELL.limits.model_copy(update={"speed_m_s": 0.5 * SPEED_M_S})
     world = loaded(cell=CELL.model_copy(update={"limits": slow}))
-    reply = back_off(world)
-    assert (reply.accepted, reply.code) == (False, "speed")
-    assert (reply.value, reply.limit) == (SPEED_M_S, 0.5 * SPEED_M_S)
-    for _ in range(20):
-        assert world.tick().kind == "hold"
-    assert (world.core.state, codes(world)) == ("HOLDING", ["speed"])
+    assert back_off(world).accepted
+    command = world.tick()
+    assert command.kind == "goal"
+    assert command.speed is not None
+    assert command.speed.mechanical_m_s * command.speed.modular_fraction == 0.5 * SPEED_M_S

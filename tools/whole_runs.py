@@ -46,7 +46,7 @@ RUNS = {
         "make chaos-flood", (*CELL, "chaos"), "a cell needs less than one of two processors"
     ),
     "soak": WholeRun("make soak", (*CELL, "chaos")),
-    "mutate": WholeRun("make mutate", JUDGED),
+    "mutate": WholeRun("make mutate", JUDGED, "each survivor was looked at"),
 }
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from tools import whole_runs
-from tools.whole_runs import WholeRun, complaint, failures, git, keep
+from tools.whole_runs import WholeRun, complaint, failures, git, keep, kept_at
 
 SAYS_42 = WholeRun("echo 42", ("code",))
 
@@ -98,6 +98,15 @@ def test_where_history_was_rewritten_the_commit_that_brought_it_counts(root: Pat
     for n in range(41):
         commit(root, "code/first", f"version {n}")
     assert "41 commits" in complaint("one", root, SAYS_42)
+
+
+def test_where_none_is_kept_everything_is_new(root: Path) -> None:
+    """A sample of mutants then takes as much of every module."""
+    first = git("rev-parse", "HEAD", root=root)
+    commit(root, "code/first", "version 1")
+    assert kept_at("one", root) == first
+    keep("one", root, SAYS_42)
+    assert git("rev-parse", "HEAD", root=root).startswith(kept_at("one", root))
 
 
 def test_every_path_of_the_table_is_there_and_every_command_a_target() -> None:

@@ -33,8 +33,8 @@ JUDGES = {
     "common.reader": "unit/test_reader_bounds unit/test_endpoints unit/test_endpoints_rivals"
     " unit/test_two_arbiters",
     "common.acl": "unit/test_acl",
-    "services.regulator.guards": "unit/test_regulator_guards unit/test_pure_corners"
-    " unit/test_regulator_service",
+    "services.regulator.guards": "unit/test_regulator_guards_exact unit/test_regulator_guards"
+    " unit/test_pure_corners unit/test_regulator_service",
     "services.regulator.oscillation": "unit/test_regulator_guards",
     "services.regulator.tuning": "unit/test_regulator_tuning unit/test_regulator_service"
     " unit/test_tune_advice",

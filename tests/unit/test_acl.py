@@ -74,6 +74,7 @@ def test_a_role_answers_its_own_requests_and_asks_nothing(cell: Cell, role: str)
     served = keys(cell, [r for r in REQUESTS if r.server in played(cell, role)])
     name = common_name(role, cell.cell)
     assert allowed(cell, name, "reply", "ingress") == served
+    assert allowed(cell, name, "declare_queryable", "ingress") == served
     assert allowed(cell, name, "query", "egress") == served
     assert allowed(cell, name, "query", "ingress") == set()
 
@@ -84,11 +85,15 @@ def test_people_hear_everything_and_say_nothing(cell: Cell) -> None:
         name = common_name(person, cell.cell)
         assert allowed(cell, name, "put", "ingress") == set()
         assert allowed(cell, name, "put", "egress") == keys(cell, TOPICS)
+        everything = {f"{each}/**" for each in (cell.cell, *cell.bus.below)}
+        assert allowed(cell, name, "declare_subscriber", "ingress") == everything
     described = {f"{cell.cell}/{DESCRIBE}"}
-    for person in (OPERATOR, PANEL):
-        asked = allowed(cell, common_name(person, cell.cell), "query", "ingress")
-        assert asked == keys(cell, REQUESTS) | described
-    assert allowed(cell, common_name(MONITOR, cell.cell), "query", "ingress") == described
+    everything = keys(cell, REQUESTS) | described
+    for person, wanted in ((OPERATOR, everything), (PANEL, everything), (MONITOR, described)):
+        name = common_name(person, cell.cell)
+        assert allowed(cell, name, "query", "ingress") == wanted
+        for message in ("reply", "declare_queryable"):  # or the answer never comes
+            assert allowed(cell, name, message, "egress") == wanted
 
 
 def test_a_monitor_may_hold_and_no_more_if_the_cell_says_so() -> None:
@@ -106,6 +111,22 @@ def test_who_shows_the_hubs_certificate_hears_its_health_and_no_more(cell: Cell)
     assert allowed(cell, name, "put", "egress") == health
     for message in ("put", "query", "reply", "declare_queryable"):
         assert allowed(cell, name, message, "ingress") == set()
+
+
+def test_what_no_rule_allows_is_denied(cell: Cell) -> None:
+    """It is on, its default is no, and there is no rule that takes anything away."""
+    section = access_control(cell)
+    assert (section["enabled"], section["default_permission"]) == (True, "deny")
+    assert all(rule["permission"] == "allow" for rule in section["rules"])
+
+
+def test_who_may_say_something_learns_that_somebody_listens(cell: Cell) -> None:
+    """Without that Zenoh sends nothing; nobody else is told who listens."""
+    for role in PROCESSES:
+        name = common_name(role, cell.cell)
+        assert allowed(cell, name, "declare_subscriber", "egress") == {f"{cell.cell}/**"}
+    for name in (*PEOPLE, "hub"):
+        assert not allowed(cell, common_name(name, cell.cell), "declare_subscriber", "egress")
 
 
 def test_nobody_may_say_the_self_test(cell: Cell) -> None:
@@ -139,6 +160,9 @@ def test_a_cell_below_is_watched_and_commands_nothing() -> None:
     topics = {f"left/{topic.key}" for topic in TOPICS}
     assert allowed(above, "hub.left", "put", "ingress") == topics
     assert allowed(above, "hub.left", "put", "egress") == set()
+    assert allowed(above, "hub.left", "declare_subscriber", "egress") == {"left/**"}
+    monitor = common_name(MONITOR, "demo")
+    assert allowed(above, monitor, "declare_subscriber", "ingress") == {"demo/**", "left/**"}
     assert topics <= allowed(above, common_name(MONITOR, "demo"), "put", "egress")
     asked = allowed(above, common_name(OPERATOR, "demo"), "query", "ingress")
     assert not any(key.startswith("left/") for key in asked)
@@ -149,16 +173,18 @@ def test_the_hub_above_hears_and_says_nothing() -> None:
     upstream = {"endpoint": "tls/above:7447", "cell": "above"}
     below = load_cell(CELLS / "demo.yaml", {"bus.upstream": upstream})
     assert allowed(below, "hub.above", "put", "egress") == keys(below, TOPICS)
+    assert allowed(below, "hub.above", "declare_subscriber", "ingress") == {"demo/**"}
     for message in ("put", "query", "reply"):
         assert allowed(below, "hub.above", message, "ingress") == set()
 
 
-def test_hold_is_never_counted_and_no_report_is_cut(cell: Cell) -> None:
-    """The rate limits leave `hold` and streams alone, and give the rest ten times its rate."""
-    limits = {
-        rule["key_expr"]: rule["freq"] for limit in rate_limits(cell) for rule in limit["rules"]
-    }
-    assert f"{cell.cell}/{HOLD.key}" not in limits
-    for topic in TOPICS:
-        freq_hz = limits.get(f"{cell.cell}/{topic.key}", float("inf"))
-        assert freq_hz >= 10 * cell.rate_hz(topic)
+def test_hold_is_never_counted_and_a_flood_of_anything_else_ends_at_the_hub(cell: Cell) -> None:
+    """Streams are left alone too; reports have 20 times their rate, requests 100 Hz."""
+    reports = {f"{cell.cell}/{t.key}": 20.0 * cell.rate_hz(t) for t in TOPICS if t.qos == "report"}
+    asked = {f"{cell.cell}/{row.key}": 100.0 for row in REQUESTS if row.key != "request/hold"}
+    asked[f"{cell.cell}/{DESCRIBE}"] = 5.0
+    limits = rate_limits(cell)
+    assert len({limit["id"] for limit in limits}) == len(limits) == 2
+    for limit, message, expected in zip(limits, ("put", "query"), (reports, asked), strict=True):
+        assert (limit["flows"], limit["messages"]) == (["ingress"], [message])
+        assert {rule["key_expr"]: rule["freq"] for rule in limit["rules"]} == expected

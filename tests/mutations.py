@@ -35,7 +35,7 @@ JUDGES = {
     "common.acl": "unit/test_acl",
     "services.regulator.guards": "unit/test_regulator_guards_exact unit/test_regulator_guards"
     " unit/test_pure_corners unit/test_regulator_service",
-    "services.regulator.oscillation": "unit/test_regulator_guards",
+    "services.regulator.oscillation": "unit/test_regulator_oscillation unit/test_regulator_guards",
     "services.regulator.tuning": "unit/test_regulator_tuning unit/test_regulator_service"
     " unit/test_tune_advice",
     "services.arbiter.preflight": "unit/test_arbiter_preflight unit/test_arbiter_controller"

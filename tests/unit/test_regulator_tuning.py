@@ -1,9 +1,13 @@
 """The gain rule: what becomes of stiffness, delay and inertia in a cell file."""
 
+from math import inf, nextafter, pi
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from common.cell import Cell
+from common.messages import Gains, Preset
 from services.regulator.settings import PROBE_N, law_settings, pi_gains
 from services.regulator.tuning import LOOP_GAINS, instability, loop_delay_s, tune
 from tests.fakes.bench import CELL
@@ -11,25 +15,60 @@ from tests.fakes.bench import CELL
 GAINS = pi_gains(tune(CELL).gains)
 
 
-@given(st.floats(1e3, 1e6), st.floats(1.0, 1e4), st.floats(0.0, 0.2))
-def test_the_gain_rule_is_045_over_k_tau_unless_inertia_is_in_the_way(k, k_tilt, delay_s) -> None:
-    """K Ki tau = 0.45, or Ki = 0.5 / (m w_b) where that is less; force and torque alike."""
+def cell_of(k: float, k_tilt: float, delay_s: float) -> Cell:
+    """Return the demo's cell with another contact and another delay."""
     update = {"stiffness_N_m": k, "tilt_stiffness_Nm_rad": k_tilt}
     contact = CELL.contact.model_copy(update=update)
     robot = CELL.robot.model_copy(update={"delay_s": delay_s})
-    tuning = tune(CELL.model_copy(update={"contact": contact, "robot": robot}))
-    bandwidth = CELL.robot.bandwidth_rad_s
-    force_cap = 0.5 / (CELL.contact.inertia_kg * bandwidth)
-    torque_cap = 0.5 / (CELL.contact.inertia_kg_m2 * bandwidth)
-    for gain, stiffness, cap in (
-        (tuning.force_i_m_per_Ns, k, force_cap),
-        (tuning.torque_i_rad_per_Nms, k_tilt, torque_cap),
-    ):
-        if gain < cap:
-            assert stiffness * gain * tuning.tau_s == pytest.approx(0.45)
-        else:
-            assert gain == cap
-            assert stiffness * gain * tuning.tau_s <= 0.45 * (1.0 + 1e-12)
+    return CELL.model_copy(update={"contact": contact, "robot": robot})
+
+
+@pytest.mark.parametrize(
+    ("preset", "loop_gain", "inertia"),
+    [("gentle", 0.2, 0.5 * 0.2 / 0.45), ("normal", 0.45, 0.5), ("stiff", 0.6, 0.5)],
+)
+@given(k=st.floats(1e3, 1e6), k_tilt=st.floats(1.0, 1e4), delay_s=st.floats(0.0, 0.2))
+def test_the_gain_rule_is_045_over_k_tau_unless_inertia_is_in_the_way(
+    preset: Preset, loop_gain: float, inertia: float, k: float, k_tilt: float, delay_s: float
+) -> None:
+    """K Ki tau = 0.2, 0.45 or 0.6, or Ki = 0.5 / (m w_b) where that is less; torque alike."""
+    tuning = tune(cell_of(k, k_tilt, delay_s), preset)
+    contact, bandwidth = CELL.contact, CELL.robot.bandwidth_rad_s
+    force = min(loop_gain / (k * tuning.tau_s), inertia / (contact.inertia_kg * bandwidth))
+    torque = min(loop_gain / (k_tilt * tuning.tau_s), inertia / (contact.inertia_kg_m2 * bandwidth))
+    assert tuning.force_i_m_per_Ns == pytest.approx(force)
+    assert tuning.torque_i_rad_per_Nms == pytest.approx(torque)
+
+
+def test_normal_is_what_is_taken_where_no_preset_is_named() -> None:
+    """Services and messages that know no presets get the rule of the cell file."""
+    assert tune(CELL) == tune(CELL, "normal")
+
+
+@pytest.mark.parametrize(
+    ("k", "k_tilt", "delay_s"), [(2e4, 100.0, 0.01), (1e3, 1.0, 0.0), (1e6, 1e4, 0.2)]
+)
+def test_what_is_called_unstable_begins_beyond_the_ends_of_theory(
+    k: float, k_tilt: float, delay_s: float
+) -> None:
+    """K Kp = 1, k Ki tau = pi / 2 and Ki = 1 / (m w_b), the last number allowed; torque alike."""
+    cell = cell_of(k, k_tilt, delay_s)
+    tau_s, bandwidth = tune(cell).tau_s, cell.robot.bandwidth_rad_s
+    kg, kg_m2 = cell.contact.inertia_kg, cell.contact.inertia_kg_m2
+    ends = {
+        "force_p_m_per_N": 1.0 / k,
+        "force_i_m_per_Ns": min(pi / 2 / (k * tau_s), 1.0 / (kg * bandwidth)),
+        "torque_p_rad_per_Nm": 1.0 / k_tilt,
+        "torque_i_rad_per_Nms": min(pi / 2 / (k_tilt * tau_s), 1.0 / (kg_m2 * bandwidth)),
+    }
+    where = f"unstable at contact.stiffness_N_m {k:g} and a delay of {1e3 * tau_s:.0f} ms: "
+    for name, end in ends.items():
+        assert not instability(cell, Gains.model_validate({name: (0.0, end, 0.5 * end)}))
+        beyond = Gains.model_validate({name: (0.0, nextafter(end, inf), 0.5 * end)})
+        assert instability(cell, beyond) == f"{where}{name} above {end:.2g}"
+    every = Gains.model_validate({name: (2.0 * end,) * 3 for name, end in ends.items()})
+    named = ", ".join(f"{name} above {end:.2g}" for name, end in ends.items())
+    assert instability(cell, every) == where + named
 
 
 @given(
@@ -41,10 +80,7 @@ def test_the_gain_rule_is_045_over_k_tau_unless_inertia_is_in_the_way(k, k_tilt,
 )
 def test_no_preset_is_unstable_and_what_would_be_is_named(preset, k, k_tilt, delay_s, name) -> None:
     """Any cell: the rule's own gains pass, one gain that is a thousand times too much does not."""
-    update = {"stiffness_N_m": k, "tilt_stiffness_Nm_rad": k_tilt}
-    contact = CELL.contact.model_copy(update=update)
-    robot = CELL.robot.model_copy(update={"delay_s": delay_s})
-    cell = CELL.model_copy(update={"contact": contact, "robot": robot})
+    cell = cell_of(k, k_tilt, delay_s)
     gains = tune(cell, preset).gains
     assert not instability(cell, gains)
     rule = (gains.force_i_m_per_Ns[0], gains.torque_i_rad_per_Nms[0])

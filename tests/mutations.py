@@ -31,7 +31,7 @@ JUDGES = {
     "common.packet_table": "unit/test_packet unit/test_controller_file unit/test_gateway_commands"
     " unit/test_gateway_limits",
     "common.reader": "unit/test_reader_bounds unit/test_endpoints unit/test_endpoints_rivals"
-    " unit/test_two_arbiters",
+    " unit/test_misrouted unit/test_two_arbiters unit/test_pure_corners",
     "common.acl": "unit/test_acl",
     "services.regulator.guards": "unit/test_regulator_guards_exact unit/test_regulator_guards"
     " unit/test_pure_corners unit/test_regulator_service",

@@ -11,7 +11,7 @@ from common import topics
 from common.clock import ManualClock
 from common.codec import encode
 from common.config import load_cell
-from common.endpoints import Bus, Origin
+from common.endpoints import Bus, Origin, Reading
 from common.errors import BusError
 from common.memory import MemoryTransport
 from common.messages import SensorWrench, WrenchAtTcp
@@ -41,6 +41,7 @@ def test_nothing_heard_is_missing(line: Line) -> None:
 
     assert reading.fault == "sensor/wrench missing"
     assert (reading.message, reading.fresh, reading.origin) == (None, None, None)
+    assert (reading.silent, reading.conflict, reading.code) == (True, False, "missing")
     assert reading.age_s == float("inf")
 
 
@@ -60,12 +61,22 @@ def test_a_message_is_good_up_to_the_last_nanosecond_and_stale_after_it(line: Li
 
 def test_what_the_writer_calls_invalid_is_a_fault_with_its_reason(line: Line) -> None:
     """Invalid and fresh: the reason is passed on; without one the reader says so."""
-    line.say(1, SensorWrench(valid=False, reason="no cable"))
-    assert line.read().fault == "sensor/wrench invalid: no cable"
+    line.say(1, SensorWrench(valid=False, reason="no cable", code="sensor_silent"))
+    reading = line.read()
+    assert reading.fault == "sensor/wrench invalid: no cable"
+    assert reading.code == "sensor_silent"
 
     line.say(2, SensorWrench(valid=False))
-    assert line.read().fault == "sensor/wrench invalid: no reason given"
-    assert line.read().fresh is None
+    reading = line.read()
+    assert reading.fault == "sensor/wrench invalid: no reason given"
+    assert (reading.fresh, reading.code) == (None, "invalid")
+
+
+def test_a_reading_with_nothing_wrong_is_fresh_and_nobodys_conflict() -> None:
+    """A recording is read as if it were heard: by message, header, age and fault alone."""
+    reading = Reading(SensorWrench(), Line().header(1), 0.0, "")
+    assert reading.fresh == SensorWrench()
+    assert (reading.silent, reading.conflict, reading.code) == (False, False, "")
 
 
 def test_stale_is_told_apart_from_invalid(line: Line) -> None:
@@ -82,6 +93,7 @@ def test_stale_is_told_apart_from_invalid(line: Line) -> None:
 def test_a_fault_can_be_passed_on_however_long_the_reason_was(line: Line) -> None:
     """Each hop puts its own words before the reason; the text must still fit a message."""
     line.say(1, SensorWrench(valid=False, reason=LONGEST_REASON))
+    assert len(line.read().fault) == 400
     passed_on = WrenchAtTcp(valid=False, reason=line.read().fault)
 
     assert passed_on.reason.startswith("sensor/wrench invalid: yyy")
@@ -123,10 +135,12 @@ def test_a_repeated_message_does_not_refresh_an_old_one(line: Line) -> None:
 
 
 def test_the_sensor_sample_behind_a_message_is_carried(line: Line) -> None:
-    """Stamp and number of the sample, or nothing."""
+    """Stamp and number of the sample; a writer that does not number them has zero; or nothing."""
     line.say(1, sensor_stamp_ns=123, sensor_seq=7)
     assert line.read().origin == Origin(123, 7)
-    line.say(2)
+    line.say(2, sensor_stamp_ns=124)
+    assert line.read().origin == Origin(124, 0)
+    line.say(3)
     assert line.read().origin is None
 
 

@@ -5,11 +5,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from common.faults import FAULTS
-from common.reader import BAD_MESSAGES, CONFLICT_S, RESTART_S
 from tests.fakes.line import STALE_S, Line
 
 MS = 1_000_000
 A, B = 1, 2  # two processes that write one topic
+RESTART_S = 0.1  # two writers within this are two at once
+CONFLICT_S = 1.0
+BAD_MESSAGES = 5  # so many more bad ones than good ones are borne
 
 
 @pytest.fixture
@@ -37,7 +39,7 @@ def test_one_writer_is_no_conflict(line: Line) -> None:
 def test_a_second_writer_is_seen_with_its_first_message(line: Line) -> None:
     """The first one has spoken a moment ago, and no process restarts as quickly as that."""
     line.say(1, epoch=A)
-    pause_s(line, RESTART_S - 0.001)
+    line.clock.advance_ns(round(RESTART_S * 1e9) - 1)
     line.say(1, epoch=B)
     assert line.read().conflict
     assert line.reader.counters.overlaps == 1
@@ -113,11 +115,23 @@ def test_the_counter_saturates_so_that_order_comes_back(line: Line) -> None:
     line.say(1000)
     for _ in range(500):
         line.say(1)
-    assert line.read().code == "bad_messages"
     for seq in range(1001, 1001 + BAD_MESSAGES):
+        assert line.read().code == "bad_messages"
         pause_s(line, STALE_S / 10)
         line.say(seq)
     assert line.read().fault == ""
+
+
+@pytest.mark.parametrize(("strays", "code"), [(6, ""), (7, "bad_messages")])
+def test_what_is_bad_before_the_first_good_message_counts_as_well(
+    line: Line, strays: int, code: str
+) -> None:
+    """Six bad ones and a good one are five more: borne; one more of them is a fault."""
+    for seq in range(strays):
+        line.say(seq, topic="demo/wrench")
+    assert line.read().code == "missing"
+    line.say(1)
+    assert line.read().code == code
 
 
 def test_unreadable_bytes_count_as_bad(line: Line) -> None:

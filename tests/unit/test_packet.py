@@ -7,34 +7,28 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from common.errors import LocalProtocolError, RemoteProtocolError
-from common.packet import (
-    FRAME_NAMES,
-    FRAME_STRIDE,
-    FRAMES,
-    PACKET_CHARS,
-    VALUE_MAX,
-    VALUE_MIN,
-    Packet,
-    PacketReader,
-    encode,
-)
+from common.packet import FRAME_NAMES, Packet, PacketReader, encode
 from common.packet_table import (
     COMMANDS,
-    COUNTER_SPAN,
-    ID_FIRST,
-    ID_LAST,
     NO_ID,
     REPORTS,
-    STATUS_BITS,
     TABLE,
     Com,
     Status,
+    greeted,
+    greeting,
     ids_since,
     known,
     next_id,
     pack_status,
     unpack_status,
 )
+
+# What both ends of the wire are built on: controller/README.md says it to whoever writes the other.
+FRAMES, FRAME_STRIDE, PACKET_CHARS = 9, 7, 63
+ID_FIRST, ID_LAST = 500_000, 999_999
+VALUE_MIN, VALUE_MAX = -99_999, 499_999
+STATUS_BITS, COUNTER_SPAN = 11, 240
 
 values = st.integers(VALUE_MIN, VALUE_MAX)
 ids = st.integers(ID_FIRST, ID_LAST)
@@ -73,6 +67,11 @@ def test_the_characters_are_those_of_the_specification() -> None:
     assert encode(SAMPLE) == (
         b"500123 000001 000000 -00123 499999 -99999 000000 045000 -00001 "
     )  # fmt: skip
+
+
+def test_a_number_that_nobody_gave_is_zero() -> None:
+    """A heartbeat or a hold holds nothing else, and Param zero means zero."""
+    assert encode(Packet(500_000, 12)) == b"500000 000012 " + b"000000 " * 7
 
 
 def test_a_packet_is_taken_with_its_last_character() -> None:
@@ -200,7 +199,7 @@ def test_a_lost_character_is_noticed_in_the_packet_it_is_missing_from(p: Packet,
 def test_the_place_of_a_fault_is_the_same_for_any_chunking(
     sent: list[Packet], cuts: list[int], at: int
 ) -> None:
-    """The error names packet and character of the stream, and those do not depend on the cuts."""
+    """The error names packet, frame and character of the stream, and none depends on the cuts."""
     bad = bytearray(encode(SAMPLE))
     bad[at] = ord("x")
     data = b"".join(map(encode, sent)) + bytes(bad) + encode(SAMPLE)
@@ -209,8 +208,11 @@ def test_the_place_of_a_fault_is_the_same_for_any_chunking(
     with pytest.raises(RemoteProtocolError) as chopped:
         feed_all(PacketReader(), chop(data, cuts))
     assert str(chopped.value) == str(whole.value)
-    assert f"packet {len(sent) + 1} " in str(whole.value)
-    assert "x" in str(whole.value)
+    name, is_space = FRAME_NAMES[at // 7], at % 7 == 6
+    place = 63 * len(sent) + (at if is_space else at - at % 7) + 1
+    shown = "x" if is_space else bytes(bad[at - at % 7 :][:6]).decode()
+    where = f"{'after ' if is_space else ''}{name} at character {place}: '{shown}' "
+    assert str(whole.value).startswith(f"packet {len(sent) + 1} of the connection, {where}")
 
 
 def test_a_dead_reader_stays_dead() -> None:
@@ -252,6 +254,9 @@ def test_ids_are_consecutive_and_go_round(id_: int) -> None:
     assert next_id(id_) == (ID_FIRST if id_ == ID_LAST else id_ + 1)
     assert ids_since(id_, next_id(id_)) == 1
     assert ID_FIRST <= next_id(NO_ID) <= ID_LAST
+    assert ids_since(ID_LAST, ID_FIRST) == 1
+    with pytest.raises(LocalProtocolError, match="ID is"):
+        encode(Packet(NO_ID, 12))
 
 
 def test_every_command_has_its_row() -> None:
@@ -266,6 +271,23 @@ def test_an_unknown_command_is_refused(com: int) -> None:
     """A number that is not in the table is not a command."""
     with pytest.raises(RemoteProtocolError, match=str(com)):
         known(com, 0)
+
+
+@pytest.mark.parametrize(("param", "version", "arm"), [(999, 999, 0), (1000, 1, 0), (2007, 2, 7)])
+def test_a_hello_says_version_and_arm(param: int, version: int, arm: int) -> None:
+    """Version * 1000 + arm, and this is version 2; before it arms had no numbers."""
+    assert greeted(param) == (version, arm)
+    assert greeted(greeting(arm)) == (2, arm)
+
+
+@pytest.mark.parametrize(("com", "first", "last"), [(103, -99_999, 499_999), (9, 0, 499_999)])
+def test_a_param_may_be_any_number_that_the_table_names(com: int, first: int, last: int) -> None:
+    """An error code may be negative, and both ends of a range belong to it."""
+    for param in (first, last):
+        assert known(com, param) == com
+    for param in (first - 1, last + 1):
+        with pytest.raises(RemoteProtocolError, match=str(param)):
+            known(com, param)
 
 
 @pytest.mark.parametrize(("com", "param"), [(1, 1), (6, 2), (7, 3), (8, -1), (101, -1)])

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from common.packet_table import COMMANDS, TABLE, Com, Row
+from common.packet_table import COMMANDS, GAIN_I, GAIN_P, TABLE, Com, Row
 from sim.controller.lint import check_text
 from tests.fakes.controller_talk import codes_of
 
@@ -265,6 +265,15 @@ def initial_text(name: str) -> str:
     """What fm.init puts into a string."""
     lines = [line for line in programs()["fm.init"] if line.startswith(name + "=")]
     return "".join(re.findall(r'"([^"]*)"', "".join(lines)))
+
+
+def test_gains_are_scaled_alike_at_both_ends() -> None:
+    """No hello changes these: 500000 per mm/N, 5000 per mm/(N s), on each of the six axes."""
+    text = "\n".join(programs()["fm.take"])
+    for name, scale, per_unit in (("kp", GAIN_P, 500_000), ("ki", GAIN_I, 5_000)):
+        taken = re.findall(rf"fm\.{name}\[(\d)\]=\.v\[(\d)\]/(\d+)", text)
+        assert taken == [(str(axis), str(axis), str(per_unit)) for axis in range(1, 7)]
+        assert scale == per_unit
 
 
 def test_readme_holds_the_packet_table() -> None:

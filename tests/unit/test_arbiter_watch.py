@@ -1,7 +1,7 @@
 """What one look cannot show: each watcher by itself, at the last digit of what it allows."""
 
 import dataclasses
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import pytest
@@ -10,8 +10,9 @@ from common.codec import Header
 from common.convert import record_of
 from common.frames import rotation_from_vector
 from common.messages import RegulatorTarget, Trip
-from services.arbiter.watch import ResidualWatch, RestWatch
-from tests.fakes.arbiter_world import CELL, T_START, World, shifted
+from services.arbiter.inputs import Inputs
+from services.arbiter.watch import AlignmentWatch, CalibrationWatch, ResidualWatch, RestWatch
+from tests.fakes.arbiter_world import CELL, STOPPED, T_START, World, shifted
 
 S = 1_000_000_000
 
@@ -120,7 +121,158 @@ def test_only_contact_that_the_regulator_found_explains_a_force(
     assert (residual.see(world.inputs()) is not None) == told
 
 
+FULL_N, FULL_NM = 2.0, 1.0
+MORE_N, MORE_NM = np.nextafter(FULL_N, 9.0), np.nextafter(FULL_NM, 9.0)
+
+
+@pytest.mark.parametrize(
+    ("force_N", "torque_Nm", "told"),
+    [
+        (FULL_N, FULL_NM, None),
+        (MORE_N, FULL_NM, (MORE_N, FULL_N)),
+        (FULL_N, MORE_NM, (MORE_NM, FULL_NM)),
+        (MORE_N, MORE_NM, (MORE_N, FULL_N)),
+    ],
+)
+def test_as_much_as_the_cell_allows_may_be_left_and_no_more(
+    force_N: float, torque_Nm: float, told: tuple[float, float] | None
+) -> None:
+    """The one that is too large is told with its own limit; the force, where both are."""
+    world, residual = World(), ResidualWatch(FULL_N, FULL_NM)
+    world.change("wrench", force_N=(0.0, force_N, 0.0), torque_Nm=(torque_Nm, 0.0, 0.0))
+    residual.see(world.inputs())
+    at(world, 1.0)
+    trip = residual.see(world.inputs())
+    assert (None if trip is None else (trip.value, trip.limit)) == told
+
+
+Phase = Literal["free", "contact"] | None  # what the regulator says; None: it is not running
+
+
+@pytest.mark.parametrize(
+    ("before", "told"),
+    [
+        ([("free", 0.5)], True),
+        ([("contact", 5.0), ("contact", 0.5)], False),
+        ([("contact", 5.0), (None, 5.0)], False),
+        ([("contact", 5.0), (None, 0.5)], True),
+    ],
+)
+def test_a_contact_ends_where_the_tool_is_free_and_no_feedback_runs(
+    before: list[tuple[Phase, float]], told: bool
+) -> None:
+    """A tool that bounces has not left; one that was never in contact cannot bounce."""
+    world, residual, trip = World(), ResidualWatch(FULL_N, FULL_NM), None
+    after: list[tuple[Phase, float]] = [("free", 5.0)] * 2
+    for phase, force_N in before + after:
+        world.messages["target"] = STOPPED
+        if phase is not None:
+            world.messages["target"] = RegulatorTarget(
+                mode="position", pose=shifted(), contact=phase
+            )
+        world.change("wrench", force_N=(0.0, 0.0, force_N))
+        at(world, 0.5)
+        trip = residual.see(world.inputs())
+    assert (trip is not None) == told
+
+
+# --- the calibration that force feedback relies on ------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("snapshots", "told"),
+    [
+        ("a- b- b+", False),
+        ("a+ b- b+", False),
+        ("a+ .- b+", False),
+        (".+ a+ a+", False),
+        ("a+ .+ a+", False),
+        ("a+ b+", True),
+        ("a+ .+ b+", True),
+        ("a+ b+ a+", False),
+    ],
+)
+def test_only_while_force_feedback_runs_must_its_calibration_stay(
+    snapshots: str, told: bool
+) -> None:
+    """Each snapshot: the calibration, or none while the wrench is silent; + where feedback runs."""
+    world, watch, trip = World(), CalibrationWatch(), None
+    for snapshot in snapshots.split():
+        calibration, runs = snapshot[0], snapshot[1]
+        world.silent = {"wrench"} if calibration == "." else set()
+        world.change("wrench", calibration=calibration)
+        world.messages["target"] = STOPPED
+        if runs == "+":
+            world.propose(shifted())
+        trip = watch.see(world.inputs())
+    assert (None if trip is None else trip.code) == ("calibration" if told else None)
+
+
+@pytest.mark.parametrize(
+    ("fault", "text"), [("another sensor", "another sensor"), ("", "the wrench is not calibrated")]
+)
+def test_a_wrench_without_calibration_ends_force_feedback_with_its_own_reason(
+    fault: str, text: str
+) -> None:
+    """Also where it gives none."""
+    world = World()
+    world.propose(shifted())
+    world.change("wrench", calibrated=False, calibration_fault=fault)
+    trip = CalibrationWatch().see(world.inputs())
+    assert trip is not None
+    assert (trip.code, trip.text) == ("calibration", text)
+
+
 # --- pose and wrench ------------------------------------------------------------------------------
+
+
+def pair(robot_seq: int, wrench_seq: int, apart_ns: int) -> Inputs:
+    """Return a snapshot whose pose was taken so long after the sample behind its wrench."""
+    one = World().inputs()
+    header = Header(seq=robot_seq, epoch=1, boot="virtual", stamp_ns=S)
+    behind = {"seq": wrench_seq, "sensor_stamp_ns": S - apart_ns, "sensor_seq": 1}
+    robot = dataclasses.replace(one.robot, header=header)
+    wrench = dataclasses.replace(one.wrench, header=header.model_copy(update=behind))
+    return dataclasses.replace(one, robot=robot, wrench=wrench)
+
+
+@pytest.mark.parametrize("first", [(1, 1), (1, 2), (2, 1)])
+@pytest.mark.parametrize(("sign", "older"), [(1, "wrench"), (-1, "robot/state")])
+def test_the_second_pair_out_of_step_is_told_whatever_their_numbers(
+    first: tuple[int, int], sign: int, older: str
+) -> None:
+    """A sixteenth of a second is allowed, one nanosecond more is not; one message makes no pair."""
+    allowed_ns = S // 16
+    for beyond_ns in (0, 1):
+        watch = AlignmentWatch(0.0625)
+        apart_ns = sign * (allowed_ns + beyond_ns)
+        robot_seq, wrench_seq = first
+        assert watch.see(pair(robot_seq, wrench_seq, apart_ns)) is None
+        assert watch.see(pair(robot_seq + 1, wrench_seq, apart_ns)) is None
+        assert watch.see(pair(robot_seq, wrench_seq + 1, apart_ns)) is None
+        trip = watch.see(pair(robot_seq + 1, wrench_seq + 1, apart_ns))
+        assert (trip is not None) == bool(beyond_ns)
+        if trip is not None:
+            assert (trip.code, trip.limit) == ("misaligned", 0.0625)
+            assert trip.value == pytest.approx(0.0625)
+            assert trip.text.startswith(f"{older} is 63 ms older")
+
+
+@pytest.mark.parametrize("lost", ["robot", "wrench", "sensor", "sample"])
+def test_what_was_never_heard_is_no_older_than_anything(lost: str) -> None:
+    """Pose, wrench, sensor and the sample behind the wrench: one without a stamp tells no age."""
+    watch = AlignmentWatch(0.0625)
+    for seq in (1, 2):
+        watch.see(pair(seq, seq, S))
+    one = pair(3, 3, S)
+    header = one.wrench.header
+    if lost == "sample" and header is not None:
+        header = header.model_copy(update={"sensor_stamp_ns": None})
+        gone: Any = {"wrench": dataclasses.replace(one.wrench, header=header)}
+    else:
+        gone = {lost: dataclasses.replace(getattr(one, lost), header=None)}
+    assert watch.see(one) is not None
+    assert watch.see(dataclasses.replace(one, **gone)) is None
 
 
 @pytest.mark.parametrize(("apart_s", "told"), [(0.2 - 1e-6, False), (0.2 + 1e-6, True)])

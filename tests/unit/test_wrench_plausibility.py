@@ -155,6 +155,101 @@ def test_every_reading_counts_or_is_told_or_is_one_spark(readings) -> None:
         assert complaint == FINE or complaint.code in FAULTS
 
 
+# --- the last digit -------------------------------------------------------------------------------
+
+PERIOD_S = 2.0**-6  # sums of it are exact
+EXACT = Bounds(
+    range=np.repeat([100.0, 10.0], 3),
+    step=np.array([16.0, 2.0]),
+    step_per_s=np.array([64.0, 8.0]),
+    frozen_s=4.0 * PERIOD_S,
+)
+
+
+def last(*readings: np.ndarray, period_s: float = PERIOD_S) -> str:
+    """Return what is said of the last of these readings."""
+    history, complaint = History(), FINE
+    for reading in readings:
+        history, complaint = judge(history, reading, period_s, EXACT)
+    return complaint.code
+
+
+def axis(number: int, value: float) -> np.ndarray:
+    """Return a reading that is nothing on all other axes."""
+    return value * np.eye(6)[number]
+
+
+def test_what_the_demo_s_sensor_can_read_follows_from_its_cell() -> None:
+    """1.2 kg at 0.25 m/s stop within 2 ms on 20 N/mm, 0.1 m beyond a TCP 0.14 m away; 2 % more."""
+    assert BOUNDS.range.tolist() == [500.0, 500.0, 500.0, 20.0, 20.0, 20.0]
+    assert BOUNDS.step == pytest.approx([10.0 + 150.0, 0.4 + 0.24 * 150.0])
+    assert BOUNDS.step_per_s == pytest.approx([5000.0, 0.24 * 5000.0])
+    assert BOUNDS.frozen_s == 0.08
+
+
+@pytest.mark.parametrize("number", range(6))
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_95_percent_of_the_range_is_saturated_and_the_number_before_it_is_not(
+    number: int, sign: float
+) -> None:
+    """Force and torque have ranges of their own."""
+    full = 100.0 if number < 3 else 10.0
+    assert last(axis(number, sign * 0.95 * full)) == "sensor_saturated"
+    assert last(axis(number, sign * np.nextafter(0.95 * full, 0.0))) == ""
+
+
+@pytest.mark.parametrize(
+    ("period_s", "repeats", "code"),
+    [
+        (PERIOD_S, 3, ""),
+        (PERIOD_S, 4, "sensor_frozen"),
+        (4.0 * PERIOD_S, 2, ""),
+        (4.0 * PERIOD_S, 3, "sensor_frozen"),
+    ],
+)
+def test_a_sensor_is_frozen_after_its_time_and_three_repeats(
+    period_s: float, repeats: int, code: str
+) -> None:
+    """Whichever comes last; from the first reading on as after any other."""
+    one, other = axis(0, 1.0), axis(0, 2.0)
+    assert last(*[one] * (1 + repeats), period_s=period_s) == code
+    assert last(*[other] * 3, *[one] * (1 + repeats), period_s=period_s) == code
+
+
+@pytest.mark.parametrize(("number", "step", "per_s"), [(1, 16.0, 64.0), (4, 2.0, 8.0)])
+@pytest.mark.parametrize("lost", [0, 1])
+def test_the_largest_step_grows_with_the_time_since_the_last_reading_that_counted(
+    number: int, step: float, per_s: float, lost: int
+) -> None:
+    """That step is an impact, the next number a jump: told where a second one proves it."""
+    largest = step + per_s * (1 + lost) * PERIOD_S
+    first, wild = axis(number, -0.5 * step), [axis(number, 4.5 * step)] * lost
+    for change, counts in ((largest, True), (np.nextafter(largest, np.inf), False)):
+        history = History()
+        for reading in (first, *wild, first + axis(number, change)):
+            history, _ = judge(history, reading, PERIOD_S, EXACT)
+        assert history.counts is counts
+        assert history.spikes == max(lost, not counts)
+
+
+@pytest.mark.parametrize(("calm", "code"), [(9, "sensor_jump"), (10, "")])
+@pytest.mark.parametrize("wild_before", [1, 2])
+def test_ten_calm_readings_make_the_next_wild_one_a_spark_again(
+    calm: int, code: str, wild_before: int
+) -> None:
+    """After a spark as after a jump; one fewer, and the sensor is at fault."""
+    wild = axis(2, 90.0)
+    before = [axis(2, 0.0), *[wild + axis(2, float(each)) for each in range(wild_before)]]
+    after = [axis(2, 0.01 * each) for each in range(calm)]
+    assert last(*before, *after, wild) == code
+
+
+def test_before_the_first_reading_nothing_counts() -> None:
+    """Nor has anything been left out."""
+    assert not History().counts
+    assert History().spikes == 0
+
+
 # --- on the bus -----------------------------------------------------------------------------------
 
 

@@ -49,7 +49,27 @@ def test_without_a_command_the_robot_holds(gate: CommandGate) -> None:
     """Nothing heard yet: hold, and say why."""
     verdict = gate.judge(NOTHING, NOW_NS)
 
-    assert verdict == Verdict(None, "robot/command missing", "no_lease", None)
+    assert verdict == Verdict(None, "robot/command missing", "no_lease", None, is_new=False)
+
+
+@pytest.mark.parametrize(
+    ("reason", "code", "shown"),
+    [
+        ("the force rose to 61 N", "force", ("the force rose to 61 N", "force")),
+        ("", "force", ("the arbiter holds", "force")),
+        ("the force rose to 61 N", "", ("the force rose to 61 N", "hold")),
+        ("", "", ("the arbiter holds", "hold")),
+    ],
+)
+def test_a_hold_of_the_arbiter_keeps_its_reason_and_its_code(
+    gate: CommandGate, reason: str, code: str, shown: tuple[str, str]
+) -> None:
+    """The robot reports the arbiter's own fault; where that names none, that the arbiter holds."""
+    held = replace(said(None), message=RobotCommand(reason=reason, code=code))
+    verdict = gate.judge(held, NOW_NS)
+
+    assert (verdict.hold_reason, verdict.hold_code) == shown
+    assert (verdict.command, verdict.is_new) == (None, False)
 
 
 def test_a_fresh_command_with_a_permission_is_obeyed_and_echoed(gate: CommandGate) -> None:
@@ -112,6 +132,17 @@ def test_a_lease_number_of_another_arbiter_is_another_lease(gate: CommandGate) -
 
     assert gate.judge(said(lease=1, epoch=1, seq=2), NOW_NS).command is None
     assert gate.judge(said(lease=1, epoch=2), NOW_NS).command is not None
+
+
+def test_the_last_64_leases_that_ended_stay_dead(gate: CommandGate) -> None:
+    """However many arbiters were started: as many as the bus's reader bounds former writers to."""
+    for epoch in range(1, 66):
+        assert gate.judge(said(epoch=epoch), NOW_NS).command is not None
+        gate.judge(NOTHING, NOW_NS)
+
+    for epoch in range(2, 66):
+        again = gate.judge(said(epoch=epoch, seq=2), NOW_NS)
+        assert (again.command, again.hold_reason) == (None, "lease 1 ended: robot/command missing")
 
 
 def test_a_lease_that_never_lived_cannot_be_missed(gate: CommandGate) -> None:

@@ -223,6 +223,8 @@ def test_the_robot_takes_nothing_but_that_goal() -> None:
     assert code(guard.goal(joints, SLOW, DOWN, JOINTS)) == "state"
     assert code(guard.seed(DOWN, 0)) == "state"
     assert code(guard.setpoint(shifted(DOWN, z_m=1e-4), DOWN, 4 * MS)) == "state"
+    nowhere = Goal(id=1, kind="pose")
+    assert code(guard.goal(nowhere, SLOW, DOWN, JOINTS)) == "state"
     free = freed_guard(felt((0.0, 0.0, 5.0)))
     assert code(free.goal(goal_to(shifted(DOWN, z_m=0.01)), SLOW, DOWN, JOINTS)) == "already"
 
@@ -234,6 +236,40 @@ def test_the_robot_takes_no_force_feedback_while_it_backs_off() -> None:
     assert code(guard.feedback(wanted)) == "state"
     guard.start(DOWN, 0, "all")
     assert guard.feedback(wanted) is None
+
+
+def test_the_robot_lets_the_arm_go_back_without_a_force_to_follow() -> None:
+    """A person has agreed to it at the arbiter: 5 mm along the tool's axis, which points down."""
+    for z_m, rule in ((0.005, ""), (0.0061, "state")):
+        guard = freed_guard(None)
+        assert code(guard.goal(goal_to(shifted(DOWN, z_m=z_m)), SLOW, DOWN, JOINTS)) == rule
+
+
+@pytest.mark.parametrize(
+    ("x_m", "rule"), [(0.19e-3, ""), (0.21e-3, "workspace"), (3e-3, "workspace")]
+)
+def test_the_way_back_goes_no_farther_beyond_a_wall_than_reports_are_rounded(
+    x_m: float, rule: str
+) -> None:
+    """The tool at the wall, pushed upwards: 0.2 mm aside; the direction alone would let it pass."""
+    at_wall = pin.SE3(DOWN.rotation, np.array([0.4, 0.5, 0.3]))
+    guard = freed_guard(felt((0.0, 0.0, 75.0)), at_wall)
+    goal = goal_to(shifted(at_wall, x_m=x_m, z_m=0.010))
+    assert code(guard.goal(goal, SLOW, at_wall, JOINTS)) == rule
+
+
+@pytest.mark.parametrize(("z_m", "rule"), [(0.010, "no_stream"), (0.030, "")])
+def test_backing_off_ends_a_stream_of_the_lease_before(z_m: float, rule: str) -> None:
+    """The next one begins where the arm was measured after it; a refused goal has moved nothing."""
+    guard = Guard(CELL)
+    guard.start(DOWN)
+    assert guard.seed(DOWN, 0) is None
+    guard.start(DOWN, 0, "back_off")
+    assert guard.wrench(felt((0.0, 0.0, 75.0))) is None
+    trip = guard.goal(goal_to(shifted(DOWN, z_m=z_m)), SLOW, DOWN, JOINTS)
+    assert (trip is None) == (rule == "no_stream")
+    guard.start(DOWN)
+    assert code(guard.setpoint(DOWN, DOWN, 4 * MS)) == rule
 
 
 def test_the_robot_s_ceiling_is_a_ratchet_then_and_the_cell_s_again_afterwards() -> None:

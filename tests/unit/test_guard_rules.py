@@ -1,6 +1,9 @@
 """What the last check counts over time, what it asks of the arm itself, of moves and of forces."""
 
 import random
+from collections.abc import Callable
+from functools import partial
+from math import copysign, nextafter, radians, sqrt
 
 import numpy as np
 import pinocchio as pin
@@ -10,8 +13,9 @@ from hypothesis import strategies as st
 
 from common.config import load_cell
 from common.convert import record_of
-from common.guard import MEASURED_SLACK_M, Guard
-from common.messages import Feedback, Gains, Goal, Speed, Trip, WrenchAtTcp
+from common.frames import Array
+from common.guard import Guard
+from common.messages import Feedback, Gains, Goal, Speed, Trip, Vec6, WrenchAtTcp
 from tests.contract.rig import DEMO_CELL, shifted
 
 CELL = load_cell(DEMO_CELL, {"limits.tether_m": 0.3})
@@ -117,19 +121,71 @@ def test_a_stream_within_the_limits_is_never_stopped(
 # --- the arm itself -------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("x_m", "rule"),
-    [
-        (LIMITS.workspace_max_m[0] + 0.5 * MEASURED_SLACK_M, ""),
-        (LIMITS.workspace_max_m[0] + 1.5 * MEASURED_SLACK_M, "workspace"),
-        (float("nan"), "not_finite"),
-    ],
+def tip_at(x_m: float, y_m: float, z_m: float) -> pin.SE3:
+    """Return the flange whose tool points down and ends in a place; the tool is 160 mm long."""
+    return pin.SE3(DOWN.rotation, np.array([x_m, y_m, z_m + 0.16]))
+
+
+def along(way_m: float) -> pin.SE3:
+    """Return the flange so far away, sideways and upwards."""
+    return shifted(DOWN, x_m=0.6 * way_m, z_m=0.8 * way_m)
+
+
+def turned(turn_deg: float) -> pin.SE3:
+    """Return the flange turned about its own axis, which the tool lies in."""
+    return pin.SE3(pin.utils.rotate("z", radians(turn_deg)) @ DOWN.rotation, DOWN.translation)
+
+
+def joint_beyond(number: int, limit_deg: float, deg: float) -> tuple[pin.SE3, Array]:
+    """Return joint angles of zero but for one, counted from 1, that is beyond a limit."""
+    q = np.zeros(6)
+    q[number - 1] = radians(limit_deg + copysign(deg, limit_deg))
+    return DOWN, q
+
+
+# Where the arm is found by so much [mm, degrees] beyond a limit of a cell with a slanted wall.
+EDGE_CELL = load_cell(
+    DEMO_CELL,
+    {
+        "limits.tether_m": 0.5,
+        "limits.planes": [{"point_m": [-0.35, 0.25, 0.0], "normal": [2.0, 2.0, 0.0]}],
+    },
 )
-def test_an_arm_outside_its_limits_is_noticed(x_m: float, rule: str) -> None:
-    """With a little beside them, for what settles and rounds."""
-    guard = guard_at(shifted(DOWN, x_m=0.3))
-    T = pin.SE3(DOWN.rotation, np.array([x_m, 0.5, 0.3]))
-    assert code(guard.arm(T, JOINTS, 0)) == rule
+EDGES: dict[str, tuple[str, float, Callable[[float], tuple[pin.SE3, Vec6 | Array]]]] = {
+    "x min": ("workspace", 2.0, lambda mm: (tip_at(-0.4 - mm * 1e-3, 0.5, 0.14), JOINTS)),
+    "x max": ("workspace", 2.0, lambda mm: (tip_at(0.4 + mm * 1e-3, 0.5, 0.14), JOINTS)),
+    "y min": ("workspace", 2.0, lambda mm: (tip_at(0.0, 0.2 - mm * 1e-3, 0.14), JOINTS)),
+    "y max": ("workspace", 2.0, lambda mm: (tip_at(0.0, 0.8 + mm * 1e-3, 0.14), JOINTS)),
+    "z min": ("workspace", 2.0, lambda mm: (tip_at(0.0, 0.5, -0.2 - mm * 1e-3), JOINTS)),
+    "z max": ("workspace", 2.0, lambda mm: (tip_at(0.0, 0.5, 0.6 + mm * 1e-3), JOINTS)),
+    "plane": (
+        "workspace",
+        2.0 * sqrt(2.0),  # along either axis, 2 mm along the normal
+        lambda mm: (tip_at(-0.35 - 0.5e-3 * mm, 0.25 - 0.5e-3 * mm, 0.14), JOINTS),
+    ),
+    "tether": ("tether", 2.0, lambda mm: (along(0.5 + mm * 1e-3), JOINTS)),
+    "tether's turn": ("tether", 0.5, lambda deg: (turned(150.0 + deg), JOINTS)),
+    **{
+        f"joint {number} at {limit_deg}": ("joint", 0.5, partial(joint_beyond, number, limit_deg))
+        for ends in (CELL.robot.joint_min_deg, CELL.robot.joint_max_deg)
+        for number, limit_deg in enumerate(ends, start=1)
+    },
+}
+
+
+@pytest.mark.parametrize("edge", EDGES)
+def test_the_arm_may_be_found_2_mm_and_half_a_degree_beyond_its_limits(edge: str) -> None:
+    """Exactly, at every limit of a place: reports are rounded, and a controller settles."""
+    rule, slack, found_at = EDGES[edge]
+    for share, expected in ((1.0 - 1e-5, ""), (1.0 + 1e-5, rule)):
+        guard = Guard(EDGE_CELL)
+        guard.start(DOWN)
+        assert code(guard.arm(*found_at(share * slack), 0)) == expected
+
+
+def test_an_arm_whose_place_is_not_finite_is_noticed() -> None:
+    """Nowhere is outside."""
+    assert code(guard_at().arm(shifted(DOWN, x_m=float("nan")), JOINTS, 0)) == "not_finite"
 
 
 def test_an_arm_that_left_its_tether_or_a_joint_range_is_noticed() -> None:
@@ -148,6 +204,33 @@ def test_a_joint_that_turns_too_fast_is_noticed(share: float, rule: str, period_
         q = (0.0, 0.0, -1.5, 0.0, -1.5 + speed * now_ms * 1e-3, 0.0)
         rules.add(code(guard.arm(DOWN, q, now_ms * MS)))
     assert rules - {""} - {"joint"} == ({rule} - {""})
+
+
+@pytest.mark.parametrize("period_ms", [4, 20, 25, 200])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_joint_may_turn_a_tenth_faster_than_it_can_in_a_tenth_of_a_second(
+    period_ms: int, sign: float
+) -> None:
+    """Exactly, also where it jumps at once; with slow reports, from one to the next."""
+    fastest, within_s = radians(550.0), max(100, period_ms) * 1e-3
+    for share, rule in ((1.1 - 1e-6, ""), (1.1 + 1e-6, "joint_speed")):
+        guard, last_ms = guard_at(), 600 // period_ms * period_ms
+        for now_ms in range(0, last_ms, period_ms):
+            assert guard.arm(DOWN, (0.0,) * 6, now_ms * MS) is None
+        turned_rad = sign * share * fastest * within_s
+        trip = guard.arm(DOWN, (0.0, 0.0, 0.0, 0.0, turned_rad, 0.0), last_ms * MS)
+        assert code(trip) == rule
+        if trip is not None:
+            assert (trip.value, trip.limit) == (pytest.approx(share * fastest), fastest)
+            assert "joint 5 turns with 605 degrees/s" in trip.text
+
+
+def test_a_joint_s_speed_is_not_judged_before_a_tenth_of_a_second_is_known() -> None:
+    """Two reports with jitter between them, or rounded, would look like any speed."""
+    guard, away = guard_at(), (0.0, 0.0, 0.0, 0.0, 1.5, 0.0)
+    assert guard.arm(DOWN, (0.0,) * 6, 0) is None
+    assert guard.arm(DOWN, away, 99 * MS) is None
+    assert code(guard.arm(DOWN, away, 100 * MS)) == "joint_speed"
 
 
 def test_a_plane_is_kept_for_commands_and_a_little_wider_for_the_arm() -> None:
@@ -194,12 +277,60 @@ def test_a_move_of_the_joints_is_judged_by_where_the_tool_goes_where_that_is_kno
 
 
 @pytest.mark.parametrize(
+    ("tether_m", "x_m", "on_the_way", "at_the_end"),
+    [
+        (1.0, 0.4019, "", "workspace"),
+        (1.0, 0.4021, "workspace", "workspace"),
+        (0.2, 0.2019, "", "tether"),
+        (0.2, 0.2021, "tether", "tether"),
+    ],
+)
+def test_a_move_of_the_joints_is_judged_after_each_24th_of_its_way(
+    tether_m: float, x_m: float, on_the_way: str, at_the_end: str
+) -> None:
+    """On the way as an arm that is measured, at its end as a command; where it begins, it is."""
+    cell = load_cell(DEMO_CELL, {"limits.tether_m": tether_m})
+    turn_by = Goal(id=1, kind="by", joint_rad=(1.2, 0.0, 0.0, 0.0, 0.0, 0.0))
+    for part in range(25):
+        bad_rad = 0.5 + 1.2 * part / 24
+
+        def flange_at(q: np.ndarray, bad_rad: float = bad_rad) -> pin.SE3:
+            return shifted(DOWN, x_m=x_m if abs(q[0] - bad_rad) < 1e-9 else 0.0)
+
+        guard = Guard(cell, flange_at)
+        guard.start(DOWN)
+        trip = guard.goal(turn_by, Speed(), DOWN, (0.5, *JOINTS[1:]))
+        assert code(trip) == ("" if part == 0 else at_the_end if part == 24 else on_the_way)
+        if trip is not None:
+            assert ("on the way" in trip.text) == (part < 24)
+
+
+@pytest.mark.parametrize(
+    ("T_from", "T_to", "rule"),
+    [
+        (shifted(DOWN, x_m=0.29), shifted(DOWN, x_m=-0.29), ""),
+        (turned(70.0), turned(-70.0), ""),
+        (turned(149.0), turned(30.0), ""),
+        (turned(140.0), turned(-140.0), "tether"),  # the short way: 80 degrees, by 180
+    ],
+)
+def test_a_straight_move_may_go_all_over_its_tether_and_no_farther_on_its_way(
+    T_from: pin.SE3, T_to: pin.SE3, rule: str
+) -> None:
+    """From where the arm is, not from where it was armed; it turns the short way."""
+    goal = Goal(id=1, kind="pose", pose=record_of(T_to))
+    trip = guard_at().goal(goal, Speed(), T_from, JOINTS)
+    assert code(trip) == rule
+    assert trip is None or "on the way" in trip.text
+
+
+@pytest.mark.parametrize(
     ("press_N", "lever_m", "rule"),
     [
-        (39.0, 0.0, ""),
-        (41.0, 0.0, "setpoint"),
-        (0.0, 0.29, ""),
-        (0.0, 0.31, "malformed"),
+        (40.0, 0.0, ""),
+        (nextafter(40.0, 41.0), 0.0, "setpoint"),
+        (0.0, 0.3, ""),
+        (0.0, 0.3 + 1e-9, "malformed"),
     ],
 )
 def test_force_feedback_is_asked_for_within_bounds(
@@ -212,7 +343,59 @@ def test_force_feedback_is_asked_for_within_bounds(
         lever_m=(0.0, 0.0, lever_m),
         gains=Gains(),
     )
-    assert code(guard_at().feedback(feedback)) == rule
+    trip = guard_at().feedback(feedback)
+    assert code(trip) == rule
+    if trip is not None:
+        found = (press_N, 40.0) if press_N else (lever_m, 0.3)
+        assert (trip.value, trip.limit) == found
+
+
+MOVE = Goal(id=1, kind="pose", pose=record_of(shifted(DOWN, x_m=0.1)))
+TOO_FAR = Goal(id=1, kind="pose", pose=record_of(shifted(DOWN, x_m=0.35)))
+TURN = Goal(id=1, kind="by", joint_rad=(0.1, 0.0, 0.0, 0.0, 0.0, 0.0))
+PRESS = Feedback(
+    mode="both", setpoint_force_N=(0.0, 10.0, 0.0), lever_m=(0.0, 0.0, 0.0), gains=Gains()
+)
+HARD_PRESS = PRESS.model_copy(update={"setpoint_force_N": (0.0, 41.0, 0.0)})
+
+
+@pytest.mark.parametrize(
+    ("moves", "ends"),
+    [
+        (lambda guard: guard.goal(MOVE, Speed(), DOWN, JOINTS), True),
+        (lambda guard: guard.goal(TURN, Speed(), DOWN, JOINTS), True),
+        (lambda guard: guard.feedback(PRESS), True),
+        (lambda guard: guard.goal(TOO_FAR, Speed(), DOWN, JOINTS), False),
+        (lambda guard: guard.feedback(HARD_PRESS), False),
+    ],
+)
+def test_a_stream_ends_when_something_else_may_move_the_arm(
+    moves: Callable[[Guard], Trip | None], ends: bool
+) -> None:
+    """The next one begins at the measured pose; what was refused has moved nothing."""
+    guard = guard_at()
+    assert guard.setpoint(DOWN, DOWN, 4 * MS) is None
+    assert (moves(guard) is None) == ends
+    assert code(guard.setpoint(DOWN, DOWN, 8 * MS)) == ("no_stream" if ends else "")
+    assert guard.seed(DOWN, 12 * MS) is None
+    assert guard.setpoint(DOWN, DOWN, 16 * MS) is None
+
+
+@pytest.mark.parametrize(
+    ("T", "rule"),
+    [
+        (DOWN, ""),
+        (shifted(DOWN, x_m=0.31), "tether"),
+        (shifted(DOWN, x_m=0.41), "workspace"),
+        (shifted(DOWN, x_m=float("nan")), "not_finite"),
+    ],
+)
+def test_a_stream_begins_only_where_a_set_point_may_be(T: pin.SE3, rule: str) -> None:
+    """An arm outside is no beginning, and no set point follows."""
+    guard = Guard(CELL)
+    guard.start(DOWN)
+    assert code(guard.seed(T, 0)) == rule
+    assert code(guard.setpoint(DOWN, DOWN, 4 * MS)) == ("no_stream" if rule else "")
 
 
 def test_the_ceilings_count_where_a_wrench_is_known() -> None:

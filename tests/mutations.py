@@ -20,8 +20,8 @@ JUDGES = {
     "common.permission": "unit/test_permission unit/test_two_arbiters",
     "common.guard": "unit/test_guard unit/test_guard_rules unit/test_pure_corners"
     " unit/test_back_off unit/test_guard_evil",
-    "common.limits": "unit/test_limits unit/test_guard unit/test_pure_corners"
-    " unit/test_arbiter_core",
+    "common.limits": "unit/test_limits unit/test_limits_windows unit/test_guard"
+    " unit/test_pure_corners unit/test_arbiter_core",
     "common.motion_limits": "unit/test_limits_motion unit/test_limits_windows"
     " unit/test_arbiter_limits unit/test_pure_corners",
     "common.stream_budget": "unit/test_guard unit/test_guard_rules unit/test_pure_corners"

@@ -1,6 +1,7 @@
 """Limits: exact at their boundary, blind nowhere, and an answer, never an exception."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,8 @@ from common.config import load_cell
 from common.frames import is_finite_pose, rotation_between, rotation_from_vector
 from common.limits import (
     Limits,
+    Plane,
+    check_joint_speed,
     check_joints,
     check_step,
     check_tether,
@@ -24,7 +27,8 @@ from common.limits import (
 )
 from common.messages import Trip
 
-CELL = load_cell(Path(__file__).resolve().parents[2] / "cells" / "demo.yaml")
+DEMO_CELL = Path(__file__).resolve().parents[2] / "cells" / "demo.yaml"
+CELL = load_cell(DEMO_CELL)
 LIMITS = Limits.of(CELL)
 CENTRE = (LIMITS.workspace_min_m + LIMITS.workspace_max_m) / 2.0
 MIDDLE = (LIMITS.joint_min_rad + LIMITS.joint_max_rad) / 2.0
@@ -302,9 +306,70 @@ def test_a_wish_that_is_not_finite_stays_recognisable(bad: float) -> None:
         assert check_workspace(LIMITS, T) is not None
 
 
-def test_limits_are_those_of_the_cell_file_in_si_units() -> None:
-    """Degrees stay in the file."""
-    quarter = CELL.model_copy(update={"limits": CELL.limits.model_copy(update={"step_deg": 90.0})})
+@pytest.mark.parametrize("check", [check_step, check_tether])
+def test_a_turn_of_exactly_the_limit_is_allowed(check: Any) -> None:
+    """To the last digit of the angle that is computed."""
+    T_from, T_to = at(CENTRE), at(CENTRE, [0.1, -0.05, 0.07])
+    angle = math.hypot(*rotation_between(T_from.rotation, T_to.rotation))
+    for limit, rule in ((angle, None), (math.nextafter(angle, 0.0), check.__name__[6:])):
+        trip = check(replace(LIMITS, step_rad=limit, tether_rad=limit), T_from, T_to)
+        assert (trip and trip.code) == rule
 
-    assert Limits.of(quarter).step_rad == pytest.approx(math.pi / 2)
-    assert LIMITS.joint_max_rad[1] == pytest.approx(math.radians(135.0))
+
+def test_a_plane_itself_is_inside_and_the_next_number_behind_it_is_not() -> None:
+    """Of two walls the one that is broken is named, by its place in the cell file."""
+    walls = (Plane(np.array([0.0, 0.0, -0.1]), np.array([0.0, 0.0, 1.0])),
+             Plane(np.array([0.1, 0.0, 0.0]), np.array([-1.0, 0.0, 0.0])))  # fmt: skip
+    limits = replace(LIMITS, planes=walls)
+    assert check_workspace(limits, at([0.1, 0.5, -0.1])) is None
+    for p, number in (
+        ([0.1, 0.5, math.nextafter(-0.1, -1.0)], 1),
+        ([math.nextafter(0.1, 1.0), 0.5, -0.1], 2),
+    ):
+        trip = check_workspace(limits, at(p))
+        assert_trip(trip, "workspace", -abs(p[number % 2 * 2] - walls[number - 1].point_m.sum()), 0)
+        assert trip is not None
+        assert f"behind plane {number}" in trip.text
+
+
+@pytest.mark.parametrize("number", [5, 7])
+def test_angles_and_limits_that_do_not_pair_are_an_error(number: int) -> None:
+    """No joint and no axis goes unjudged because another number of them has come."""
+    for check in (check_joints, check_joint_speed):
+        with pytest.raises(ValueError, match="zip"):
+            check(LIMITS, np.zeros(number))
+    for limits in (
+        replace(LIMITS, workspace_min_m=np.full(number - 3, -9.0)),
+        replace(LIMITS, workspace_max_m=np.full(number - 3, 9.0)),
+    ):
+        with pytest.raises(ValueError, match="zip"):
+            check_workspace(limits, at(CENTRE))
+
+
+def test_limits_are_those_of_the_cell_file_in_si_units() -> None:
+    """Degrees stay in the file; a joint may use its share of its own speed."""
+    cell = load_cell(
+        DEMO_CELL,
+        {
+            "limits.step_m": 0.03, "limits.step_deg": 90.0, "limits.speed_m_s": 0.2,
+            "limits.speed_deg_s": 45.0, "limits.accel_m_s2": 3.0, "limits.accel_deg_s2": 360.0,
+            "limits.tether_m": 0.7, "limits.tether_deg": 120.0, "limits.force_N": 58.0,
+            "limits.torque_Nm": 8.0, "limits.move_rise_N": 15.0, "limits.joint_speed_share": 0.25,
+            "limits.planes": [{"point_m": [0.1, 0.2, 0.3], "normal": [0.0, 3.0, 4.0]}],
+        },
+    )  # fmt: skip
+    limits, pi = Limits.of(cell), math.pi
+
+    assert (limits.step_m, limits.speed_m_s, limits.accel_m_s2) == (0.03, 0.2, 3.0)
+    assert (limits.tether_m, limits.force_N, limits.torque_Nm) == (0.7, 58.0, 8.0)
+    assert limits.move_rise_N == 15.0
+    assert [limits.step_rad, limits.speed_rad_s] == pytest.approx([pi / 2, pi / 4])
+    assert [limits.accel_rad_s2, limits.tether_rad] == pytest.approx([2 * pi, 2 * pi / 3])
+    assert limits.workspace_min_m.tolist() == [-0.4, 0.2, -0.2]
+    assert limits.workspace_max_m.tolist() == [0.4, 0.8, 0.6]
+    assert np.degrees(limits.joint_min_rad) == pytest.approx([-180, -135, -157, -200, -125, -360])
+    assert np.degrees(limits.joint_max_rad) == pytest.approx([180, 135, 157, 200, 125, 360])
+    share_deg_s = [92.5, 77.5, 102.5, 137.5, 137.5, 250.0]
+    assert np.degrees(limits.joint_speed_rad_s) == pytest.approx(share_deg_s)
+    assert limits.planes[0].point_m.tolist() == [0.1, 0.2, 0.3]
+    assert limits.planes[0].normal == pytest.approx([0.0, 0.6, 0.8])

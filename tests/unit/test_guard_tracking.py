@@ -1,6 +1,7 @@
 """H41: the arm is not where it was commanded. Never said of one that follows, however late."""
 
-from math import radians
+from collections.abc import Callable
+from math import nextafter, radians
 
 import numpy as np
 import pinocchio as pin
@@ -117,3 +118,146 @@ def test_nothing_is_compared_while_the_arm_brakes_or_the_controller_leads() -> N
     assert verdict(tracking, shifted(DOWN, y_m=0.3)) == "tracking"
     tracking.free()
     assert verdict(tracking, shifted(DOWN, y_m=0.3)) == ""
+
+
+# --- to the last digit ----------------------------------------------------------------------------
+
+
+def verdict_at(tracking: Tracking, T: pin.SE3, now_ns: int) -> str:
+    """Return the rule that trips where six reports in a row say the same at one time."""
+    trips = [tracking.judge(T, HOME, now_ns) for _ in range(PERIODS + 1)]
+    return "" if trips[-1] is None else trips[-1].code
+
+
+@pytest.mark.parametrize(("robot_hz", "delay_ns"), [(50, 161_400_000), (250, 145_400_000)])
+def test_an_older_set_point_counts_for_the_delay_to_the_nanosecond(
+    robot_hz: int, delay_ns: int
+) -> None:
+    """Twice delay and lag, a report and a tenth of a second: here 2 * (10 + 10.7) + 20 + 100 ms."""
+    cell = load_cell(DEMO_CELL, {"rates.robot_hz": robot_hz})
+    for late_ns, rule in ((delay_ns - 1, ""), (delay_ns, "tracking")):
+        for before in ([], [shifted(DOWN, y_m=0.1), shifted(DOWN, y_m=0.2)]):
+            tracking = Tracking(cell)
+            for number, T in enumerate([*before, DOWN]):
+                tracking.stream(T, number * MS)
+            tracking.stream(shifted(DOWN, x_m=0.1), 1000 * MS)
+            assert verdict_at(tracking, DOWN, 1000 * MS + late_ns) == rule
+            assert verdict_at(tracking, shifted(DOWN, x_m=0.1), 1000 * MS + late_ns) == ""
+
+
+CORNERS = np.array([[0.0, 0.0], [0.05, 0.05], [0.1, 0.0], [0.15, 0.05]])  # x and y of set points
+
+
+def zigzag() -> tuple[Tracking, list[pin.SE3]]:
+    """Return what compares with four set points, each turned farther, and the set points."""
+    places = [
+        pin.SE3(rotation_from_vector(np.array([0.0, 0.0, 0.4 * k])) @ DOWN.rotation,
+                DOWN.translation + np.array([x_m, y_m, 0.0]))
+        for k, (x_m, y_m) in enumerate(CORNERS)
+    ]  # fmt: skip
+    tracking = Tracking(CELL)
+    for number, T in enumerate(places):
+        tracking.stream(T, number * MS)
+    return tracking, places
+
+
+@pytest.mark.parametrize("oldest", [0, 1, 2, 3])
+def test_of_the_set_points_within_the_delay_each_counts(oldest: int) -> None:
+    """Also one that is right in its place while another is in its turn."""
+    tracking, places = zigzag()
+    assert verdict_at(tracking, places[oldest], 10 * MS) == ""
+    assert verdict_at(tracking, shifted(places[oldest], z_m=0.011), 10 * MS) == "tracking"
+    other = pin.SE3(places[oldest].rotation, places[3 - oldest].translation)
+    assert verdict_at(tracking, other, 10 * MS) == ""
+
+
+@pytest.mark.parametrize(
+    ("a", "b", "rule"),
+    [(0, 1, ""), (1, 2, ""), (2, 3, ""), (0, 2, "tracking"), (1, 3, "tracking")],
+)
+def test_between_two_set_points_the_arm_may_be_that_follow_each_other(
+    a: int, b: int, rule: str
+) -> None:
+    """Half-way from one to the next, and on no short cut."""
+    x_m, y_m = 0.5 * (CORNERS[a] + CORNERS[b])
+    assert verdict_at(zigzag()[0], shifted(DOWN, x_m, y_m), 10 * MS) == rule
+
+
+def test_the_distance_of_the_cell_is_allowed_to_the_last_digit() -> None:
+    """10 mm and 5 degrees; what is beyond is named, its size and the limit with it."""
+    at_rest = pin.SE3(np.eye(3), np.zeros(3))
+    for x_m, found in ((0.01, None), (nextafter(0.01, 1.0), nextafter(0.01, 1.0))):
+        tracking = Tracking(CELL)
+        tracking.rest(at_rest, moving=False)
+        away = shifted(at_rest, x_m=x_m)
+        trip = [tracking.judge(away, HOME, k * MS) for k in range(PERIODS + 1)][-1]
+        assert (trip and trip.value) == found
+        assert trip is None or (trip.limit, "10.0 mm away" in trip.text) == (0.01, True)
+    for q_rad, found in ((radians(5.0), None), (nextafter(radians(5.0), 1.0), radians(5.0))):
+        tracking = Tracking(CELL)
+        tracking.turn((0.0,) * 6, (0.0,) * 6)
+        q = np.array([0.0, 0.0, q_rad, 0.0, 0.0, 0.0])
+        trip = [tracking.judge(at_rest, q, k * MS) for k in range(PERIODS + 1)][-1]
+        assert (trip and trip.limit) == found
+        assert trip is None or (trip.value, "5.0 degrees away" in trip.text) == (q_rad, True)
+
+
+def test_an_arm_that_is_turned_is_reported_by_its_angle_where_its_place_is_allowed() -> None:
+    """10 mm away it may be, to the last digit; 6 degrees turned it may not."""
+    tracking = Tracking(CELL)
+    tracking.rest(pin.SE3(np.eye(3), np.zeros(3)), moving=False)
+    away = pin.SE3(rotation_from_vector(np.array([0.0, 0.0, radians(6.0)])), np.array([0.01, 0, 0]))
+    trip = [tracking.judge(away, HOME, k * MS) for k in range(PERIODS + 1)][-1]
+    assert trip is not None
+    assert (trip.value, trip.limit) == (pytest.approx(radians(6.0)), radians(5.0))
+
+
+# --- from one motion to the next ------------------------------------------------------------------
+
+BENT = (0.5, 0.0, -1.5, 0.0, -1.5, 0.0)
+COMMANDS: dict[str, Callable[[Tracking, pin.SE3], None]] = {
+    "stream": lambda tracking, T: tracking.stream(T, 5000 * MS),
+    "line": lambda tracking, T: tracking.line(T, shifted(T, z_m=0.02)),
+    "turn": lambda tracking, T: tracking.turn(HOME, HOME),
+    "rest": lambda tracking, T: tracking.rest(T, moving=False),
+}
+FREE: dict[str, Callable[[Tracking, pin.SE3], None]] = {
+    "new": lambda tracking, T: None,
+    "free": lambda tracking, T: tracking.free(),
+    "braking": lambda tracking, T: tracking.rest(T, moving=True),
+}
+CHANGES = [(a, b) for a in (COMMANDS | FREE) for b in COMMANDS if a != b]
+
+
+@pytest.mark.parametrize(("first", "then"), CHANGES)
+def test_of_what_was_commanded_before_another_motion_nothing_counts(first: str, then: str) -> None:
+    """Neither its place nor its reports: five more may be off, and the sixth is a trip."""
+    tracking, before, now = Tracking(CELL), shifted(DOWN, x_m=-0.2), shifted(DOWN, x_m=0.2)
+    (COMMANDS | FREE)[first](tracking, before)
+    for number in range(PERIODS):
+        assert tracking.judge(shifted(DOWN, y_m=0.2), np.array(BENT), number * MS) is None
+    COMMANDS[then](tracking, now)
+    trips = [tracking.judge(before, np.array(BENT), 5000 * MS) for _ in range(PERIODS + 1)]
+    assert [trip is not None for trip in trips] == [False] * PERIODS + [True]
+    assert tracking.judge(now, HOME, 5000 * MS) is None
+    trips = [tracking.judge(before, np.array(BENT), 5000 * MS) for _ in range(PERIODS + 1)]
+    assert [trip is not None for trip in trips] == [False] * PERIODS + [True]
+
+
+@pytest.mark.parametrize("motion", ["stream", "line", "turn"])
+def test_after_each_motion_the_arm_rests_where_it_has_come_to(motion: str) -> None:
+    """And not where it rested before."""
+    tracking, before, now = Tracking(CELL), shifted(DOWN, x_m=-0.2), shifted(DOWN, x_m=0.2)
+    tracking.rest(before, moving=False)
+    COMMANDS[motion](tracking, before)
+    tracking.rest(now, moving=False)
+    assert verdict_at(tracking, now, 5001 * MS) == ""
+    assert verdict_at(tracking, before, 5002 * MS) == "tracking"
+
+
+def test_a_line_counts_however_long_ago_it_was_commanded() -> None:
+    """A slow move takes minutes."""
+    tracking = Tracking(CELL)
+    tracking.line(DOWN, shifted(DOWN, x_m=0.2))
+    for x_m, rule in ((0.0, ""), (0.1, ""), (0.2, ""), (0.211, "tracking"), (-0.011, "tracking")):
+        assert verdict_at(tracking, shifted(DOWN, x_m=x_m), 100_000 * MS) == rule

@@ -19,8 +19,8 @@ NEXT = "the arm is held: `forcemesh clear`, then `forcemesh arm`"
 class Patience:
     """How often and how soon a process is started again. Pure.
 
-    The first pause is no shorter than the deadline of commands: a hub that was back sooner would not
-    have been missed, and the arm would not be held.
+    The first pause is no shorter than the deadline of commands: a hub that was back sooner would
+    not have been missed, and the arm would not be held.
     """
 
     pause_s: float = PAUSE_S

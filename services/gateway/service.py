@@ -219,18 +219,15 @@ def robot_status(status: Status) -> RobotStatus:
 
 
 def scales_of(section: GatewaySection) -> Scales:
-    """Return the scales that a cell file asks for. Raise ConfigError for impossible ones."""
-    try:
-        return Scales(
-            position_per_mm=section.position_per_mm,
-            oat_per_deg=section.oat_per_deg,
-            joint_per_deg=section.joint_per_deg,
-            force_per_N=section.force_per_N,
-            torque_per_Nm=section.torque_per_Nm,
-            speed_per_mm_s=section.speed_per_mm_s,
-        )
-    except LocalProtocolError as error:
-        raise ConfigError("section gateway", [str(error)]) from error
+    """Return the scales that a cell file asks for; it is read with their bounds."""
+    return Scales(
+        position_per_mm=section.position_per_mm,
+        oat_per_deg=section.oat_per_deg,
+        joint_per_deg=section.joint_per_deg,
+        force_per_N=section.force_per_N,
+        torque_per_Nm=section.torque_per_Nm,
+        speed_per_mm_s=section.speed_per_mm_s,
+    )
 
 
 def set_point_step(cell: Cell, section: GatewaySection) -> tuple[float, float]:

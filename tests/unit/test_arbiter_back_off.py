@@ -260,6 +260,21 @@ def test_a_move_stops_at_a_force_rise_of_its_own() -> None:
     assert world.core.state not in MAY_MOVE
 
 
+def test_a_way_that_ends_outside_the_workspace_is_refused_and_the_arm_holds() -> None:
+    """Pushed towards a wall 5 mm away; the whole way would be 20 mm."""
+    low, high = CELL.limits.workspace_min_m, CELL.limits.workspace_max_m
+    wall = CELL.limits.model_copy(
+        update={"workspace_max_m": (float(T_START.translation[0]) + 0.005, *high[1:])}
+    )
+    assert low[0] < wall.workspace_max_m[0] < high[0]
+    world = loaded((75.0, 0.0, 0.0), CELL.model_copy(update={"limits": wall}))
+    reply = back_off(world)
+    assert (reply.accepted, reply.code) == (False, "workspace")
+    for _ in range(20):
+        assert world.tick().kind == "hold"
+    assert (world.core.state, codes(world)) == ("HOLDING", ["workspace"])
+
+
 def test_a_cell_that_is_slower_than_backing_off_backs_off_at_its_own_speed() -> None:
     """It was refused with `speed`, and only the pendant was left."""
     slow = CELL.limits.model_copy(update={"speed_m_s": 0.5 * SPEED_M_S})

@@ -128,7 +128,7 @@ def _closing_share(speed: float, half: float) -> float:
 
 def _share(pair: Array, most: float, most_rad: float) -> float:
     way, turn = _size(pair[0]), _size(pair[1])
-    return min(1.0, most / way if way > most else 1.0, most_rad / turn if turn > most_rad else 1.0)
+    return min(most / way if way > most else 1.0, most_rad / turn if turn > most_rad else 1.0)
 
 
 def _between(T_from: pin.SE3, T_to: pin.SE3) -> Array:

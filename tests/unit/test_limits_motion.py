@@ -1,6 +1,7 @@
 """How commanded poses may move: whatever is wished for, speed and acceleration are kept."""
 
 from itertools import pairwise
+from math import nextafter, radians
 
 import numpy as np
 import pinocchio as pin
@@ -170,3 +171,128 @@ def test_a_speed_of_the_regulator_is_reached_in_a_few_periods() -> None:
         speeds.append(size(pace.speed_m_s))
     assert all(b - a <= LIMITS.accel_m_s2 * DT_S * SLACK for a, b in pairwise(speeds))
     assert max(speeds[:8]) >= CELL.force.speed_max_m_s
+
+
+# --- to the last digit ----------------------------------------------------------------------------
+
+# The demo's limits: 0.25 m/s and 60 degrees/s, 2 m/s2 and 480 degrees/s2.
+SPEEDS = (0.25, radians(60.0))
+ACCELS = (2.0, radians(480.0))
+ORIGIN = at(np.zeros(3), np.zeros(3))
+each_kind = pytest.mark.parametrize("kind", [0, 1], ids=["way", "turn"])
+
+
+def along(kind: int, amount: float) -> pin.SE3:
+    """Return a pose so far [m] along x, or turned by so much [rad] about z."""
+    return at(np.array([amount * (1 - kind), 0.0, 0.0]), np.array([0.0, 0.0, amount * kind]))
+
+
+def moving(kind: int, speed: float, T_wished: pin.SE3 = ORIGIN) -> Pace:
+    """Return a pace at the origin that goes along x, or turns about z."""
+    way = np.array([speed * (1 - kind), 0.0, 0.0])
+    return Pace(ORIGIN, T_wished, way, np.array([0.0, 0.0, speed * kind]))
+
+
+def gone(kind: int, pace: Pace) -> tuple[float, float]:
+    """Return how far a pace is, and how fast it goes there."""
+    if kind == 0:
+        return float(pace.T_base_flange.translation[0]), float(pace.speed_m_s[0])
+    turn_rad = rotation_between(np.eye(3), pace.T_base_flange.rotation)
+    return float(turn_rad[2]), float(pace.turning_rad_s[2])
+
+
+@each_kind
+def test_rest_is_slower_than_a_billionth_of_the_unit(kind: int) -> None:
+    """1 nm/s is rest, the next number is not; at rest no pace lags."""
+    for sign in (1.0, -1.0):
+        assert moving(kind, sign * 1e-9).is_still
+        assert not moving(kind, sign * nextafter(1e-9, 1.0)).is_still
+    assert not still(ORIGIN).lags
+
+
+@each_kind
+def test_in_less_than_a_microsecond_nothing_moves(kind: int) -> None:
+    """What was asked for is remembered; in a microsecond it moves."""
+    before, wish = moving(kind, 0.1), along(kind, 0.01)
+    after = limit_motion(LIMITS, before, wish, nextafter(1e-6, 0.0))
+    assert (after.T_base_flange, after.T_wished) == (before.T_base_flange, wish)
+    assert gone(kind, after) == (0.0, 0.1)
+    assert gone(kind, limit_motion(LIMITS, before, wish, 1e-6))[0] > 0.0
+
+
+@each_kind
+@pytest.mark.parametrize("periods", [1, 2, 5])
+@pytest.mark.parametrize("share", [0.0, 0.3, -0.3])
+def test_a_wish_is_closed_as_fast_as_it_can_be_braked(
+    kind: int, periods: int, share: float
+) -> None:
+    """As it moves, too: each step is slower by the acceleration, and the last one ends there."""
+    slower, wished = ACCELS[kind] * DT_S, share * SPEEDS[kind]
+    place = slower * DT_S * periods * (periods + 1) / 2
+    pace = moving(kind, wished + slower * periods, along(kind, place))
+    for left in range(periods, 0, -1):
+        place += wished * DT_S
+        pace = limit_motion(LIMITS, pace, along(kind, place), DT_S)
+        assert gone(kind, pace)[1] == pytest.approx(wished + slower * left, rel=1e-6)
+        still_to_go = slower * DT_S * left * (left - 1) / 2
+        assert gone(kind, pace)[0] == pytest.approx(place - still_to_go, abs=1e-9)
+
+
+@each_kind
+def test_a_wish_that_is_nearer_than_the_slowest_step_is_reached_in_one(kind: int) -> None:
+    """Exactly, and not passed."""
+    near = 0.5 * ACCELS[kind] * DT_S * DT_S
+    assert limit_motion(LIMITS, still(ORIGIN), along(kind, near), DT_S).is_there
+    before = Pace(ORIGIN, along(kind, near), np.zeros(3), np.zeros(3))
+    assert limit_motion(LIMITS, before, along(kind, near), DT_S).is_there
+
+
+@each_kind
+def test_a_wish_that_jumps_back_and_is_still_ahead_is_not_run_away_from(kind: int) -> None:
+    """Its speed counts up to the limit alone: a jump is no motion that goes on."""
+    ahead = 0.2 * SPEEDS[kind]
+    before = Pace(ORIGIN, along(kind, 2.0 * ahead), np.zeros(3), np.zeros(3))
+    pace = limit_motion(LIMITS, before, along(kind, ahead), DT_S)
+    assert gone(kind, pace)[1] == pytest.approx(ACCELS[kind] * DT_S)
+
+
+@each_kind
+def test_braking_takes_off_the_acceleration_in_each_period(kind: int) -> None:
+    """Down to rest; a pace that brakes does not lag."""
+    slower = ACCELS[kind] * DT_S
+    pace, way = moving(kind, 3.5 * slower), 0.0
+    for left in (2.5, 1.5, 0.5, 0.0, 0.0):
+        pace, way = brake(LIMITS, pace, DT_S), way + left * slower * DT_S
+        assert gone(kind, pace) == pytest.approx((way, left * slower), abs=1e-12)
+        assert not pace.lags
+    assert pace.is_still
+
+
+@pytest.mark.parametrize(
+    ("speed", "turning", "half_s"),
+    [(0.2, 0.0, 0.05), (0.0, 0.8, 0.4 / ACCELS[1]), (0.2, 0.1, 0.05), (0.01, 0.8, 0.4 / ACCELS[1])],
+)
+def test_a_motion_rests_after_half_of_its_speed_for_the_time_it_brakes(
+    speed: float, turning: float, half_s: float
+) -> None:
+    """Its square over 2 a; way and turn end together, after the longer time of both."""
+    pace = Pace(ORIGIN, ORIGIN, np.array([0.0, speed, 0.0]), np.array([0.0, 0.0, turning]))
+    T = resting_place(LIMITS, pace)
+    assert T.translation == pytest.approx([0.0, speed * half_s, 0.0])
+    assert rotation_between(np.eye(3), T.rotation) == pytest.approx([0.0, 0.0, turning * half_s])
+
+
+@each_kind
+@pytest.mark.parametrize("dt_s", [0.004, 0.1])
+def test_a_pace_lags_when_it_is_behind_by_more_than_full_speed_takes_to_brake(
+    kind: int, dt_s: float
+) -> None:
+    """Or by more than a period at full speed, where periods are long."""
+    speed, accel = SPEEDS[kind], ACCELS[kind]
+    farthest = max(speed * dt_s, 0.5 * speed**2 / accel)
+    first = accel * dt_s * dt_s  # what it goes in the first period, from rest
+    for share, lags in ((1.0 - 1e-6, False), (1.0 + 1e-6, True)):
+        wish = along(kind, first + share * farthest)
+        pace = limit_motion(LIMITS, still(ORIGIN), wish, dt_s)
+        assert gone(kind, pace)[0] == pytest.approx(first)
+        assert pace.lags == lags

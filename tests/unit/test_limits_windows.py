@@ -13,17 +13,13 @@ from common.config import cell_from_tree, dump_cell
 from common.errors import ConfigError
 from common.frames import rotation_from_vector
 from common.limits import Limits, check_joint_speed, check_workspace
-from common.motion_limits import (
-    JOINT_WINDOW_S,
-    WINDOW_MARGIN,
-    WINDOW_S,
-    JointTrack,
-    Window,
-    check_rate,
-)
+from common.motion_limits import JointTrack, Window, check_rate
 from tests.fakes.arbiter_world import CELL
 
 LIMITS = Limits.of(CELL)
+# As docs/arbitration.md has them: the speed in any 250 ms and a quarter; joints over 100 ms.
+WINDOW_S, WINDOW_MARGIN, JOINT_WINDOW_S = 0.25, 1.25, 0.1
+WINDOW_NS, JOINT_WINDOW_NS = 250_000_000, 100_000_000
 
 
 def at(p: np.ndarray, turn: np.ndarray) -> pin.SE3:
@@ -68,6 +64,52 @@ def test_turns_count_in_the_window_as_well() -> None:
         assert (trip is not None) == (0.1 * count > most)
         assert trip is None or (trip.code, trip.limit) == ("rate", most)
     assert most < 0.7
+
+
+@pytest.mark.parametrize(("age_ns", "counts"), [(WINDOW_NS - 1, True), (WINDOW_NS, False)])
+def test_a_step_counts_for_a_quarter_of_a_second(age_ns: int, counts: bool) -> None:
+    """To the nanosecond."""
+    T, T_next, now_ns = at(np.zeros(3), np.zeros(3)), at(np.full(3, 0.1), np.zeros(3)), 10**9
+    window = Window().after(now_ns - age_ns, T, T_next).after(now_ns, T, T)
+    assert (len(window.steps) == 2) == counts
+
+
+@pytest.mark.parametrize("kind", [1, 2], ids=["way", "turn"])
+def test_the_way_in_a_window_ends_exactly_at_its_limit(kind: int) -> None:
+    """The limit itself is allowed; way and turn each have their own."""
+    most = (0.0, LIMITS.speed_m_s * 0.3125, LIMITS.speed_rad_s * 0.3125)[kind]
+    for amount, rule in ((most, None), (math.nextafter(most, math.inf), "rate")):
+        step = (10**9, amount, 0.0) if kind == 1 else (10**9, 0.0, amount)
+        trip = check_rate(LIMITS, Window((step,)))
+        assert (trip and trip.code) == rule
+        assert trip is None or (trip.value, trip.limit) == (amount, most)
+
+
+@pytest.mark.parametrize("period_ms", [4, 20, 25, 70, 200])
+def test_a_joint_s_speed_is_from_the_last_sample_that_is_a_tenth_of_a_second_old(
+    period_ms: int,
+) -> None:
+    """Also where it jumps at once; before there is such a sample no speed is known."""
+    back = -(-100 // period_ms)  # samples
+    for known in range(1, 3 * back):
+        track, stamp_ns = JointTrack(), 10**9
+        for number in range(known + 1):
+            stamp_ns = 10**9 + number * period_ms * 1_000_000
+            assert (track.speed_rad_s is not None) == (number > back)
+            track = track.after(stamp_ns, np.full(6, 0.5 + (number == known)))
+        speed = track.speed_rad_s
+        if known < back:
+            assert speed is None
+        else:
+            assert speed == pytest.approx(np.full(6, 1e3 / (back * period_ms)))
+
+
+def test_a_joint_s_speed_is_known_after_a_tenth_of_a_second_to_the_nanosecond() -> None:
+    """A shorter time would make more of rounding and jitter."""
+    track = JointTrack().after(10**9, np.zeros(6))
+    assert track.after(10**9 + JOINT_WINDOW_NS - 1, np.ones(6)).speed_rad_s is None
+    speed = track.after(10**9 + JOINT_WINDOW_NS, np.ones(6)).speed_rad_s
+    assert speed == pytest.approx(np.full(6, 10.0))
 
 
 @settings(max_examples=40)

@@ -24,8 +24,8 @@ JUDGES = {
     " unit/test_pure_corners unit/test_arbiter_core",
     "common.motion_limits": "unit/test_limits_motion unit/test_limits_windows"
     " unit/test_arbiter_limits unit/test_pure_corners",
-    "common.stream_budget": "unit/test_guard unit/test_guard_rules unit/test_pure_corners"
-    " unit/test_guard_evil",
+    "common.stream_budget": "unit/test_stream_budget unit/test_guard unit/test_guard_rules"
+    " unit/test_pure_corners unit/test_guard_evil",
     "common.tracking": "unit/test_guard_tracking unit/test_faults_reached",
     "common.packet": "unit/test_packet unit/test_fuzz_codec",
     "common.packet_table": "unit/test_packet unit/test_controller_file unit/test_gateway_commands"

@@ -1,0 +1,204 @@
+"""The three rules of a stream of set points, each at its last digit, for ways and for turns."""
+
+from collections.abc import Callable
+from math import nextafter, radians
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from common.config import load_cell
+from common.frames import rotation_from_vector
+from common.messages import Trip
+from common.stream_budget import StreamBudget
+from tests.contract.rig import DEMO_CELL
+
+MS = 1_000_000
+START_NS = 10**12  # of a stream: clocks begin nowhere in particular
+LIMITS = load_cell(DEMO_CELL).limits
+# Of the demo's cell: 0.25 m/s and 60 degrees/s, 2 m/s2 and 480 degrees/s2.
+SPEEDS = (0.25, radians(60.0))
+ACCELS = (2.0, radians(480.0))
+# As docs/reliability.md and docs/arbitration.md have them, not as the code under test has.
+WINDOW = 1.25 * 0.25  # of the speed, in any 250 ms
+SUDDEN = tuple(1.5 * a * 0.06**2 + v * 0.02 for v, a in zip(SPEEDS, ACCELS, strict=True))
+WIDE = {"step_m": 0.2, "step_deg": 90.0}
+ROUND = {"accel_m_s2": 20.0, "accel_deg_s2": 5000.0}  # what starts suddenly enough for any test
+LITTLE = 1e-7  # as a share
+each_kind = pytest.mark.parametrize("kind", [0, 1], ids=["way", "turn"])
+
+
+def along(kind: int, amount: float) -> pin.SE3:
+    """Return a pose so far [m] along x, or turned by so much [rad] about z."""
+    turn = np.array([0.0, 0.0, amount * kind])
+    return pin.SE3(rotation_from_vector(turn), np.array([amount * (1 - kind), 0.0, 0.0]))
+
+
+def begun(kind: int, **changes: float) -> StreamBudget:
+    """Return a budget whose stream begins at nothing gone."""
+    budget = StreamBudget(LIMITS.model_copy(update=changes))
+    assert budget.begin(along(kind, 0.0), START_NS) is None
+    return budget
+
+
+def code(trip: Trip | None) -> str:
+    """Return the rule, or nothing."""
+    return "" if trip is None else trip.code
+
+
+# --- one set point --------------------------------------------------------------------------------
+
+STEPS = (0.02, radians(10.0))  # of the demo's cell
+
+
+@each_kind
+def test_a_stream_begins_with_one_step_and_not_more(kind: int) -> None:
+    """What is refused uses nothing up; the trip names the speed that was broken."""
+    budget = begun(kind, **ROUND)
+    trip = budget.spend(along(kind, STEPS[kind] * (1.0 + LITTLE)), START_NS)
+    assert trip is not None
+    assert (trip.code, trip.limit) == ("speed", SPEEDS[kind])
+    assert budget.spend(along(kind, STEPS[kind] * (1.0 - LITTLE)), START_NS) is None
+    assert code(budget.spend(along(kind, STEPS[kind] * (1.0 + LITTLE)), START_NS)) == "speed"
+
+
+def test_a_step_itself_may_be_gone() -> None:
+    """To the last digit, in numbers that are exact; and it is used up to the last digit."""
+    budget = begun(0, **(ROUND | {"step_m": 2.0**-7}))
+    assert code(budget.spend(along(0, nextafter(2.0**-7, 1.0)), START_NS)) == "speed"
+    assert budget.spend(along(0, 2.0**-7), START_NS) is None
+    assert code(budget.spend(along(0, 2.0**-7 + 1e-11), START_NS)) == "speed"
+
+
+@each_kind
+@pytest.mark.parametrize(
+    ("used", "after_ms", "more"),
+    [
+        (1.0, 8, 0.0),  # of a step, and what time refills
+        (0.5, 8, 0.5),
+        (0.5, -8, 0.5),  # a clock that goes back gives nothing, and takes nothing
+        (1.0, 60, 0.0),
+    ],
+)
+def test_time_refills_what_a_stream_has_used(
+    kind: int, used: float, after_ms: int, more: float
+) -> None:
+    """By 1.25 times the speed, from when it was used."""
+    step = STEPS[kind]
+    way = more * step + 1.25 * SPEEDS[kind] * max(0, after_ms) * 1e-3
+    for share, rule in ((1.0 - LITTLE, ""), (1.0 + LITTLE, "speed")):
+        budget, first = begun(kind, **ROUND), used * step * (1.0 - 1e-12)
+        assert budget.spend(along(kind, first), START_NS + 300 * MS) is None
+        at_ns = START_NS + (300 + after_ms) * MS
+        assert code(budget.spend(along(kind, first + share * way), at_ns)) == rule
+
+
+@each_kind
+def test_however_long_a_stream_rests_it_gets_one_step(kind: int) -> None:
+    """In one set point or in several at once."""
+    step = STEPS[kind]
+    for shares, rule in (((1.0 - LITTLE,), ""), ((1.0 + LITTLE,), "speed"),
+                         ((0.5, 0.5 - LITTLE), ""), ((0.5, 0.5 + LITTLE), "speed")):  # fmt: skip
+        budget, at, trip = begun(kind, **ROUND), 0.0, None
+        assert budget.spend(along(kind, 0.0), START_NS) is None
+        for share in shares:
+            assert trip is None
+            at += share * step
+            trip = budget.spend(along(kind, at), START_NS + 5000 * MS)
+        assert code(trip) == rule
+
+
+# --- any quarter of a second ----------------------------------------------------------------------
+
+
+@each_kind
+def test_in_any_250_ms_no_more_is_gone_than_the_speed_gives(kind: int) -> None:
+    """A quarter above it; the trip gives both numbers. 250 ms later all of it is free again."""
+    most = WINDOW * SPEEDS[kind]
+    for share, rule in ((1.0 - LITTLE, ""), (1.0 + LITTLE, "rate")):
+        budget = begun(kind, **WIDE, **ROUND)
+        trip = budget.spend(along(kind, share * most), START_NS + 100 * MS)
+        assert code(trip) == rule
+        assert trip is None or trip.value == pytest.approx(share * most)
+        assert trip is None or trip.limit == pytest.approx(most)
+    for after_ns, rule in ((250 * MS - 1, "rate"), (250 * MS, "")):
+        budget, first = begun(kind, **WIDE, **ROUND), 0.9 * most
+        assert budget.spend(along(kind, first), START_NS) is None
+        trip = budget.spend(along(kind, first + 0.9 * most), START_NS + after_ns)
+        assert code(trip) == rule
+
+
+def test_the_way_of_a_window_may_be_gone_to_the_last_digit() -> None:
+    """In numbers that are exact."""
+    budget = begun(0, **WIDE, **ROUND)
+    assert code(budget.spend(along(0, nextafter(0.078125, 1.0)), START_NS + 4 * MS)) == "rate"
+    assert budget.spend(along(0, 0.078125), START_NS + 4 * MS) is None
+
+
+# --- from one 60 ms to the next -------------------------------------------------------------------
+
+Moves = list[tuple[int, float]]  # when [ms], and where, in parts of what may come suddenly
+MOTIONS: dict[str, Callable[[float], Moves]] = {
+    "from rest": lambda s: [(4, s)],
+    "from rest, in parts": lambda s: [(4, 0.3), (30, 0.7), (63, s)],
+    "faster": lambda s: [(60, 0.9), (120, 1.8 + s)],
+    "slower": lambda s: [(60, 0.9), (120, 1.8 - s)],
+    "faster later": lambda s: [(60, 0.9), (120, 1.8), (180, 2.7 + s)],
+    "slower later": lambda s: [(60, 0.9), (120, 1.8), (180, 2.7 - s)],
+    "faster soon": lambda s: [(10, 0.4), (30, 0.9), (100, 1.8 + s)],
+    "slower soon": lambda s: [(10, 0.4), (30, 0.9), (100, 1.8 - s)],
+    "to and fro": lambda s: [(20, 0.5), (40, 1.0 - s)],
+    "to and fro in parts": lambda s: [(4, 0.3), (34, 0.0), (63, s - 0.6)],
+    "to and fro again": lambda s: [(10, 0.4), (30, 0.0), (80, 0.9), (100, 1.0 - s)],
+    "to and fro long ago": lambda s: [(10, 0.4), (20, 0.0), (120, 0.5), (140, 1.0 - s)],
+}
+
+
+@each_kind
+@pytest.mark.parametrize("motion", MOTIONS)
+def test_from_one_60_ms_to_the_next_motion_changes_by_the_acceleration_at_most(
+    kind: int, motion: str
+) -> None:
+    """Half as much again, and 20 ms at full speed: exactly; to and fro is a change as well."""
+    for share, rule in ((1.0 - LITTLE, ""), (1.0 + LITTLE, "acceleration")):
+        budget, trip = begun(kind, **WIDE), None
+        for at_ms, place in MOTIONS[motion](share):
+            assert trip is None
+            trip = budget.spend(along(kind, place * SUDDEN[kind]), START_NS + at_ms * MS)
+        assert code(trip) == rule
+        if trip is not None:
+            assert trip.value == pytest.approx(SUDDEN[kind] / 0.06**2)
+            assert trip.limit == ACCELS[kind]
+
+
+# --- from one stream to the next ------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("after_ns", "rule"), [(60 * MS, "speed"), (250 * MS - 1, "speed"), (250 * MS, "")]
+)
+@each_kind
+def test_a_jump_back_to_the_measured_pose_counts_as_way_for_250_ms(
+    kind: int, after_ns: int, rule: str
+) -> None:
+    """Since the last set point, or new streams would be a way around the limits."""
+    budget, set_ns = begun(kind), START_NS + 200 * MS
+    assert budget.spend(along(kind, 0.001), set_ns) is None
+    assert code(budget.begin(along(kind, 0.5), set_ns + after_ns)) == rule
+
+
+@each_kind
+def test_where_something_else_has_moved_the_arm_a_stream_begins_at_rest(kind: int) -> None:
+    """From another place it is no jump; what was used up stays used up."""
+    budget, used = begun(kind, **WIDE), 0.0
+    for at_ms in range(4, 84, 4):
+        used += 0.06 * SUDDEN[kind]
+        assert budget.spend(along(kind, used), START_NS + at_ms * MS) is None
+    budget.moved_otherwise()
+    assert code(budget.spend(along(kind, used), START_NS + 84 * MS)) == "no_stream"
+    assert budget.begin(along(kind, 0.5), START_NS + 88 * MS) is None
+    gone = 0.06 * SUDDEN[kind]
+    assert budget.spend(along(kind, 0.5 + gone), START_NS + 92 * MS) is None
+    left = WINDOW * SPEEDS[kind] - used - gone
+    trip = budget.spend(along(kind, 0.5 + gone + 1.001 * left), START_NS + 96 * MS)
+    assert code(trip) == "rate"

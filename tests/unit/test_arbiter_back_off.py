@@ -13,8 +13,9 @@ from common.cell import Cell
 from common.convert import pose_of, record_of
 from common.faults import FAULTS
 from common.frames import rotation_between
-from common.messages import MAY_MOVE, RobotCommand, RobotState, Vec3, WrenchAtTcp
+from common.messages import MAY_MOVE, RobotCommand, RobotState, Speed, Vec3, WrenchAtTcp
 from common.requests import Reply
+from services.arbiter.freeing import Freeing
 from tests.fakes.arbiter_world import MOVE_DOWN, PERIOD_NS, T_START, World
 from tests.fakes.bench import CELL
 
@@ -260,19 +261,16 @@ def test_a_move_stops_at_a_force_rise_of_its_own() -> None:
     assert world.core.state not in MAY_MOVE
 
 
-def test_a_way_that_ends_outside_the_workspace_is_refused_and_the_arm_holds() -> None:
-    """Pushed towards a wall 5 mm away; the whole way would be 20 mm."""
-    low, high = CELL.limits.workspace_min_m, CELL.limits.workspace_max_m
-    wall = CELL.limits.model_copy(
-        update={"workspace_max_m": (float(T_START.translation[0]) + 0.005, *high[1:])}
-    )
-    assert low[0] < wall.workspace_max_m[0] < high[0]
-    world = loaded((75.0, 0.0, 0.0), CELL.model_copy(update={"limits": wall}))
+def test_the_arbiter_s_own_goal_is_judged_like_any_other(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One that broke a limit would be refused by its number, and the lease would end in a hold."""
+    monkeypatch.setattr(Freeing, "speed", Speed(mechanical_m_s=2.0 * SPEED_M_S))
+    world = loaded()
     reply = back_off(world)
-    assert (reply.accepted, reply.code) == (False, "workspace")
+    assert (reply.accepted, reply.code) == (False, "speed")
+    assert (reply.value, reply.limit) == (2.0 * SPEED_M_S, SPEED_M_S)
     for _ in range(20):
         assert world.tick().kind == "hold"
-    assert (world.core.state, codes(world)) == ("HOLDING", ["workspace"])
+    assert (world.core.state, codes(world)) == ("HOLDING", ["speed"])
 
 
 def test_a_cell_that_is_slower_than_backing_off_backs_off_at_its_own_speed() -> None:

@@ -10,13 +10,17 @@ from collections.abc import Generator
 from pathlib import Path
 
 import pytest
-from hypothesis import settings
+from hypothesis import Phase, settings
 
 from tests.repeats import Repeats
 
 # No deadline per example: how long one takes is the machine's business, not the code's.
 settings.register_profile("dev", deadline=None)
 settings.register_profile("ci", deadline=None, derandomize=True, database=None, print_blob=True)
+# Whether a mutant dies is all that `make mutate` asks: no example is made smaller.
+settings.register_profile(
+    "mutants", settings.get_profile("ci"), phases=(Phase.explicit, Phase.generate)
+)
 settings.load_profile("ci" if os.environ.get("CI") else "dev")
 
 # A panel beside every cell that a test brings up would take its time and its port: tests/browser

@@ -76,7 +76,7 @@ def is_killed(mutant: Mutant) -> bool:
 
     files = [str(ROOT / name) for name in judges_of(mutant.module)]
     options = ["-x", "-q", "-p", "no:cacheprovider", "-p", "no:randomly", "-p", "no:xdist"]
-    chosen = ["-m", "not (realtime or processes or long)"]
+    chosen = ["-m", "not (realtime or processes or long)", "--hypothesis-profile", "mutants"]
     try:
         return pytest.main([*options, *chosen, *files]) != pytest.ExitCode.OK
     except BaseException:  # noqa: BLE001 - whatever it breaks, somebody sees it

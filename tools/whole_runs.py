@@ -20,6 +20,8 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
+from tests.mutations import JUDGES, files_of
+
 ROOT = Path(__file__).resolve().parent.parent
 FOLDER = Path("docs/runs")
 MOST_COMMITS = 40  # that touch what a run is about, before it has to be done again
@@ -43,6 +45,9 @@ RUNS = {
         "make chaos-flood", (*CELL, "chaos"), "a cell needs less than one of two processors"
     ),
     "soak": WholeRun("make soak", (*CELL, "chaos")),
+    "mutate": WholeRun(
+        "make mutate", tuple(dict.fromkeys(name for each in JUDGES for name in files_of(each)))
+    ),
 }
 
 

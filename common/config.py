@@ -3,11 +3,13 @@
 import difflib
 import hashlib
 from collections.abc import Iterator
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, get_args
 
 import yaml
 from pydantic import BaseModel, ValidationError
+from yaml.constructor import SafeConstructor
 
 from common.cell import Cell
 from common.errors import ConfigError
@@ -120,10 +122,10 @@ def _read_calibration(path: Path) -> Any:
 def _read_tree(path: Path, source: str) -> Any:
     try:
         text = path.read_text(encoding="utf-8")
-        twice = list(_said_twice(yaml.compose(text, Loader=yaml.SafeLoader)))
+        node, twice = _parsed(text)
         if twice:
-            raise ConfigError(source, twice)
-        return yaml.safe_load(text)
+            raise ConfigError(source, list(twice))
+        return None if node is None else SafeConstructor().construct_document(node)
     except RecursionError:
         raise ConfigError(source, ["not a cell file: lists or sections too deep"]) from None
     except FileNotFoundError:
@@ -136,6 +138,16 @@ def _read_tree(path: Path, source: str) -> Any:
         raise ConfigError(source, [f"cannot be read: {error}"]) from None
     except (yaml.YAMLError, ValueError, TypeError, LookupError, AttributeError) as error:
         raise ConfigError(source, [f"not YAML: {' '.join(str(error).split())}"]) from None
+
+
+@lru_cache(maxsize=16)
+def _parsed(text: str) -> tuple[yaml.Node | None, tuple[str, ...]]:
+    """Return what a text says, and what it says twice.
+
+    The parser in C would be quicker, but a file of nothing but brackets ends the process in it.
+    """
+    node = yaml.compose(text, Loader=yaml.SafeLoader)
+    return node, tuple(_said_twice(node))
 
 
 def _said_twice(

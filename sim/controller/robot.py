@@ -116,7 +116,9 @@ class Robot:
         finally:
             if self.queue.under_way:
                 self._commanded_at = self.arm.ticks
-            self.arm.command_joints(self.queue.q_command)
+            command = self.queue.q_command
+            command.setflags(write=False)
+            self.arm.command_joints(command)
             self.arm.step()
 
     def _off_rad(self) -> float:

@@ -72,11 +72,12 @@ class SimArm:
         violation = self.kinematics.limit_violation(home)
         if violation:
             raise SimulationError(f"simulated cell: home_deg is out of reach: {violation}")
-        self._command = home
+        self._command = self._taken = home
         self._line = SetPointLine(
             home, delay_ticks=settings.delay_ticks, smoothing_ticks=settings.smoothing_ticks
         )
         self._T_flange_tcp = settings.T_flange_sensor * settings.T_sensor_tcp
+        self._warnings = self.data.warning.number  # a view: how many of each kind so far
         self._tool, self._disc = self.model.body("tool").id, self.model.body("disc").id
         self._tcp = self.model.site("tcp").id
         self.data.qpos[:JOINTS] = home
@@ -127,15 +128,19 @@ class SimArm:
     def command_joints(self, q: Array) -> None:
         """Set the joint angles to go to [rad], shape (6,); they hold until the next command.
 
+        An array that nobody can change and that was taken last is not looked at again.
+
         Raises SimulationError if a number is not finite or a joint limit is broken.
         """
+        if q is self._taken and not q.flags.writeable:
+            return
         command = np.array(q, dtype=float)
         if command.shape != (JOINTS,) or not np.isfinite(command).all():
             raise SimulationError(f"joint command must be six finite angles, got {q}")
         violation = self.kinematics.limit_violation(command)
         if violation:
             raise SimulationError(f"joint command refused: {violation}")
-        self._command = command
+        self._command, self._taken = command, q
 
     def step(self) -> None:
         """Advance one millisecond. Raises SimulationError if the physics diverged."""
@@ -163,6 +168,8 @@ class SimArm:
         return TrueWrench(force_N=plate[:3] + pushed[:3], torque_Nm=torque)
 
     def _check(self) -> None:
+        if not any(self._warnings.tolist()):
+            return
         kinds = mujoco.mjtWarning
         for kind in (kinds.mjWARN_BADQPOS, kinds.mjWARN_BADQVEL, kinds.mjWARN_BADQACC):
             if self.data.warning[kind].number:

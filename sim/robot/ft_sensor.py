@@ -45,6 +45,7 @@ class FtSensor:
         self._bias = np.array([*s.force_bias_N, *s.torque_bias_Nm])
         self._step = np.array([s.force_step_N] * 3 + [s.torque_step_Nm] * 3)
         self._range = np.array([s.force_range_N] * 3 + [s.torque_range_Nm] * 3)
+        self._rough = np.flatnonzero(self._step > 0.0)
 
     def sample(self, *, force_N: Array, torque_Nm: Array) -> FtSample:
         """Return a reading of a true load [N, Nm], sensor axes and origin. Shapes (3,), (3,)."""
@@ -52,9 +53,11 @@ class FtSensor:
         value = self.wiring @ np.concatenate((force_N, torque_Nm)) + self._bias
         value += self._noise * self._rng.standard_normal(6)
         saturated = bool((abs(value) >= self._range).any())
-        np.clip(value, -self._range, self._range, out=value)
-        rough = self._step > 0.0
-        value[rough] = np.round(value[rough] / self._step[rough]) * self._step[rough]
+        if saturated:
+            np.clip(value, -self._range, self._range, out=value)
+        if self._rough.size:
+            step = self._step[self._rough]
+            value[self._rough] = np.rint(value[self._rough] / step) * step
         return FtSample(
             force_N=value[:3],
             torque_Nm=value[3:],

@@ -112,7 +112,10 @@ class MotionGenerator:
             self._brake_stream()
 
     def tick(self, dt_s: float) -> Array:
-        """Advance by one tick and return the joint command [rad]. Shape (6,)."""
+        """Advance by one tick and return the joint command [rad], read-only; the same one at rest.
+
+        Shape (6,).
+        """
         if self.busy:
             self._follow(dt_s)
         elif self.state == "stream":
@@ -120,7 +123,8 @@ class MotionGenerator:
             ticks_needed = max(_time_at_full_speed_s(way), self._stream_s) / dt_s
             self.q_command = self.q_command + way / max(1.0, ticks_needed)
             self._stream_s = max(0.0, self._stream_s - dt_s)
-        return self.q_command.copy()
+        self.q_command.setflags(write=False)
+        return self.q_command
 
     def _time_s(self, T_wanted: pin.SE3) -> float:
         """Return how long the flange takes to a streamed pose, turning as on a goal."""

@@ -24,6 +24,8 @@ dampers and slip only take, for any step. Hence the plate never gives more work 
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
+from typing import NamedTuple
 
 from sim.robot.settings import SimSettings
 
@@ -38,8 +40,7 @@ Vector3 = tuple[float, float, float]
 _ORIGIN = (0.0, 0.0, 0.0)
 
 
-@dataclass(frozen=True, slots=True)
-class Disc:
+class Disc(NamedTuple):
     """The disc's face at the end of a step and its speed over it, in the plate's frame at rest."""
 
     centre_m: Vector3
@@ -49,8 +50,7 @@ class Disc:
     radius_m: float
 
 
-@dataclass(frozen=True, slots=True)
-class Push:
+class Push(NamedTuple):
     """What the plate does to the disc, in the plate's frame at rest, about the disc's centre."""
 
     force_N: Vector3 = (0.0, 0.0, 0.0)
@@ -98,7 +98,7 @@ class SprungPlate:
 
     def step(self, disc: Disc, dt_s: float) -> Push:
         """Let the disc move for `dt_s` [s] to where it is said to be; return what it feels."""
-        rule = _Midpoint.of(self, dt_s)
+        rule = _midpoint(self.stiffness_N_m, self.tilt_stiffness_Nm_rad, self.relaxation_s, dt_s)
         free_slope = (rule.kept * self.slope[0], rule.kept * self.slope[1])
         squeeze = _Squeeze(disc, rule, rule.kept * self.travel_m, free_slope)
         normal_N, arm = (0.0, _ORIGIN) if self._misses(disc, squeeze) else squeeze.solve()
@@ -134,8 +134,7 @@ class SprungPlate:
         return fx, fy, twist_Nm
 
 
-@dataclass(frozen=True, slots=True)
-class _Midpoint:
+class _Midpoint(NamedTuple):
     """Midpoint rule of damped springs: the force is k (x1 - kept x0), free they keep so much."""
 
     k: float
@@ -143,15 +142,17 @@ class _Midpoint:
     kept: float
     dt_s: float
 
-    @classmethod
-    def of(cls, plate: SprungPlate, dt_s: float) -> "_Midpoint":
-        rate = plate.relaxation_s / dt_s + 0.5
-        k, k_tilt = rate * plate.stiffness_N_m, rate * plate.tilt_stiffness_Nm_rad
-        return cls(k, k_tilt, 1.0 - 1.0 / rate, dt_s)
+
+@lru_cache(maxsize=8)
+def _midpoint(
+    stiffness_N_m: float, tilt_stiffness_Nm_rad: float, relaxation_s: float, dt_s: float
+) -> _Midpoint:
+    rate = relaxation_s / dt_s + 0.5
+    k, k_tilt = rate * stiffness_N_m, rate * tilt_stiffness_Nm_rad
+    return _Midpoint(k, k_tilt, 1.0 - 1.0 / rate, dt_s)
 
 
-@dataclass(frozen=True, slots=True)
-class _Squeeze:
+class _Squeeze(NamedTuple):
     """The projection on the gap: one equation for the normal force, which the gap rises with."""
 
     disc: Disc

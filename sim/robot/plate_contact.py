@@ -28,30 +28,33 @@ class PlateContact:
         self.springs = SprungPlate.of(settings)
         self._model, self._data, self._R_base_plate = model, data, rest.R_base_plate
         self._radius_m = settings.disc_radius_m
-        self._tcp, self._disc = model.site("tcp").id, model.body("disc").id
+        self._tcp = model.site("tcp").id
+        # Views of the state: MuJoCo keeps it in one place for good.
+        self._p_tcp_m, self._R_tcp = data.site_xpos[self._tcp], data.site_xmat[self._tcp]
+        self._pushed = data.xfrc_applied[model.body("disc").id]
         self._twist = np.zeros(6)  # MuJoCo's order: rotation, translation
 
     def act(self) -> None:
         """Push the disc for the model's next time step."""
         if self.springs.rests and self._is_far():
-            self._data.xfrc_applied[self._disc] = 0.0
+            self._pushed[:] = 0.0
             return
         dt_s = self._model.opt.timestep
         push = self.springs.step(self._disc_after(dt_s), dt_s)
         both = np.array((push.force_N, push.torque_Nm)) @ self._R_base_plate.T
-        self._data.xfrc_applied[self._disc] = both.ravel()
+        self._pushed[:] = both.ravel()
 
     def _is_far(self) -> bool:
         """Tell whether no speed that the arm has brings the disc to the plate within the step."""
-        from_plate = self._data.site_xpos[self._tcp] - self.point_m
+        from_plate = self._p_tcp_m - self.point_m
         return float(from_plate @ self.normal) > self._radius_m + FAR_M
 
     def _disc_after(self, dt_s: float) -> Disc:
         """Return the disc where its speed takes it by the end of the step."""
-        data, twist = self._data, self._twist
-        mujoco.mj_objectVelocity(self._model, data, _SITE, self._tcp, twist, 0)
-        from_plate = data.site_xpos[self._tcp] - self.point_m
-        back = -data.site_xmat[self._tcp][2::3]
+        twist = self._twist
+        mujoco.mj_objectVelocity(self._model, self._data, _SITE, self._tcp, twist, 0)
+        from_plate = self._p_tcp_m - self.point_m
+        back = -self._R_tcp[2::3]
         rows = np.array((from_plate, back, twist[3:], twist[:3])) @ self._R_base_plate
         (x, y, z), (bx, by, bz), (vx, vy, vz), (wx, wy, wz) = rows.tolist()
         bx, by, bz = (

@@ -14,10 +14,12 @@ class SetPointLine:
 
     def __init__(self, start: Array, *, delay_ticks: int, smoothing_ticks: int) -> None:
         """Fill the line with a command that has held for ever. Shape (6,)."""
-        self._delay, self._window = delay_ticks, smoothing_ticks
-        self._ring = np.tile(np.asarray(start, dtype=float), (delay_ticks + smoothing_ticks, 1))
+        self._newest = np.array(start, dtype=float)
+        self._ring = np.tile(self._newest, (delay_ticks + smoothing_ticks, 1))
         self._head = 0
         self._same = len(self._ring)  # how many of the newest entries are equal
+        last = np.arange(len(self._ring))[:, None] - 1 - delay_ticks  # by where the head is
+        self._averaged = (last - np.arange(smoothing_ticks)) % len(self._ring)
 
     @property
     def settled(self) -> bool:
@@ -25,13 +27,16 @@ class SetPointLine:
         return self._same >= len(self._ring)
 
     def push(self, command: Array) -> Array:
-        """Take this tick's command, return this tick's servo set point. Shape (6,)."""
-        newest = self._ring[self._head - 1]
-        self._same = self._same + 1 if np.array_equal(command, newest) else 1
+        """Take this tick's command, return this tick's servo set point. Shape (6,).
+
+        A command is not changed in place afterwards: one that comes again is not looked at again.
+        """
+        is_same = command is self._newest or np.array_equal(command, self._newest)
+        self._same = self._same + 1 if is_same else 1
+        self._newest = command
         self._ring[self._head] = command
         self._head = (self._head + 1) % len(self._ring)
         if self.settled:
-            return np.array(command, dtype=float)
-        last = self._head - 1 - self._delay
-        rows = [(last - k) % len(self._ring) for k in range(self._window)]
-        return np.asarray(self._ring[rows].mean(axis=0))
+            return command
+        rows = self._ring.take(self._averaged[self._head], axis=0)
+        return np.asarray(np.add.reduce(rows, axis=0) / len(rows))

@@ -9,6 +9,7 @@ import itertools
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -247,6 +248,7 @@ def files_of(module: str) -> list[str]:
     return [str(path_of(module).relative_to(ROOT)), *judges_of(module)]
 
 
+@cache
 def mutants_of(module: str) -> list[Mutant]:
     """Return every change of a module that can be compiled."""
     return [each for each in Changes(module, path_of(module).read_text()) if _compiles(each)]

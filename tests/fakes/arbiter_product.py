@@ -7,7 +7,7 @@ that the arbiter waits for, so a walk needs no thousands of periods.
 
 from collections import deque
 from dataclasses import dataclass, field, is_dataclass, replace
-from functools import cache
+from functools import cache, lru_cache
 from typing import Any
 
 import numpy as np
@@ -54,6 +54,8 @@ DEADLINE_S = 4.0
 PERIOD_S = 0.004
 FORCE_N = WALKED.limits.force_N
 HEALTH = Health(config_hash=cell_hash(WALKED), version=forcemesh_version())
+ALWAYS_SAID: dict[str, Message] = {"sensor": SensorWrench(), "wrench": FREE, "health": HEALTH}
+FIT_AND_MOVING = FIT.model_copy(update={"moving": True})
 START = record_of(T_START)
 OUTSIDE = record_of(pin.SE3(T_START.rotation, np.array([5.0, 0.5, 0.35])))
 MOTIONS = ("goal", "setpoint", "feedback")
@@ -138,6 +140,12 @@ def fork(thing: Any) -> Any:
     return copied
 
 
+@lru_cache(maxsize=2)
+def header_at(now_ns: int, epoch: int) -> Header:
+    """Return what stands before what somebody said just now: the same for all who did."""
+    return Header(seq=1, epoch=epoch, boot="walk", stamp_ns=now_ns)
+
+
 def new_arbiter() -> SeenArbiter:
     """Return an arbiter that has just been started."""
     return SeenArbiter(WALKED, command_deadline_s=DEADLINE_S)
@@ -182,26 +190,19 @@ class Product:
                 position_m=self.place.position_m,
                 orientation_xyzw=self.place.orientation_xyzw,
                 joint_rad=(SPUN_RAD * self.turned, 0.0, 0.0, 0.0, 0.0, 0.0),
-                status=FIT.model_copy(update={"moving": True}) if self.moving else FIT,
+                status=FIT_AND_MOVING if self.moving else FIT,
                 goal=self.goal,
                 accepted=self.verdict.accepted,
                 hold_reason=self.verdict.hold_reason,
                 hold_code=self.verdict.hold_code,
             )
-        elif name == "target":
-            message = WISHES[self.wish]
         else:
-            message = {
-                "sensor": SensorWrench(),
-                "wrench": FREE,
-                "health": HEALTH,
-            }[name]
+            message = WISHES[self.wish] if name == "target" else ALWAYS_SAID[name]
         who, changes = SAYS.get(self.trouble, ("", {}))
         return message.model_copy(update=changes) if who == name else message
 
     def _reading(self, name: str) -> Reading[Any]:
-        epoch = self.wrench_epoch if name == "wrench" else 1
-        header = Header(seq=1, epoch=epoch, boot="walk", stamp_ns=self.now_ns)
+        header = header_at(self.now_ns, self.wrench_epoch if name == "wrench" else 1)
         message, silent = self._message(name), SILENT.get(self.trouble) == name
         code = "" if message.valid else message.code or "invalid"
         if silent or INVALID.get(self.trouble) == name:

@@ -1,7 +1,6 @@
 """A virtual cell that is calibrated, with a teller whose lines a test reads."""
 
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,12 +11,12 @@ from cli.virtual import VirtualCell
 from common.cell import Cell
 from common.config import load_cell
 from sim.robot.kinematics import ArmKinematics
+from tests.fakes.bench import DEMO, LIGHT_RATES
 
-DEMO = Path(__file__).resolve().parents[2] / "cells" / "demo.yaml"
 HOME_RAD = np.radians([0.0, 0.0, -90.0, 0.0, -90.0, 0.0])
 QUICK: dict[str, Any] = {
     "limits.speed_m_s": 1.0,  # the cell file's own limit would take minutes of virtual time
-    "rates": {"robot_hz": 125, "sensor_hz": 250, "control_hz": 125},
+    "rates": LIGHT_RATES,
 }
 FAST = Pace(speed_m_s=0.8, dwell_s=0.3)
 

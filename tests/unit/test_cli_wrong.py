@@ -163,6 +163,7 @@ def test_a_cell_file_that_is_not_there_is_named(verb: str) -> None:
     assert "no such file" in text
 
 
+@pytest.mark.realtime
 @pytest.mark.parametrize("verb", [verb for verb in HAVE_A_CELL if verb not in NEEDS_NO_HUB])
 def test_without_a_cell_that_is_up_the_next_step_is_told(verb: str) -> None:
     """Where it was looked for, and how to start it."""

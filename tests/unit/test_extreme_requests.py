@@ -109,7 +109,7 @@ def test_no_request_ends_a_service_or_breaks_a_limit(state: str, share: str) -> 
     requests = hostile()
     if share == "some":
         requests = random.Random(state).sample(requests, SAMPLE)
-    lab = Lab()
+    lab = Lab(CELL)  # a request in each of its control periods
     STATES[state](lab)
     assaulted(lab, requests)
     hold_works(lab)

@@ -10,6 +10,7 @@ from cli.virtual import VirtualCell
 from common.client import Cell
 from common.config import load_cell
 from tests.fakes.axes_checked import axes_are_checked
+from tests.fakes.bench import DEMO, LIGHT_RATES
 
 ROOT = Path(__file__).resolve().parents[2]
 PROGRAMS = sorted((ROOT / "examples").glob("*.py"))
@@ -29,7 +30,8 @@ def load(name: str):
 
 def armed(**overrides) -> tuple[VirtualCell, Cell]:
     """Return a cell in virtual time and a program's client of it."""
-    config = load_cell(ROOT / "cells" / "demo.yaml", {f"sim.{k}": v for k, v in overrides.items()})
+    changed = {f"sim.{k}": v for k, v in overrides.items()}
+    config = load_cell(DEMO, {"rates": LIGHT_RATES, **changed})
     world = VirtualCell(config)
     cell = Cell(config, bus=world.client)
     cell.wait_ready()

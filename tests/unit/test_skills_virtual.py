@@ -1,7 +1,6 @@
 """The skills on a whole cell in virtual time: they do what they say, and stop as they should."""
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,10 +15,9 @@ from common.config import load_cell
 from common.convert import pose_of
 from common.errors import ArmStoppedError, DataError, NotReachedError
 from tests.fakes.axes_checked import axes_are_checked
-from tests.fakes.bench import CELL
+from tests.fakes.bench import CELL, DEMO, LIGHT_RATES
 from tests.fakes.verbs import said
 
-CELL_FILE = Path(__file__).resolve().parents[2] / "cells" / "demo.yaml"
 assert CELL.sim is not None
 GAP_MM = 1e3 * CELL.sim.gap_m
 
@@ -28,7 +26,7 @@ class Skilled:
     """A cell in virtual time, armed, and the client that the skills are given."""
 
     def __init__(self, **overrides) -> None:
-        config = load_cell(CELL_FILE, overrides)
+        config = load_cell(DEMO, {"rates": LIGHT_RATES, **overrides})
         self.world = VirtualCell(config)
         self.client = Cell(config, bus=self.world.client, commander="operator")
         self.client.wait_ready()

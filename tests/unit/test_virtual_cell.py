@@ -31,7 +31,7 @@ FROZEN = [(role, "goal") for role in ROLES] + [(role, "approach") for role in RO
 @pytest.mark.parametrize("role", ROLES)
 def test_whoever_dies_the_arm_holds_in_time_and_for_good(role: str, motion: str) -> None:
     """Swept: each role in each motion; the hold comes within the deadline and names the input."""
-    lab = Lab()
+    lab = Lab(CELL)
     MOTIONS[motion](lab)
     topic = NOTICED_BY.get(role, topics.ROBOT_COMMAND)
     before = lab.q_command()

@@ -12,15 +12,16 @@ from sim.controller import execute_tasks as tasks
 from sim.controller import execute_tcp as tcp
 from sim.controller import execute_waits as waits
 from sim.controller import syntax as s
-from sim.controller.compiled import Compiled, Op
-from sim.controller.context import Context
+from sim.controller.compiled import Compiled, CompiledFile, Op
 from sim.controller.errors import AsError
-from sim.controller.syntax import Instruction, Program, Step
+from sim.controller.evaluate import Evaluate
+from sim.controller.expressions import Expressions
+from sim.controller.syntax import Instruction, Program, SourceFile, Step
 
 if TYPE_CHECKING:
     from sim.controller.task import Task
 
-CompileInstruction = Callable[[Instruction, int, Context], Op]
+CompileInstruction = Callable[[Instruction, int, Evaluate], Op]
 
 _FLOW: dict[type, Callable[..., Op]] = {
     s.If: flow.compile_if,
@@ -92,7 +93,14 @@ INSTRUCTIONS: dict[str, CompileInstruction] = {
 }
 
 
-def compile_program(program: Program, context: Context) -> Compiled:
+def compile_file(source: SourceFile) -> CompiledFile:
+    """Return a file that can be loaded, by one machine or by many."""
+    evaluate = Evaluate(Expressions())
+    programs = {n: compile_program(p, evaluate) for n, p in source.programs.items()}
+    return CompiledFile(programs, source.data)
+
+
+def compile_program(program: Program, evaluate: Evaluate) -> Compiled:
     """Return a program that can be executed.
 
     A step that cannot be compiled is no reason to refuse the file: it fails when it is reached,
@@ -100,23 +108,23 @@ def compile_program(program: Program, context: Context) -> Compiled:
     first: half of a program never is.
     """
     return Compiled(
-        program, tuple(_when_reached(step, at, context) for at, step in enumerate(program.steps))
+        program, tuple(_when_reached(step, at, evaluate) for at, step in enumerate(program.steps))
     )
 
 
-def _when_reached(step: Step, at: int, context: Context) -> Op:
+def _when_reached(step: Step, at: int, evaluate: Evaluate) -> Op:
     op: Op | None = None
 
     def run(task: "Task") -> int:
         nonlocal op
         if op is None:
-            op = _compile(step, at, context)
+            op = _compile(step, at, evaluate)
         return op(task)
 
     return run
 
 
-def _compile(step: Step, at: int, context: Context) -> Op:
+def _compile(step: Step, at: int, evaluate: Evaluate) -> Op:
     statement = step.statement
     try:
         if isinstance(statement, s.Comment | s.Do):
@@ -125,20 +133,20 @@ def _compile(step: Step, at: int, context: Context) -> Op:
             return flow.go_on(statement.end_at)
         compile_flow = _FLOW.get(type(statement))
         if compile_flow is not None:
-            return compile_flow(statement, at, context.evaluate)
+            return compile_flow(statement, at, evaluate)
         if isinstance(statement, Instruction):
-            return _compile_instruction(statement, at, context)
-        return _STATEMENTS[type(statement)](statement, at, context)
+            return _compile_instruction(statement, at, evaluate)
+        return _STATEMENTS[type(statement)](statement, at, evaluate)
     except AsError as error:
         return _failing(error)
 
 
-def _compile_instruction(statement: Instruction, at: int, context: Context) -> Op:
+def _compile_instruction(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
     compiler = INSTRUCTIONS.get(statement.name)
     if compiler is None:
         known = "unknown" if statement.unknown else "known, but not emulated"
         return _failing(AsError("E0111", f"{statement.name} is {known}"))
-    return compiler(statement, at, context)
+    return compiler(statement, at, evaluate)
 
 
 def _failing(error: AsError) -> Op:

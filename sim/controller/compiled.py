@@ -1,10 +1,13 @@
-"""A program that can be executed: one closure for each step, in the order of the steps."""
+"""Programs that can be executed: one closure for each step, in the order of the steps.
 
-from collections.abc import Callable
+Nothing here belongs to one machine: what a step reads and moves, it finds at the task.
+"""
+
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from sim.controller.syntax import Program, Step
+from sim.controller.syntax import DataValue, Program, Step
 
 if TYPE_CHECKING:
     from sim.controller.task import Task
@@ -29,3 +32,11 @@ class Compiled:
     def steps(self) -> tuple[Step, ...]:
         """The steps as written."""
         return self.program.steps
+
+
+@dataclass(frozen=True, slots=True)
+class CompiledFile:
+    """A file that any number of machines can load: programs by name, and data."""
+
+    programs: Mapping[str, Compiled]
+    data: tuple[DataValue, ...]

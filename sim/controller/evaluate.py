@@ -9,7 +9,7 @@ import pinocchio as pin
 from common.frames import Array
 from sim.controller.errors import AsError
 from sim.controller.expressions import Expressions
-from sim.controller.machine_api import Context, Machine
+from sim.controller.machine_api import Context
 from sim.controller.memory import Locals, bind, following
 from sim.controller.syntax import Expression, Instruction, Program, Variable
 from sim.controller.values import NUMBER, Joints, Transformation, Value, se3_of
@@ -33,9 +33,9 @@ class Target:
 class Evaluate:
     """Compiles the arguments of instructions."""
 
-    def __init__(self, expressions: Expressions, machine: Machine) -> None:
-        """Bind to the language of one machine."""
-        self._expressions, self._machine = expressions, machine
+    def __init__(self, expressions: Expressions) -> None:
+        """Bind to the language."""
+        self._expressions = expressions
         self.real, self.text = expressions.real, expressions.text
         self.truth, self.pose, self.store = expressions.truth, expressions.pose, expressions.store
 

@@ -8,9 +8,8 @@ import pinocchio as pin
 
 from common.frames import Array
 from sim.controller.compiled import Op
-from sim.controller.context import Context
 from sim.controller.errors import AsError
-from sim.controller.evaluate import Target
+from sim.controller.evaluate import Evaluate, Target
 from sim.controller.motion_requests import Motion, Speed
 from sim.controller.speeds import checked, percent, speed_of
 from sim.controller.syntax import Instruction
@@ -22,106 +21,105 @@ Make = Callable[[Task], Motion]
 _KINDS: dict[str, Kind] = {"L": "linear", "J": "joint", "H": "linear"}
 
 
-def compile_move(statement: Instruction, at: int, context: Context) -> Op:
+def compile_move(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
     """Compile LMOVE p, JMOVE p and HMOVE p (as LMOVE)."""
-    kind, target = _KINDS[statement.name[0]], context.evaluate.target(statement.arguments[0])
-    return _handed_over(lambda task: _motion(context, kind, target(task)), at, context)
+    kind, target = _KINDS[statement.name[0]], evaluate.target(statement.arguments[0])
+    return _handed_over(lambda task: _motion(task, kind, target(task)), at)
 
 
-def compile_approach(statement: Instruction, at: int, context: Context) -> Op:
+def compile_approach(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
     """Compile LAPPRO p,d and JAPPRO p,d: d [mm] before p, along its -Z."""
-    kind, target = _KINDS[statement.name[0]], context.evaluate.target(statement.arguments[0])
-    distance_mm = context.evaluate.argument(statement, 1)
+    kind, target = _KINDS[statement.name[0]], evaluate.target(statement.arguments[0])
+    distance_mm = evaluate.argument(statement, 1)
 
     def make(task: Task) -> Motion:
         goal = target(task)
-        T = goal.T if goal.T is not None else context.machine.robot.pose_of(_joints(goal))
-        return _motion(context, kind, Target(T=T * _along_z(-distance_mm(task))))
+        T = goal.T if goal.T is not None else task.machine.robot.pose_of(_joints(goal))
+        return _motion(task, kind, Target(T=T * _along_z(-distance_mm(task))))
 
-    return _handed_over(make, at, context)
+    return _handed_over(make, at)
 
 
-def compile_depart(statement: Instruction, at: int, context: Context) -> Op:
+def compile_depart(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
     """Compile LDEPART d and JDEPART d: d [mm] back along the tool's -Z."""
     kind = _KINDS[statement.name[0]]
-    distance_mm = context.evaluate.argument(statement, 0)
+    distance_mm = evaluate.argument(statement, 0)
 
     def make(task: Task) -> Motion:
-        T = context.machine.robot.destination()
-        return _motion(context, kind, Target(T=T * _along_z(-distance_mm(task))))
+        T = task.machine.robot.destination()
+        return _motion(task, kind, Target(T=T * _along_z(-distance_mm(task))))
 
-    return _handed_over(make, at, context)
+    return _handed_over(make, at)
 
 
-def compile_home(statement: Instruction, at: int, context: Context) -> Op:
+def compile_home(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
     """Compile HOME and HOME n: a joint motion to #HOME."""
-    number = context.evaluate.argument(statement, 0, 1.0)
+    number = evaluate.argument(statement, 0, 1.0)
 
     def make(task: Task) -> Motion:
-        q = context.machine.home_rad(checked(number(task), 1, 2, "HOME"))
-        return _motion(context, "joint", Target(q=q))
+        q = task.machine.home_rad(checked(number(task), 1, 2, "HOME"))
+        return _motion(task, "joint", Target(q=q))
 
-    return _handed_over(make, at, context)
+    return _handed_over(make, at)
 
 
-def compile_drive(statement: Instruction, at: int, context: Context) -> Op:
+def compile_drive(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
     """Compile DRIVE jt,deg[,speed]: one joint, relative; the speed is a % of monitor speed."""
-    joint = context.evaluate.argument(statement, 0)
-    angle_deg = context.evaluate.argument(statement, 1)
-    speed = context.evaluate.argument(statement, 2, 100.0)
+    joint = evaluate.argument(statement, 0)
+    angle_deg = evaluate.argument(statement, 1)
+    speed = evaluate.argument(statement, 2, 100.0)
 
     def make(task: Task) -> Motion:
         number = int(checked(joint(task), 1, JOINTS, "the joint of DRIVE"))
-        q = context.machine.robot.q_destination().copy()
+        q = task.machine.robot.q_destination().copy()
         q[number - 1] += np.radians(angle_deg(task))
         value = Speed(percent(speed(task), "the speed of DRIVE"))
-        return _motion(context, "joint", Target(q=q), speed=value)
+        return _motion(task, "joint", Target(q=q), speed=value)
 
-    return _handed_over(make, at, context)
+    return _handed_over(make, at)
 
 
-def compile_draw(statement: Instruction, at: int, context: Context) -> Op:
+def compile_draw(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
     """Compile DRAW (base axes) and TDRAW (tool axes): dx,dy,dz,rx,ry,rz,speed, linear, relative.
 
     The turn is Rx Ry Rz; with DRAW it turns about the base axes through the TCP.
     """
-    numbers = [context.evaluate.argument(statement, k, 0.0) for k in range(6)]
+    numbers = [evaluate.argument(statement, k, 0.0) for k in range(6)]
     has_speed = len(statement.arguments) > 6 and statement.arguments[6] is not None
-    speed = context.evaluate.argument(statement, 6, 100.0)
+    speed = evaluate.argument(statement, 6, 100.0)
     in_tool = statement.name == "TDRAW"
 
     def make(task: Task) -> Motion:
         x, y, z, rx, ry, rz = (number(task) for number in numbers)
         turn = _rotation("x", rx) @ _rotation("y", ry) @ _rotation("z", rz)
         way = np.array([x, y, z]) * 1e-3
-        T = context.machine.robot.destination()
+        T = task.machine.robot.destination()
         goal = T * pin.SE3(turn, way)
         if not in_tool:
             goal = pin.SE3(turn @ T.rotation, T.translation + way)
         value = speed_of(speed(task), statement.modifiers) if has_speed else None
-        return _motion(context, "linear", Target(T=goal), speed=value)
+        return _motion(task, "linear", Target(T=goal), speed=value)
 
-    return _handed_over(make, at, context)
+    return _handed_over(make, at)
 
 
-def compile_pause(statement: Instruction, at: int, context: Context) -> Op:
+def compile_pause(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
     """Compile DELAY s and STABLE s: the arm stands for a while, then the next motion starts."""
-    duration_s = context.evaluate.argument(statement, 0)
+    duration_s = evaluate.argument(statement, 0)
 
     def make(task: Task) -> Motion:
         pause_s = checked(duration_s(task), 0.0, 3600.0, statement.name)
-        return Motion("pause", context.machine.manner(), pause_s=pause_s)
+        return Motion("pause", task.machine.manner(), pause_s=pause_s)
 
-    return _handed_over(make, at, context)
+    return _handed_over(make, at)
 
 
-def _handed_over(make: Make, at: int, context: Context) -> Op:
+def _handed_over(make: Make, at: int) -> Op:
     """Hand the motion over and wait at the step until it starts: one motion ahead."""
-    machine = context.machine
 
     def run(task: Task) -> int:
         refuse_outside_robot_program(task)
-        ticket = machine.move(make(task))
+        ticket = task.machine.move(make(task))
         if ticket.state == "waiting":
             task.wait(lambda _: ticket.state != "waiting")
         return at + 1
@@ -137,8 +135,8 @@ def refuse_outside_robot_program(task: Task) -> None:
         raise AsError("P0111", "no motion in a program that ONE calls")
 
 
-def _motion(context: Context, kind: Kind, target: Target, *, speed: Speed | None = None) -> Motion:
-    machine = context.machine
+def _motion(task: Task, kind: Kind, target: Target, *, speed: Speed | None = None) -> Motion:
+    machine = task.machine
     manner = machine.manner(speed)
     if target.q is not None:
         return Motion(kind, manner, q=target.q)

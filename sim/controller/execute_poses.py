@@ -2,8 +2,8 @@
 
 from sim.controller import syntax as s
 from sim.controller.compiled import Op
-from sim.controller.context import Context
 from sim.controller.errors import AsError
+from sim.controller.evaluate import Evaluate
 from sim.controller.task import Task
 from sim.controller.values import Joints, Pose, Transformation, compose, inverse
 
@@ -14,18 +14,18 @@ _PARTS = {
 }  # fmt: skip
 
 
-def compile_assign(statement: s.Assign, at: int, context: Context) -> Op:
+def compile_assign(statement: s.Assign, at: int, evaluate: Evaluate) -> Op:
     """Compile `x = 1`, `$s = "a"`, `@n = 3`."""
-    store = context.evaluate.store(statement.target)
+    store = evaluate.store(statement.target)
     if statement.target.kind == "$":
-        text = context.evaluate.text(statement.value)
+        text = evaluate.text(statement.value)
 
         def run_text(task: Task) -> int:
             store(task, text(task))
             return at + 1
 
         return run_text
-    real = context.evaluate.real(statement.value)
+    real = evaluate.real(statement.value)
 
     def run(task: Task) -> int:
         store(task, real(task))
@@ -34,55 +34,54 @@ def compile_assign(statement: s.Assign, at: int, context: Context) -> Op:
     return run
 
 
-def compile_point(statement: s.Point, at: int, context: Context) -> Op:
+def compile_point(statement: s.Point, at: int, evaluate: Evaluate) -> Op:
     """Compile POINT p = pose, POINT #j = pose[,#near], POINT/X p = pose."""
-    evaluate, target = context.evaluate, statement.target
+    target = statement.target
     store, value = evaluate.store(target), evaluate.pose(statement.value)
     if target.kind == "#":
         near = evaluate.pose(statement.configuration) if statement.configuration else None
 
         def run_joints(task: Task) -> int:
-            store(task, joints_of(value(task), context, near(task) if near else None))
+            store(task, joints_of(value(task), task, near(task) if near else None))
             return at + 1
 
         return run_joints
     if statement.part:
-        return _part(statement, at, context)
+        return _part(statement, at, evaluate)
 
     def run(task: Task) -> int:
-        store(task, transformation_of(value(task), context))
+        store(task, transformation_of(value(task), task))
         return at + 1
 
     return run
 
 
-def compile_here(statement: s.Here, at: int, context: Context) -> Op:
+def compile_here(statement: s.Here, at: int, evaluate: Evaluate) -> Op:
     """Compile HERE p, HERE #j and HERE a+p: from the encoders, now."""
-    evaluate, machine = context.evaluate, context.machine
     store = evaluate.store(statement.target)
     if statement.target.kind == "#":
 
         def run_joints(task: Task) -> int:
-            store(task, machine.here_joints())
+            store(task, task.machine.here_joints())
             return at + 1
 
         return run_joints
     relative = evaluate.pose(statement.relative_to) if statement.relative_to else None
 
     def run(task: Task) -> int:
-        here = machine.here()
+        here = task.machine.here()
         if relative is not None:
-            here = compose(inverse(transformation_of(relative(task), context)), here)
+            here = compose(inverse(transformation_of(relative(task), task)), here)
         store(task, here)
         return at + 1
 
     return run
 
 
-def compile_decompose(statement: s.Decompose, at: int, context: Context) -> Op:
+def compile_decompose(statement: s.Decompose, at: int, evaluate: Evaluate) -> Op:
     """Compile DECOMPOSE x[k] = pose: six reals from element k on."""
-    store = context.evaluate.store_row(statement.target)
-    value = context.evaluate.pose(statement.value)
+    store = evaluate.store_row(statement.target)
+    value = evaluate.pose(statement.value)
 
     def run(task: Task) -> int:
         store(task, value(task).numbers())
@@ -91,25 +90,25 @@ def compile_decompose(statement: s.Decompose, at: int, context: Context) -> Op:
     return run
 
 
-def transformation_of(value: Pose, context: Context) -> Transformation:
+def transformation_of(value: Pose, task: Task) -> Transformation:
     """Return the transformation of a pose; of joint values with the BASE and TOOL of now."""
     if isinstance(value, Transformation):
         return value
-    return context.machine.transformation_of(value)
+    return task.machine.transformation_of(value)
 
 
-def joints_of(value: Pose, context: Context, near: Pose | None) -> Joints:
+def joints_of(value: Pose, task: Task, near: Pose | None) -> Joints:
     """Return the joint values of a pose, near others or else near where the arm goes.
 
     Raises AsError E6007, E6008, E6016 if there are none.
     """
     if isinstance(value, Joints):
         return value
-    return context.machine.joints_of(value, near if isinstance(near, Joints) else None)
+    return task.machine.joints_of(value, near if isinstance(near, Joints) else None)
 
 
-def _part(statement: s.Point, at: int, context: Context) -> Op:
-    evaluate, target = context.evaluate, statement.target
+def _part(statement: s.Point, at: int, evaluate: Evaluate) -> Op:
+    target = statement.target
     store, value, old = (
         evaluate.store(target),
         evaluate.pose(statement.value),
@@ -120,9 +119,9 @@ def _part(statement: s.Point, at: int, context: Context) -> Op:
     def run(task: Task) -> int:
         if names is None:
             raise AsError("E0111", f"POINT/{statement.part}")
-        source = transformation_of(value(task), context)
+        source = transformation_of(value(task), task)
         try:
-            before = transformation_of(old(task), context)
+            before = transformation_of(old(task), task)
         except AsError:
             before = Transformation()  # an undefined target begins at zero
         store(task, before._replace(**{name: getattr(source, name) for name in names}))

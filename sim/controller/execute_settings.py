@@ -3,8 +3,8 @@
 from collections.abc import Callable
 
 from sim.controller.compiled import Op
-from sim.controller.context import Context
 from sim.controller.errors import AsError
+from sim.controller.evaluate import Evaluate
 from sim.controller.execute_motion import refuse_outside_robot_program
 from sim.controller.speeds import checked, percent, speed_of
 from sim.controller.syntax import Instruction
@@ -13,53 +13,51 @@ from sim.controller.task import Task
 _LONGEST_ACCURACY_MM = 5000.0
 
 
-def compile_speed(statement: Instruction, at: int, context: Context) -> Op:
+def compile_speed(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
     """Compile SPEED v [unit] [ALWAYS]."""
     if len(statement.arguments) > 1:
         return _refused("a rotational SPEED is an option of the controller")
-    value, modifiers = context.evaluate.argument(statement, 0), statement.modifiers
-    return _setting(
-        context, at, "speed", lambda task: speed_of(value(task), modifiers), always=modifiers
-    )
+    value, modifiers = evaluate.argument(statement, 0), statement.modifiers
+    return _setting(at, "speed", lambda task: speed_of(value(task), modifiers), always=modifiers)
 
 
-def compile_accuracy(statement: Instruction, at: int, context: Context) -> Op:
+def compile_accuracy(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
     """Compile ACCURACY mm [ALWAYS] [FINE]."""
-    value = context.evaluate.argument(statement, 0)
+    value = evaluate.argument(statement, 0)
 
     def accuracy_m(task: Task) -> float:
         return checked(value(task), 0.01, _LONGEST_ACCURACY_MM, "ACCURACY") * 1e-3
 
-    return _setting(context, at, "accuracy_m", accuracy_m, always=statement.modifiers)
+    return _setting(at, "accuracy_m", accuracy_m, always=statement.modifiers)
 
 
-def compile_ramp(statement: Instruction, at: int, context: Context) -> Op:
+def compile_ramp(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
     """Compile ACCEL % [ALWAYS] and DECEL % [ALWAYS]."""
-    value, name = context.evaluate.argument(statement, 0), statement.name
+    value, name = evaluate.argument(statement, 0), statement.name
     field = "accel_fraction" if name == "ACCEL" else "decel_fraction"
 
     def fraction(task: Task) -> float:
         return percent(value(task), name) / 100.0
 
-    return _setting(context, at, field, fraction, always=statement.modifiers)
+    return _setting(at, field, fraction, always=statement.modifiers)
 
 
-def compile_break(_: Instruction, at: int, context: Context) -> Op:
+def compile_break(_: Instruction, at: int, __: Evaluate) -> Op:
     """Compile BREAK: wait until the motion has ended and the arm stands."""
-    return when_still(context, at, _nothing)
+    return when_still(at, _nothing)
 
 
-def compile_posture(_: Instruction, at: int, context: Context) -> Op:
+def compile_posture(_: Instruction, at: int, __: Evaluate) -> Op:
     """Compile LEFTY, RIGHTY, ABOVE, BELOW, UWRIST, DWRIST: they break CP, no more.
 
     The inverse kinematics stays on the branch where the arm is.
     """
-    return when_still(context, at, _nothing)
+    return when_still(at, _nothing)
 
 
-def compile_weight(statement: Instruction, at: int, context: Context) -> Op:
+def compile_weight(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
     """Compile WEIGHT kg,x,y,z,..: checked; the simulated servos need no help."""
-    numbers = [context.evaluate.argument(statement, k) for k in range(len(statement.arguments))]
+    numbers = [evaluate.argument(statement, k) for k in range(len(statement.arguments))]
 
     def run(task: Task) -> int:
         checked(numbers[0](task), 0.0, 1000.0, "WEIGHT")
@@ -68,43 +66,43 @@ def compile_weight(statement: Instruction, at: int, context: Context) -> Op:
     return run
 
 
-def compile_brake(_: Instruction, at: int, context: Context) -> Op:
+def compile_brake(_: Instruction, at: int, __: Evaluate) -> Op:
     """Compile BRAKE: stop at once. The robot program waits for the stop, a PC program goes on."""
-    machine = context.machine
-    still = when_still(context, at, _nothing)
+    still = when_still(at, _nothing)
 
     def run(task: Task) -> int:
-        machine.brake()
+        task.machine.brake()
         return still(task) if task.is_robot else at + 1
 
     return run
 
 
-def compile_mvwait(statement: Instruction, at: int, context: Context) -> Op:
+def compile_mvwait(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
     """Compile MVWAIT mm: wait until the motion has no more than this left to go."""
     if "S" in statement.modifiers:
         return _refused("MVWAIT with seconds; give the distance in mm")
-    left_mm, machine = context.evaluate.argument(statement, 0), context.machine
+    left_mm = evaluate.argument(statement, 0)
 
     def run(task: Task) -> int:
         refuse_outside_robot_program(task)
         left_m = checked(left_mm(task), 0.0, 1e5, "MVWAIT") * 1e-3
-        task.wait(lambda _: machine.robot.queue.remaining_m() <= left_m)
+        queue = task.machine.robot.queue
+        task.wait(lambda _: queue.remaining_m() <= left_m)
         return at + 1
 
     return run
 
 
-def compile_frame(statement: Instruction, at: int, context: Context) -> Op:
+def compile_frame(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
     """Compile BASE t and TOOL t; without t the frame is cleared. Both break CP."""
-    machine, name = context.machine, statement.name
+    name = statement.name
     argument = statement.arguments[0] if statement.arguments else None
-    pose = context.evaluate.pose_or_null(argument)
+    pose = evaluate.pose_or_null(argument)
 
     def apply(task: Task) -> None:
-        machine.set_frame(name, pose(task))
+        task.machine.set_frame(name, pose(task))
 
-    still = when_still(context, at, apply)
+    still = when_still(at, apply)
 
     def run(task: Task) -> int:
         refuse_outside_robot_program(task)
@@ -113,11 +111,11 @@ def compile_frame(statement: Instruction, at: int, context: Context) -> Op:
     return run
 
 
-def when_still(context: Context, at: int, action: Callable[[Task], None]) -> Op:
+def when_still(at: int, action: Callable[[Task], None]) -> Op:
     """Return an operation that acts as soon as the arm stands and nothing is under way."""
-    robot = context.machine.robot
 
     def run(task: Task) -> int:
+        robot = task.machine.robot
         if not robot.moving:
             action(task)
             return at + 1
@@ -139,18 +137,17 @@ def _nothing(_: Task) -> None:
 
 
 def _setting(
-    context: Context,
     at: int,
     field: str,
     value: Callable[[Task], object],
     *,
     always: tuple[str, ...],
 ) -> Op:
-    settings, for_good = context.machine.settings, "ALWAYS" in always
+    for_good = "ALWAYS" in always
 
     def run(task: Task) -> int:
         refuse_outside_robot_program(task)
-        settings.change(field, value(task), always=for_good)
+        task.machine.settings.change(field, value(task), always=for_good)
         return at + 1
 
     return run

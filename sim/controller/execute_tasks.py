@@ -1,22 +1,27 @@
 """CALL, ONE, HALT, PAUSE, STOP, PCEXECUTE and its like, and the monitor commands behind MC."""
 
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 from sim.controller import syntax as s
 from sim.controller.compiled import Op
-from sim.controller.context import Context
 from sim.controller.errors import AsError
+from sim.controller.evaluate import Evaluate
 from sim.controller.speeds import checked, percent
 from sim.controller.syntax import Instruction, Word
 from sim.controller.task import FOR_EVER, PC_PROGRAMS, Frame, Task
 
+if TYPE_CHECKING:
+    from sim.controller.machine import Machine
 
-def compile_call(statement: s.Call, at: int, context: Context) -> Op:
+
+def compile_call(statement: s.Call, at: int, evaluate: Evaluate) -> Op:
     """Compile CALL prog(arguments)."""
-    bind = context.evaluate.arguments(statement.arguments)
-    machine, name = context.machine, statement.program
+    bind = evaluate.arguments(statement.arguments)
+    name = statement.program
 
     def run(task: Task) -> int:
+        machine = task.machine
         program = machine.program(name)
         machine.refuse_if_in_use(program, task)
         task.enter(Frame(program, bind(task, program.program)))
@@ -25,14 +30,14 @@ def compile_call(statement: s.Call, at: int, context: Context) -> Op:
     return run
 
 
-def compile_scall(statement: s.Scall, at: int, context: Context) -> Op:
+def compile_scall(statement: s.Scall, at: int, evaluate: Evaluate) -> Op:
     """Compile SCALL $name[,result]: with a result, what is wrong is stored there instead."""
-    name, machine = context.evaluate.text(statement.program), context.machine
-    store = context.evaluate.store(statement.result) if statement.result else None
-    bind = context.evaluate.arguments(())
+    name = evaluate.text(statement.program)
+    store = evaluate.store(statement.result) if statement.result else None
+    bind = evaluate.arguments(())
 
     def run(task: Task) -> int:
-        code = 0.0
+        machine, code = task.machine, 0.0
         try:
             program = machine.program(name(task).lower())
             machine.refuse_if_in_use(program, task)
@@ -59,18 +64,18 @@ def store_in(store: Callable[[Task, float], None], task: Task, frame: Frame, val
         task.frames = frames
 
 
-def compile_one(statement: Instruction, at: int, context: Context) -> Op:
+def compile_one(statement: Instruction, at: int, _: Evaluate) -> Op:
     """Compile ONE prog: the program to call when a step fails."""
-    name, machine = _program(statement, 0), context.machine
+    name = _program(statement, 0)
 
     def run(task: Task) -> int:
-        task.handler = machine.program(name).name
+        task.handler = task.machine.program(name).name
         return at + 1
 
     return run
 
 
-def compile_returne(_: Instruction, at: int, __: Context) -> Op:
+def compile_returne(_: Instruction, at: int, __: Evaluate) -> Op:
     """Compile RETURNE: from the error handler to the step behind the one that failed."""
 
     def run(task: Task) -> int:
@@ -83,28 +88,27 @@ def compile_returne(_: Instruction, at: int, __: Context) -> Op:
     return run
 
 
-def compile_halt(_: Instruction, at: int, context: Context) -> Op:
+def compile_halt(_: Instruction, at: int, __: Evaluate) -> Op:
     """Compile HALT: the program ends, whatever cycles remain; the motion before it is finished."""
-    machine = context.machine
-    return _at_rest(at, context, machine.end)
+    return _at_rest(at, lambda task: task.machine.end(task))
 
 
-def compile_stop(_: Instruction, at: int, context: Context) -> Op:
+def compile_stop(_: Instruction, at: int, __: Evaluate) -> Op:
     """Compile STOP: this cycle ends; the main program begins again if cycles remain."""
-    machine = context.machine
-    return _at_rest(at, context, machine.end_cycle)
+    return _at_rest(at, lambda task: task.machine.end_cycle(task))
 
 
-def compile_pause(_: Instruction, at: int, context: Context) -> Op:
+def compile_pause(_: Instruction, at: int, __: Evaluate) -> Op:
     """Compile PAUSE: the program is held; CONTINUE goes on behind it."""
 
     def run(task: Task) -> int:
-        if not (task.is_robot and context.machine.robot.moving):
+        robot = task.machine.robot
+        if not (task.is_robot and robot.moving):
             task.set_state("held")
             return at + 1
 
         def look(_: int) -> bool:
-            if context.machine.robot.moving:
+            if robot.moving:
                 return False
             task.end_wait()
             task.set_state("held")
@@ -116,9 +120,9 @@ def compile_pause(_: Instruction, at: int, context: Context) -> Op:
     return run
 
 
-def compile_lock(statement: Instruction, at: int, context: Context) -> Op:
+def compile_lock(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
     """Compile LOCK p: checked; there is nobody else to have priority over."""
-    value = context.evaluate.argument(statement, 0)
+    value = evaluate.argument(statement, 0)
 
     def run(task: Task) -> int:
         checked(value(task), 0, 127, "LOCK")
@@ -127,13 +131,13 @@ def compile_lock(statement: Instruction, at: int, context: Context) -> Op:
     return run
 
 
-def compile_pcexecute(statement: Instruction, at: int, context: Context) -> Op:
+def compile_pcexecute(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
     """Compile PCEXECUTE n: prog[,cycles[,step]]."""
-    number, cycles, step = (context.evaluate.argument(statement, k, 1.0) for k in (0, 2, 3))
-    name, machine = _program(statement, 1), context.machine
+    number, cycles, step = (evaluate.argument(statement, k, 1.0) for k in (0, 2, 3))
+    name = _program(statement, 1)
 
     def run(task: Task) -> int:
-        machine.start_pc(
+        task.machine.start_pc(
             _pc_number(number(task)),
             name,
             cycles=_cycles(cycles(task)),
@@ -144,21 +148,21 @@ def compile_pcexecute(statement: Instruction, at: int, context: Context) -> Op:
     return run
 
 
-def compile_pcabort(statement: Instruction, at: int, context: Context) -> Op:
+def compile_pcabort(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
     """Compile PCABORT n: and PCKILL n: (at once), PCEND n: (at the end of the cycle)."""
-    number = context.evaluate.argument(statement, 0, 1.0)
-    machine, at_once = context.machine, statement.name != "PCEND"
+    number = evaluate.argument(statement, 0, 1.0)
+    at_once = statement.name != "PCEND"
 
     def run(task: Task) -> int:
-        machine.stop_pc(_pc_number(number(task)), at_once=at_once)
+        task.machine.stop_pc(_pc_number(number(task)), at_once=at_once)
         return at + 1
 
     return run
 
 
-def compile_pcscan(statement: Instruction, at: int, context: Context) -> Op:
+def compile_pcscan(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
     """Compile PCSCAN s: every cycle of this program takes at least so long."""
-    period_s = context.evaluate.argument(statement, 0)
+    period_s = evaluate.argument(statement, 0)
 
     def run(task: Task) -> int:
         task.scan_s = checked(period_s(task), 0.0, 3600.0, "PCSCAN")
@@ -167,33 +171,32 @@ def compile_pcscan(statement: Instruction, at: int, context: Context) -> Op:
     return run
 
 
-def compile_mc(statement: Instruction, at: int, context: Context) -> Op:
+def compile_mc(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
     """Compile MC EXECUTE, ABORT, HOLD, CONTINUE, ERESET, SPEED: from PC programs only."""
-    machine, evaluate = context.machine, context.evaluate
     command = statement.name.removeprefix("MC ")
-    simple: dict[str, Callable[[], None]] = {
-        "ABORT": machine.abort,
-        "HOLD": machine.hold,
-        "CONTINUE": machine.resume,
-        "ERESET": machine.reset_error,
+    simple: dict[str, Callable[[Machine], None]] = {
+        "ABORT": lambda machine: machine.abort(),
+        "HOLD": lambda machine: machine.hold(),
+        "CONTINUE": lambda machine: machine.resume(),
+        "ERESET": lambda machine: machine.reset_error(),
     }
     act: Callable[[Task], None]
     if command == "EXECUTE":
         name, cycles = _program(statement, 0), evaluate.argument(statement, 1, 1.0)
 
         def act(task: Task) -> None:
-            machine.execute(name, cycles=_cycles(cycles(task)))
+            task.machine.execute(name, cycles=_cycles(cycles(task)))
 
     elif command == "SPEED":
         speed = evaluate.argument(statement, 0)
 
         def act(task: Task) -> None:
-            machine.set_monitor_speed(percent(speed(task), "MC SPEED"))
+            task.machine.set_monitor_speed(percent(speed(task), "MC SPEED"))
 
     else:
 
-        def act(_: Task) -> None:
-            simple[command]()
+        def act(task: Task) -> None:
+            simple[command](task.machine)
 
     def run(task: Task) -> int:
         if task.is_robot:
@@ -204,11 +207,11 @@ def compile_mc(statement: Instruction, at: int, context: Context) -> Op:
     return run
 
 
-def _at_rest(at: int, context: Context, end: Callable[[Task], None]) -> Op:
+def _at_rest(at: int, end: Callable[[Task], None]) -> Op:
     """End a program; the robot program waits for its motion first."""
-    robot = context.machine.robot
 
     def run(task: Task) -> int:
+        robot = task.machine.robot
         if not (task.is_robot and robot.moving):
             end(task)
             return at

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 
 from sim.controller.compiled import Op
-from sim.controller.context import Context
+from sim.controller.evaluate import Evaluate
 from sim.controller.network import Octets
 from sim.controller.speeds import checked
 from sim.controller.syntax import Instruction
@@ -20,35 +20,34 @@ _MOST_ELEMENTS = 4096
 _LONGEST_TIMEOUT_S = 3600.0
 
 
-def compile_listen(statement: Instruction, at: int, context: Context) -> Op:
+def compile_listen(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
     """Compile TCP_LISTEN ret,port and TCP_END_LISTEN ret,port."""
-    store = context.evaluate.result(statement, 0)
-    port, tcp = context.evaluate.argument(statement, 1), context.machine.tcp
+    store = evaluate.result(statement, 0)
+    port = evaluate.argument(statement, 1)
     opens = statement.name == "TCP_LISTEN"
 
     def run(task: Task) -> int:
-        number = port_of(port(task))
+        tcp, number = task.machine.tcp, port_of(port(task))
         store(task, tcp.listen(number) if opens else tcp.end_listen(number))
         return at + 1
 
     return run
 
 
-def compile_close(statement: Instruction, at: int, context: Context) -> Op:
+def compile_close(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
     """Compile TCP_CLOSE ret,socket."""
-    store = context.evaluate.result(statement, 0)
-    number, tcp = context.evaluate.argument(statement, 1), context.machine.tcp
+    store = evaluate.result(statement, 0)
+    number = evaluate.argument(statement, 1)
 
     def run(task: Task) -> int:
-        store(task, tcp.close(int(number(task))))
+        store(task, task.machine.tcp.close(int(number(task))))
         return at + 1
 
     return run
 
 
-def compile_accept(statement: Instruction, at: int, context: Context) -> Op:
+def compile_accept(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
     """Compile TCP_ACCEPT socket,port[,timeout[,ip[k]]]."""
-    evaluate, machine = context.evaluate, context.machine
     store, port = evaluate.result(statement, 0), evaluate.argument(statement, 1)
     timeout_s = evaluate.argument(statement, 2, DEFAULT_TIMEOUT_S)
     store_peer = evaluate.results(statement, 3)
@@ -60,16 +59,15 @@ def compile_accept(statement: Instruction, at: int, context: Context) -> Op:
                 store_peer(task, k, float(octet))
 
     def run(task: Task) -> int:
-        wait_s = timeout_of(timeout_s(task), context)
+        machine, wait_s = task.machine, timeout_of(timeout_s(task), task)
         operation = machine.tcp.accept(port_of(port(task)), timeout_s=wait_s, now_ns=machine.now_ns)
         return _wait_for(task, at, operation, now_ns=machine.now_ns, finish=finish)
 
     return run
 
 
-def compile_connect(statement: Instruction, at: int, context: Context) -> Op:
+def compile_connect(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
     """Compile TCP_CONNECT socket,port,ip[k][,timeout]."""
-    evaluate, machine = context.evaluate, context.machine
     store, port = evaluate.result(statement, 0), evaluate.argument(statement, 1)
     octet, timeout_s = (
         evaluate.element(statement, 2),
@@ -80,16 +78,15 @@ def compile_connect(statement: Instruction, at: int, context: Context) -> Op:
         a, b, c, d = (int(checked(octet(task, k), 0, 255, "an octet of ip")) for k in range(4))
         peer: Octets = (a, b, c, d)
         number = int(checked(port(task), 1, 65535, "port"))
-        wait_s = timeout_of(timeout_s(task), context)
+        machine, wait_s = task.machine, timeout_of(timeout_s(task), task)
         operation = machine.tcp.connect(peer, number, timeout_s=wait_s, now_ns=machine.now_ns)
         return _wait_for(task, at, operation, now_ns=machine.now_ns, finish=code_to(store))
 
     return run
 
 
-def compile_send(statement: Instruction, at: int, context: Context) -> Op:
+def compile_send(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
     """Compile TCP_SEND ret,socket,$a[k],n[,timeout]."""
-    evaluate, machine = context.evaluate, context.machine
     store, number = evaluate.result(statement, 0), evaluate.argument(statement, 1)
     element, count = evaluate.text_element(statement, 2), evaluate.argument(statement, 3)
     timeout_s = evaluate.argument(statement, 4, DEFAULT_TIMEOUT_S)
@@ -97,7 +94,7 @@ def compile_send(statement: Instruction, at: int, context: Context) -> Op:
     def run(task: Task) -> int:
         n = int(checked(count(task), 1, _MOST_ELEMENTS, "the number of elements"))
         strings = [element(task, k) for k in range(n)]
-        wait_s = timeout_of(timeout_s(task), context)
+        machine, wait_s = task.machine, timeout_of(timeout_s(task), task)
         operation = machine.tcp.send(
             int(number(task)), strings, timeout_s=wait_s, now_ns=machine.now_ns
         )
@@ -106,9 +103,8 @@ def compile_send(statement: Instruction, at: int, context: Context) -> Op:
     return run
 
 
-def compile_receive(statement: Instruction, at: int, context: Context) -> Op:
+def compile_receive(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
     """Compile TCP_RECV ret,socket,$a[k],n[,timeout[,maxlen]]; n is where the count goes."""
-    evaluate, machine = context.evaluate, context.machine
     store, number = evaluate.result(statement, 0), evaluate.argument(statement, 1)
     store_text = evaluate.store_at(evaluate.variable(statement, 2))
     store_count = evaluate.result(statement, 3)
@@ -123,7 +119,7 @@ def compile_receive(statement: Instruction, at: int, context: Context) -> Op:
 
     def run(task: Task) -> int:
         chars = int(checked(longest(task), 1, ELEMENT_CHARS, "the longest element"))
-        wait_s = timeout_of(timeout_s(task), context)
+        machine, wait_s = task.machine, timeout_of(timeout_s(task), task)
         operation = machine.tcp.receive(
             int(number(task)), timeout_s=wait_s, longest=chars, now_ns=machine.now_ns
         )
@@ -137,10 +133,10 @@ def port_of(value: float) -> int:
     return int(checked(value, PORTS.start, PORTS.stop - 1, "port"))
 
 
-def timeout_of(value_s: float, context: Context) -> float:
+def timeout_of(value_s: float, task: Task) -> float:
     """Return the time-out that the controller really grants [s]. Raises AsError E0106."""
     asked_s = checked(value_s, 0.0, _LONGEST_TIMEOUT_S, "the time-out")
-    return context.machine.behaviour.timeout_s(asked_s)
+    return task.machine.behaviour.timeout_s(asked_s)
 
 
 def code_to(store: Callable[[Task, float], None]) -> Callable[[Task, Outcome], None]:

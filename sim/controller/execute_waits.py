@@ -4,8 +4,8 @@ from collections.abc import Callable
 
 from common.clock import NS_PER_S
 from sim.controller.compiled import Op
-from sim.controller.context import Context
 from sim.controller.errors import AsError
+from sim.controller.evaluate import Evaluate
 from sim.controller.speeds import checked
 from sim.controller.syntax import Instruction, Word
 from sim.controller.task import Task
@@ -14,43 +14,43 @@ from sim.controller.timers import TIMERS
 _LONGEST_S = 1e6
 
 
-def compile_wait(statement: Instruction, at: int, context: Context) -> Op:
+def compile_wait(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
     """Compile WAIT condition."""
-    condition = context.evaluate.condition(statement, 0)
+    condition = evaluate.condition(statement, 0)
     return wait_until(at, lambda task: lambda _: condition(task))
 
 
-def compile_twait(statement: Instruction, at: int, context: Context) -> Op:
+def compile_twait(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
     """Compile TWAIT s."""
-    duration_s, machine = context.evaluate.argument(statement, 0), context.machine
+    duration_s = evaluate.argument(statement, 0)
 
     def run(task: Task) -> int:
         wait_s = checked(duration_s(task), 0.0, _LONGEST_S, "TWAIT")
-        end_ns = machine.now_ns + round(wait_s * NS_PER_S)
+        end_ns = task.machine.now_ns + round(wait_s * NS_PER_S)
         task.wait(lambda now_ns: now_ns >= end_ns)
         return at + 1
 
     return run
 
 
-def compile_swait(statement: Instruction, at: int, context: Context) -> Op:
+def compile_swait(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
     """Compile SWAIT s1,s2,..: until all of them hold; a negative number means OFF."""
-    numbers = [context.evaluate.argument(statement, k) for k in range(len(statement.arguments))]
-    machine = context.machine
+    numbers = [evaluate.argument(statement, k) for k in range(len(statement.arguments))]
 
     def begin(task: Task) -> Callable[[int], bool]:
+        machine = task.machine
         signals = [machine.signal_number(number(task)) for number in numbers]
         return lambda _: all(machine.signals.holds(signal) for signal in signals)
 
     return wait_until(at, begin)
 
 
-def compile_signal(statement: Instruction, at: int, context: Context) -> Op:
+def compile_signal(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
     """Compile SIGNAL s1,s2,..: on, or off with a negative number."""
-    numbers = [context.evaluate.argument(statement, k) for k in range(len(statement.arguments))]
-    machine = context.machine
+    numbers = [evaluate.argument(statement, k) for k in range(len(statement.arguments))]
 
     def run(task: Task) -> int:
+        machine = task.machine
         for signal in [machine.settable_signal(number(task)) for number in numbers]:
             machine.signals.set(signal)
         return at + 1
@@ -58,12 +58,13 @@ def compile_signal(statement: Instruction, at: int, context: Context) -> Op:
     return run
 
 
-def compile_pulse(statement: Instruction, at: int, context: Context) -> Op:
+def compile_pulse(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
     """Compile PULSE s,t: on for t seconds (0.2 without t); the program goes on at once."""
-    number = context.evaluate.argument(statement, 0)
-    duration_s, machine = context.evaluate.argument(statement, 1, 0.2), context.machine
+    number = evaluate.argument(statement, 0)
+    duration_s = evaluate.argument(statement, 1, 0.2)
 
     def run(task: Task) -> int:
+        machine = task.machine
         signal = machine.settable_signal(number(task))
         machine.signals.set(signal)
         wait_s = checked(duration_s(task), 0.0, 3600.0, "PULSE")
@@ -73,12 +74,12 @@ def compile_pulse(statement: Instruction, at: int, context: Context) -> Op:
     return run
 
 
-def compile_bits(statement: Instruction, at: int, context: Context) -> Op:
+def compile_bits(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
     """Compile BITS s,n = v: the low n bits of v on signals s, s+1, ..."""
-    first, count, value = (context.evaluate.argument(statement, k) for k in range(3))
-    machine = context.machine
+    first, count, value = (evaluate.argument(statement, k) for k in range(3))
 
     def run(task: Task) -> int:
+        machine = task.machine
         number = int(checked(count(task), 1, 16, "the number of signals in BITS"))
         bits, start = int(value(task)), int(first(task))
         for k in range(number):
@@ -89,40 +90,41 @@ def compile_bits(statement: Instruction, at: int, context: Context) -> Op:
     return run
 
 
-def compile_reset(_: Instruction, at: int, context: Context) -> Op:
+def compile_reset(_: Instruction, at: int, __: Evaluate) -> Op:
     """Compile RESET: every output off."""
-    signals = context.machine.signals
 
-    def run(_: Task) -> int:
-        signals.reset_outputs()
+    def run(task: Task) -> int:
+        task.machine.signals.reset_outputs()
         return at + 1
 
     return run
 
 
-def compile_timer(statement: Instruction, at: int, context: Context) -> Op:
+def compile_timer(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
     """Compile TIMER n = s."""
-    number = context.evaluate.argument(statement, 0)
-    value_s, machine = context.evaluate.argument(statement, 1), context.machine
+    number = evaluate.argument(statement, 0)
+    value_s = evaluate.argument(statement, 1)
 
     def run(task: Task) -> int:
         timer = int(checked(number(task), 1, TIMERS[-1], "the number of TIMER"))
+        machine = task.machine
         machine.timers.write_s(timer, value_s(task), machine.now_ns)
         return at + 1
 
     return run
 
 
-def compile_switch(statement: Instruction, at: int, context: Context) -> Op:
+def compile_switch(statement: Instruction, at: int, _: Evaluate) -> Op:
     """Compile `name ON` and `name OFF`."""
     words = [word.name for word in statement.arguments if isinstance(word, Word)]
-    on, machine = "ON" in statement.modifiers, context.machine
+    on = "ON" in statement.modifiers
 
-    def run(_: Task) -> int:
+    def run(task: Task) -> int:
+        switches = task.machine.switches
         for name in words:
-            if machine.switches.is_reported(name) or not machine.switches.exists(name):
+            if switches.is_reported(name) or not switches.exists(name):
                 raise AsError("P0111", f"the switch {name.upper()} cannot be set by a program")
-            machine.switches.write(name, on=on)
+            switches.write(name, on=on)
         return at + 1
 
     return run

@@ -1,16 +1,19 @@
 """Compile expressions to closures: each is called with its `Context` and returns a value.
 
-    expressions = Expressions(memory, machine)
+    expressions = Expressions()
     read = expressions.real(expression)       # once, when the program is loaded
     value = read(context)                     # each time the step is executed; raises AsError
 
 `value`, `real`, `text`, `pose`, `place`, `truth` say what is wanted; `store`, `refer` and `locate`
 are for variables that are written, passed by reference and filled; `layout` is for PRINT.
+Memory and machine are those of the context, so that many machines can run what is compiled once.
 Compiling never raises: what is wrong with an expression is raised when it is executed.
 """
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from operator import attrgetter
+from typing import TypeVar
 
 from sim.controller import formats, syntax, variables
 from sim.controller.errors import AsError
@@ -20,7 +23,13 @@ from sim.controller.memory import Array, Cell, Memory, plain
 from sim.controller.operations import compile_binary, compile_unary
 from sim.controller.syntax import Expression, Variable
 from sim.controller.values import Joints, Pose, Transformation, joints
-from sim.controller.variables import Indices, Locate, Read, Refer, Store
+from sim.controller.variables import Indices, Locate, NamesOf, Read, Refer, Store
+
+T = TypeVar("T")
+
+_locals_of: NamesOf = attrgetter("locals")
+_globals_of_task: NamesOf = attrgetter("globals")
+_machine_of_task: Callable[[Context], Machine] = attrgetter("machine")
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,12 +40,17 @@ class Options:
 
 
 class Expressions:
-    """Compiles the expressions of programs that share a memory and a machine."""
+    """Compiles the expressions of programs."""
 
-    def __init__(self, memory: Memory, machine: Machine, options: Options | None = None) -> None:
-        """Bind to the global variables, the machine and what it has installed."""
-        self.memory = memory
-        self.machine = machine
+    def __init__(
+        self,
+        memory: Memory | None = None,
+        machine: Machine | None = None,
+        options: Options | None = None,
+    ) -> None:
+        """Bind to a memory and a machine, or (None) take those of the task that evaluates."""
+        self.globals_of = _globals_of_task if memory is None else _always(memory.globals)
+        self.machine_of = _machine_of_task if machine is None else _always(machine)
         self.options = options or Options()
 
     # --- values -----------------------------------------------------------------------------------
@@ -112,11 +126,13 @@ class Expressions:
 
     def place(self, expression: Expression) -> Callable[[Context], Transformation]:
         """Compile to a transformation; joint values become one through the machine."""
-        read, machine = self.pose(expression), self.machine
+        read, machine_of = self.pose(expression), self.machine_of
 
         def run(context: Context) -> Transformation:
             value = read(context)
-            return machine.transformation_of(value) if isinstance(value, Joints) else value
+            if isinstance(value, Joints):
+                return machine_of(context).transformation_of(value)
+            return value
 
         return run
 
@@ -124,7 +140,7 @@ class Expressions:
 
     def store(self, variable: Variable) -> Store:
         """Compile to a writer of a variable or element (P0150, P0132, P0133)."""
-        return variables.store(variable, self.memory.globals, self.indices(variable))
+        return variables.store(variable, self._names_of(variable), self.indices(variable))
 
     def refer(self, expression: Expression | None) -> Callable[[Context], Cell | Array | None]:
         """Compile an argument of CALL: the variable itself, or a new cell with a value."""
@@ -139,11 +155,11 @@ class Expressions:
 
     def refer_variable(self, variable: Variable) -> Refer:
         """Compile to the cell or array of a variable."""
-        return variables.refer(variable, self.memory.globals, self.indices(variable))
+        return variables.refer(variable, self._names_of(variable), self.indices(variable))
 
     def locate(self, variable: Variable) -> Locate:
         """Compile to array and index from which elements are stored one after the other."""
-        return variables.locate(variable, self.memory.globals, self.indices(variable))
+        return variables.locate(variable, self._names_of(variable), self.indices(variable))
 
     def indices(self, variable: Variable) -> Indices | None:
         """Compile what stands in brackets; None if nothing does."""
@@ -170,14 +186,21 @@ class Expressions:
 
         return run
 
+    def _names_of(self, variable: Variable) -> NamesOf:
+        return _locals_of if variable.local else self.globals_of
+
     def _variable(self, variable: Variable, *, location: bool) -> Read:
         if variable.whole:
             return refuse("P0133", f"{variable.spelling}[] is a whole array")
         indices = self.indices(variable)
-        names = self.memory.globals
+        names_of = self._names_of(variable)
         if indices is None:
-            return variables.read_scalar(variable, names, location=location)
-        return variables.read_element(variable, names, indices, location=location)
+            return variables.read_scalar(variable, names_of, location=location)
+        return variables.read_element(variable, names_of, indices, location=location)
+
+
+def _always(value: T) -> Callable[[Context], T]:
+    return lambda _: value
 
 
 def refuse(code: str, detail: str) -> Read:

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 from sim.controller.errors import AsError
 from sim.controller.functions import Argument
 from sim.controller.functions_text import decode
-from sim.controller.memory import Names
 from sim.controller.special_functions import EXISTS, EXTREMES, FUNCTIONS, exists, extreme_index
 from sim.controller.syntax import Expression, Function, Variable
 from sim.controller.values import Value, text
@@ -41,7 +40,7 @@ def _computed(expressions: Expressions, call: Function) -> Read:
         return _refuse(error.code, error.detail)
     location = "p" in function.types or "t" in function.types
     readers = [_reader(expressions, item, location=location) for item in call.arguments]
-    machine, compute, check = expressions.machine, function.compute, function.check
+    machine_of, compute, check = expressions.machine_of, function.compute, function.check
     # What `check` has let through once it always lets through: it only looks at types.
     passed: set[tuple[type, ...]] = set()
 
@@ -51,7 +50,7 @@ def _computed(expressions: Expressions, call: Function) -> Read:
         if types not in passed:
             check(arguments)
             passed.add(types)
-        return compute(machine, arguments)
+        return compute(machine_of(context), arguments)
 
     if len(readers) != 1:
         return run
@@ -63,7 +62,7 @@ def _computed(expressions: Expressions, call: Function) -> Read:
         if argument.__class__ not in passed_alone:
             check((argument,))
             passed_alone.add(argument.__class__)
-        return compute(machine, (argument,))
+        return compute(machine_of(context), (argument,))
 
     return run_with_one
 
@@ -102,13 +101,13 @@ def _looked_up(expressions: Expressions, call: Function) -> Read:
         return _refuse("P0116", f"{call.name} takes a variable or a string with its name")
     spelling = _spelling(expressions, call.name, call.arguments[0])
     always_local = call.name.startswith("EXISTLOCAL")
-    dimension = _dimension(expressions, call)
-    name, globals_, is_exists = call.name, expressions.memory.globals, call.name in EXISTS
+    dimension, globals_of = _dimension(expressions, call), expressions.globals_of
+    name, is_exists = call.name, call.name in EXISTS
 
     def run(context: Context) -> Value:
         spelled = spelling(context)
         local = always_local or spelled.startswith(".")
-        names: Names = context.locals if local else globals_
+        names = context.locals if local else globals_of(context)
         if is_exists:
             return exists(name, spelled, names)
         return extreme_index(name, spelled, int(dimension(context)), names)

@@ -4,12 +4,10 @@ import random
 
 import numpy as np
 
-from sim.controller.compile import compile_program
-from sim.controller.context import Context
+from sim.controller.compile import compile_file
+from sim.controller.compiled import CompiledFile
 from sim.controller.control import Control
 from sim.controller.errors import AsError
-from sim.controller.evaluate import Evaluate
-from sim.controller.expressions import Expressions
 from sim.controller.memory import Memory
 from sim.controller.pendant import Pendant
 from sim.controller.planner import reach_error
@@ -33,10 +31,10 @@ class Machine(Control):
         self.memory = Memory()
         self.pendant = Pendant(self)
         self._random = random.Random(1)  # noqa: S311 - a controller's RANDOM, the same every time
-        self.expressions = Expressions(self.memory, self)
-        self._evaluate = Evaluate(self.expressions, self)
+        for task in self.tasks:
+            task.machine, task.globals = self, self.memory.globals
 
-    def load(self, source: SourceFile) -> None:
+    def load(self, source: SourceFile | CompiledFile) -> None:
         """LOAD: add the programs and data of a file; a program of the same name is replaced.
 
         Raises AsError P1014 when a program that would be replaced is running.
@@ -45,10 +43,9 @@ class Machine(Control):
             for frame in task.frames:
                 if frame.program.name in source.programs:
                     raise AsError("P1014", f"{frame.program.name} is running")
-        context = Context(self._evaluate, self)
-        compiled = {n: compile_program(p, context) for n, p in source.programs.items()}
-        self.programs = {**self.programs, **compiled}
-        self.memory.fill(source.data)
+        compiled = source if isinstance(source, CompiledFile) else compile_file(source)
+        self.programs = {**self.programs, **compiled.programs}
+        self.memory.fill(compiled.data)
 
     def advance(self, until_ns: int) -> None:
         """Let time pass in lock step, up to a moment."""

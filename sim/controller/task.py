@@ -6,11 +6,14 @@ the scheduler's inner loop only looks at one attribute.
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from sim.controller.compiled import Compiled
 from sim.controller.errors import AsError
-from sim.controller.memory import Locals
+from sim.controller.memory import Locals, Names
+
+if TYPE_CHECKING:
+    from sim.controller.machine import Machine
 
 ROBOT = 1
 PC_PROGRAMS = range(1001, 1006)
@@ -51,6 +54,10 @@ class Stop:
 
 class Task:
     """A robot program (number 1) or a PC program (1001 to 1005)."""
+
+    # Who executes the steps, and the variables that all tasks share: set by the machine.
+    machine: "Machine"
+    globals: Names
 
     def __init__(
         self,

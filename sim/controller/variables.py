@@ -22,33 +22,31 @@ Store = Callable[[Context, Value], None]
 Refer = Callable[[Context], Cell | Array]
 Locate = Callable[[Context], tuple[Array, Index]]
 Indices = Callable[[Context], Index]
+NamesOf = Callable[[Context], Names]
+"""The namespace that a variable is in: the locals or the globals of who evaluates."""
 
 
-def read_scalar(variable: Variable, names: Names, *, location: bool) -> Read:
+def read_scalar(variable: Variable, names_of: NamesOf, *, location: bool) -> Read:
     """Return a reader of a variable without index."""
     key = key_of(variable)
 
-    def read_global(_: Context) -> Value:
-        cell = names.get(key)
+    def read(context: Context) -> Value:
+        cell = names_of(context).get(key)
         if cell is not None and (value := cell.value) is not None:
             return value
         raise missing(variable, cell, location=location)
 
-    def read_local(context: Context) -> Value:
-        cell = context.locals.get(key)
-        if cell is not None and (value := cell.value) is not None:
-            return value
-        raise missing(variable, cell, location=location)
-
-    return read_local if variable.local else read_global
+    return read
 
 
-def read_element(variable: Variable, names: Names, indices: Indices, *, location: bool) -> Read:
+def read_element(
+    variable: Variable, names_of: NamesOf, indices: Indices, *, location: bool
+) -> Read:
     """Return a reader of an array element."""
-    key, local = key_of(variable), variable.local
+    key = key_of(variable)
 
     def read(context: Context) -> Value:
-        array = (context.locals if local else names).get(key)
+        array = names_of(context).get(key)
         index = indices(context)
         if array.__class__ is Array:
             cell = array.cells.get(index)
@@ -62,26 +60,26 @@ def read_element(variable: Variable, names: Names, indices: Indices, *, location
     return read
 
 
-def refer(variable: Variable, names: Names, indices: Indices | None) -> Refer:
+def refer(variable: Variable, names_of: NamesOf, indices: Indices | None) -> Refer:
     """Return what a parameter is bound to: the cell or array itself, new if there is none."""
-    key, local = key_of(variable), variable.local
+    key = key_of(variable)
     if variable.whole:
-        return lambda context: (context.locals if local else names).array(key)
+        return lambda context: names_of(context).array(key)
     if indices is None:
-        return lambda context: (context.locals if local else names).scalar(key)
-    return lambda context: (context.locals if local else names).array(key).cell(indices(context))
+        return lambda context: names_of(context).scalar(key)
+    return lambda context: names_of(context).array(key).cell(indices(context))
 
 
-def locate(variable: Variable, names: Names, indices: Indices | None) -> Locate:
+def locate(variable: Variable, names_of: NamesOf, indices: Indices | None) -> Locate:
     """Return where elements are stored one after the other; without index: from element 0 on."""
-    key, local = key_of(variable), variable.local
+    key = key_of(variable)
     at = indices if indices is not None else _first
-    return lambda context: ((context.locals if local else names).array(key), at(context))
+    return lambda context: (names_of(context).array(key), at(context))
 
 
-def store(variable: Variable, names: Names, indices: Indices | None) -> Store:
+def store(variable: Variable, names_of: NamesOf, indices: Indices | None) -> Store:
     """Return a writer; refuses other types (P0150, P0132, P0133)."""
-    key, local, whole = key_of(variable), variable.local, variable.kind == "@"
+    key, whole = key_of(variable), variable.kind == "@"
 
     def keep(cell: Cell, value: Value) -> None:
         kind = value.__class__
@@ -92,12 +90,12 @@ def store(variable: Variable, names: Names, indices: Indices | None) -> Store:
         cell.value = value
 
     def store_scalar(context: Context, value: Value) -> None:
-        names_here = context.locals if local else names
+        names_here = names_of(context)
         cell = names_here.get(key)
         keep(cell if cell.__class__ is Cell else names_here.scalar(key), value)
 
     def store_element(context: Context, value: Value) -> None:
-        names_here = context.locals if local else names
+        names_here = names_of(context)
         array = names_here.get(key)
         found = array if array.__class__ is Array else names_here.array(key)
         keep(found.cell(indices(context)), value)  # type: ignore[misc]

@@ -50,6 +50,8 @@ def test_the_main_job_settles_on_a_plate_tilted_15_degrees(mode, stiffness_N_m):
 
     assert result.settled
     assert result.overshoot_pct <= MOST_OVERSHOOT_PCT
+    if (mode, stiffness_N_m) == ("both", 2e4):
+        it_lies_flat(result)
 
 
 @pytest.mark.parametrize("delay_ms", [0, long(10), 30])
@@ -62,14 +64,18 @@ def test_settling_goes_with_tau(stiffness_N_m, delay_ms):
     assert 4.0 * result.tau_s <= result.settling_s <= 8.0 * result.tau_s
 
 
-@pytest.mark.parametrize("tilt_deg", [5.0, 15.0])
-def test_mode_both_lays_the_disc_flat_on_the_plate(tilt_deg):
-    """Pressed and free to turn, the tool's face ends parallel to the plate's."""
-    result = play("both", 2e4, delay_ms=10, tilt_deg=tilt_deg)
-
-    assert result.settled
+def it_lies_flat(result: Result) -> None:
+    """Pressed and free to turn, the tool's face has ended parallel to the plate's."""
     assert result.misalignment_deg <= 0.2
     assert result.final_force_N == pytest.approx(10.0, abs=1.0)
+
+
+def test_mode_both_lays_the_disc_flat_on_the_plate():
+    """Also on one that is hardly tilted; at 15 degrees it is looked at where that is played."""
+    result = play("both", 2e4, delay_ms=10, tilt_deg=5.0)
+
+    assert result.settled
+    it_lies_flat(result)
 
 
 def test_a_gain_for_a_plate_ten_times_softer_is_stopped_by_the_force_ceiling():

@@ -176,6 +176,10 @@ class Expressions:
             for item in items
             if item is not None
         ]
+        match parts:  # what programs encode most: one number
+            case [syntax.Format(code) as style, read] if code in formats.ALWAYS_THERE:
+                if not isinstance(read, syntax.Format):
+                    return _one_number(style, read)
         optional = self.options.optional_formats
 
         def run(context: Context) -> tuple[str, bool]:
@@ -197,6 +201,16 @@ class Expressions:
         if indices is None:
             return variables.read_scalar(variable, names_of, location=location)
         return variables.read_element(variable, names_of, indices, location=location)
+
+
+def _one_number(style: syntax.Format, read: Read) -> Callable[[Context], tuple[str, bool]]:
+    def run(context: Context) -> tuple[str, bool]:
+        value = read(context)
+        if value.__class__ is float:
+            return formats.number(style, value), True
+        return formats.layout((style, value), optional=False)
+
+    return run
 
 
 def _always(value: T) -> Callable[[Context], T]:

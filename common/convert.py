@@ -3,7 +3,7 @@
 import numpy as np
 import pinocchio as pin
 
-from common.frames import Array, R_from_quaternion, pose, quaternion_from_R
+from common.frames import Array, quaternion_from_R, unit_quaternion
 from common.messages import PoseRecord, RobotState, Vec3, Vec6
 
 
@@ -22,10 +22,10 @@ def vec6(array: Array) -> Vec6:
 def record_of(T: pin.SE3) -> PoseRecord:
     """Return a pose as a message carries it."""
     return PoseRecord(
-        position_m=vec3(np.asarray(T.translation)), orientation_xyzw=quaternion_from_R(T.rotation)
+        position_m=vec3(T.translation), orientation_xyzw=quaternion_from_R(T.rotation)
     )
 
 
 def pose_of(record: PoseRecord | RobotState) -> pin.SE3:
     """Return the pose that a message carries."""
-    return pose(record.position_m, R_from_quaternion(record.orientation_xyzw))
+    return pin.SE3(unit_quaternion(*record.orientation_xyzw), np.array(record.position_m))

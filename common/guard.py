@@ -151,7 +151,7 @@ class Guard:
             self._load = None
         if wrench is None:
             return None
-        trip = check_wrench(self._limits, np.array(wrench.force_N), np.array(wrench.torque_Nm))
+        trip = check_wrench(self._limits, wrench.force_N, wrench.torque_Nm)
         if trip is None and in_move and wrench.calibrated:
             self._load, trip = back_off.in_move(self._limits, self._load, wrench)
         return trip

@@ -11,8 +11,14 @@ import pinocchio as pin
 
 from common.cell import Cell, PlaneSection
 from common.faults import tripped
-from common.frames import Array, is_finite_pose, rotation_between, rotation_from_vector
-from common.messages import Trip, Vec6
+from common.frames import (
+    Array,
+    is_finite,
+    is_finite_pose,
+    rotation_between,
+    rotation_from_vector,
+)
+from common.messages import Trip, Vec3, Vec6
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,12 +87,12 @@ def check_workspace(limits: Limits, T_base_tcp: pin.SE3) -> Trip | None:
     if not is_finite_pose(T_base_tcp):
         return _not_finite("the pose")
     p = T_base_tcp.translation
-    bounds = (limits.workspace_min_m, limits.workspace_max_m)
-    for axis, value, low, high in zip("xyz", p, *bounds, strict=True):
+    bounds = (limits.workspace_min_m.tolist(), limits.workspace_max_m.tolist())
+    for axis, value, low, high in zip("xyz", p.tolist(), *bounds, strict=True):
         if not low <= value <= high:
             broken = low if value < low else high
-            text = f"TCP {axis} = {float(value) * 1e3:.1f} mm is outside the workspace"
-            return tripped("workspace", text, value=float(value), limit=float(broken))
+            text = f"TCP {axis} = {value * 1e3:.1f} mm is outside the workspace"
+            return tripped("workspace", text, value=value, limit=broken)
     for number, plane in enumerate(limits.planes, start=1):
         beyond_m = float((plane.point_m - p) @ plane.normal)
         if beyond_m > 0.0:
@@ -128,41 +134,42 @@ def check_tether(limits: Limits, T_start: pin.SE3, T_now: pin.SE3) -> Trip | Non
     return None
 
 
-def check_joints(limits: Limits, joint_rad: Vec6 | Array) -> Trip | None:
-    """Refuse joint angles outside the arm's range."""
-    if not np.isfinite(joint_rad).all():
+def check_joints(limits: Limits, joint_rad: Vec6 | Array, *, slack_rad: float = 0.0) -> Trip | None:
+    """Refuse joint angles outside the arm's range, or by more than a slack beyond it."""
+    if not is_finite(joint_rad):
         return _not_finite("a joint angle")
-    bounds = (limits.joint_min_rad, limits.joint_max_rad)
-    for number, (angle, low, high) in enumerate(zip(joint_rad, *bounds, strict=True), start=1):
+    bounds = (limits.joint_min_rad.tolist(), limits.joint_max_rad.tolist())
+    for number, (angle, lowest, highest) in enumerate(zip(joint_rad, *bounds, strict=True), 1):
+        low, high = lowest - slack_rad, highest + slack_rad
         if not low <= angle <= high:
             broken = low if angle < low else high
             text = f"joint {number} = {degrees(angle):.1f} degrees is out of its range"
-            return tripped("joint", text, value=float(angle), limit=float(broken))
+            return tripped("joint", text, value=float(angle), limit=broken)
     return None
 
 
 def check_joint_speed(limits: Limits, speed_rad_s: Array) -> Trip | None:
     """Refuse joints that turn faster than the arm should. Shape (6,)."""
-    if not np.isfinite(speed_rad_s).all():
+    speeds = [abs(speed) for speed in speed_rad_s.tolist()]
+    if not is_finite(speeds):
         return _not_finite("a joint's speed")
-    for number, (speed, fastest) in enumerate(
-        zip(np.abs(speed_rad_s), limits.joint_speed_rad_s, strict=True), start=1
-    ):
+    fastest_rad_s = limits.joint_speed_rad_s.tolist()
+    for number, (speed, fastest) in enumerate(zip(speeds, fastest_rad_s, strict=True), start=1):
         if speed > fastest:
             text = f"joint {number} turns with {degrees(speed):.0f} degrees/s"
-            return tripped("joint_speed", text, value=float(speed), limit=float(fastest))
+            return tripped("joint_speed", text, value=speed, limit=fastest)
     return None
 
 
-def check_wrench(limits: Limits, force_N: Array, torque_Nm: Array) -> Trip | None:
+def check_wrench(limits: Limits, force_N: Vec3 | Array, torque_Nm: Vec3 | Array) -> Trip | None:
     """Refuse to go on above the force or torque ceiling."""
-    if not (np.isfinite(force_N).all() and np.isfinite(torque_Nm).all()):
+    if not (is_finite(force_N) and is_finite(torque_Nm)):
         return _not_finite("the wrench")
-    force = _length(force_N)
+    force = hypot(*force_N)
     if force > limits.force_N:
         text = f"force {force:.1f} N is above the ceiling"
         return tripped("force", text, value=force, limit=limits.force_N)
-    torque = _length(torque_Nm)
+    torque = hypot(*torque_Nm)
     if torque > limits.torque_Nm:
         text = f"torque {torque:.2f} N m is above the ceiling"
         return tripped("torque", text, value=torque, limit=limits.torque_Nm)

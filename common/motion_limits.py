@@ -41,7 +41,8 @@ class Pace:
     @property
     def is_still(self) -> bool:
         """Whether the pose has come to rest."""
-        return bool(np.abs([self.speed_m_s, self.turning_rad_s]).max() <= AT_REST)
+        speeds = self.speed_m_s.tolist() + self.turning_rad_s.tolist()
+        return all(abs(speed) <= AT_REST for speed in speeds)
 
 
 def still(T_base_flange: pin.SE3) -> Pace:
@@ -168,11 +169,11 @@ class Window:
 def check_rate(limits: Limits, window: Window) -> Trip | None:
     """Refuse more way in a window than the speed limits allow, however many commands it took."""
     longest_s = WINDOW_S * WINDOW_MARGIN
-    way_m = sum(step[1] for step in window.steps)
+    way_m = sum([step[1] for step in window.steps])
     if way_m > limits.speed_m_s * longest_s:
         text = f"{way_m * 1e3:.1f} mm were commanded within {WINDOW_S * 1e3:.0f} ms"
         return tripped("rate", text, value=way_m, limit=limits.speed_m_s * longest_s)
-    turn_rad = sum(step[2] for step in window.steps)
+    turn_rad = sum([step[2] for step in window.steps])
     if turn_rad > limits.speed_rad_s * longest_s:
         text = f"{np.degrees(turn_rad):.1f} degrees were commanded within {WINDOW_S * 1e3:.0f} ms"
         return tripped("rate", text, value=turn_rad, limit=limits.speed_rad_s * longest_s)

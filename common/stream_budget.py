@@ -10,12 +10,11 @@ from collections import deque
 from dataclasses import dataclass
 from math import radians
 
-import numpy as np
 import pinocchio as pin
 
 from common.cell import LimitsSection
 from common.faults import tripped
-from common.frames import Array, rotation_between
+from common.frames import Array, length, rotation_between
 from common.messages import Trip
 
 # The arbiter limits speed with its own clock and period; a set point may come a little early.
@@ -68,7 +67,7 @@ class StreamBudget:
             return tripped("no_stream", "no stream of set points has begun")
         way = T_wanted.translation - self._last.translation
         turn = rotation_between(self._last.rotation, T_wanted.rotation)
-        step = Step(now_ns, T_wanted, float(np.linalg.norm(way)), float(np.linalg.norm(turn)))
+        step = Step(now_ns, T_wanted, length(way), length(turn))
         trip = self._speed_trip(step) or self._rate_trip(step) or self._acceleration_trip(step)
         if trip is None:
             self._left_m, self._left_rad = self._grown(now_ns)
@@ -98,8 +97,8 @@ class StreamBudget:
 
     def _rate_trip(self, step: Step) -> Trip | None:
         recent = [one for one in self._steps if step.at_ns - one.at_ns < WINDOW_S / S_PER_NS]
-        way_m = step.way_m + sum(one.way_m for one in recent)
-        turn_rad = step.turn_rad + sum(one.turn_rad for one in recent)
+        way_m = step.way_m + sum([one.way_m for one in recent])
+        turn_rad = step.turn_rad + sum([one.turn_rad for one in recent])
         time_s = SPEED_MARGIN * WINDOW_S
         text = f"more way in {WINDOW_S * 1e3:g} ms than the speed limit allows"
         if way_m > self._speed_m_s * time_s:
@@ -116,8 +115,8 @@ class StreamBudget:
         more_m, more_rad = self._more_than_before(step, half_ns)
         text = "set points change their speed faster than the limit"
         for change, accel, speed in (
-            (max(float(np.linalg.norm(way_m)), more_m), self._accel_m_s2, self._speed_m_s),
-            (max(float(np.linalg.norm(turn_rad)), more_rad), self._accel_rad_s2, self._speed_rad_s),
+            (max(length(way_m), more_m), self._accel_m_s2, self._speed_m_s),
+            (max(length(turn_rad), more_rad), self._accel_rad_s2, self._speed_rad_s),
         ):
             if change > ACCEL_MARGIN * accel * HALF_S**2 + speed * EARLY_S:
                 return tripped("acceleration", text, value=change / HALF_S**2, limit=accel)
@@ -125,10 +124,14 @@ class StreamBudget:
 
     def _more_than_before(self, step: Step, half_ns: float) -> tuple[float, float]:
         """Return by how much way and turning of the last 60 ms exceed those of the 60 before."""
-        ages = [(step.at_ns - one.at_ns, one) for one in (*self._steps, step)]
-        signs = [(1.0 if age < half_ns else -1.0, one) for age, one in ages if age < 2.0 * half_ns]
-        way_m = sum(sign * one.way_m for sign, one in signs)
-        return way_m, sum(sign * one.turn_rad for sign, one in signs)
+        way_m = turn_rad = 0.0
+        for one in (*self._steps, step):
+            age_ns = step.at_ns - one.at_ns
+            if age_ns < 2.0 * half_ns:
+                sign = 1.0 if age_ns < half_ns else -1.0
+                way_m += sign * one.way_m
+                turn_rad += sign * one.turn_rad
+        return way_m, turn_rad
 
     def _at(self, at_ns: float) -> pin.SE3:
         """Return what was commanded at a time: each set point holds until the next."""

@@ -14,7 +14,7 @@ import pinocchio as pin
 
 from common.cell import Cell
 from common.faults import tripped
-from common.frames import Array, rotation_between
+from common.frames import Array, length, rotation_between
 from common.messages import Trip, Vec6
 
 PERIODS = 5  # of reports that may be off, one after the other
@@ -120,7 +120,7 @@ def _beside(a: Array, b: Array, point: Array) -> float:
     way = b - a
     square = float(way @ way)
     share = 0.0 if square == 0.0 else min(1.0, max(0.0, float((point - a) @ way) / square))
-    return float(np.linalg.norm(point - a - share * way))
+    return length(point - a - share * way)
 
 
 def _turned(a: pin.SE3, b: pin.SE3, T: pin.SE3) -> float:

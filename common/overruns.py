@@ -14,7 +14,7 @@ from common.cell import Cell
 from common.clock import NS_PER_S
 from common.topics import TOPICS
 
-WINDOW_S = 1.0
+WINDOW_NS = 1 * NS_PER_S
 # Of the time after which what the role says is stale: two periods where that is three of them.
 # A cell on a noisy machine has longer deadlines, and so is judged by them here as well.
 ALLOWED_SHARE = 2.0 / 3.0
@@ -53,7 +53,7 @@ class Overruns:
         while self._peaks and self._peaks[-1][1] <= gap_s:
             self._peaks.pop()
         self._peaks.append((now_ns, gap_s))
-        oldest_ns = now_ns - round(WINDOW_S * NS_PER_S)
+        oldest_ns = now_ns - WINDOW_NS
         while self._peaks[0][0] < oldest_ns:
             self._peaks.popleft()
         while self._late_ns and self._late_ns[0] < oldest_ns:

@@ -36,8 +36,7 @@ class Origin(NamedTuple):
     seq: int
 
 
-@dataclass(frozen=True, slots=True)
-class Reading(Generic[M]):
+class Reading(NamedTuple, Generic[M]):
     """What a reader knows: the last message, and what is wrong with it, if anything."""
 
     message: M | None

@@ -5,7 +5,6 @@ nothing new is found (tests/fakes/arbiter_walk.py). What holds here holds in eve
 """
 
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -277,7 +276,7 @@ def gate_waits(monkeypatch: pytest.MonkeyPatch) -> None:
     judge_well = CommandGate.judge
 
     def judge_young(gate: CommandGate, reading: Any, now_ns: int) -> Verdict:
-        return judge_well(gate, replace(reading, age_s=0.0), now_ns)
+        return judge_well(gate, reading._replace(age_s=0.0), now_ns)
 
     monkeypatch.setattr(CommandGate, "judge", judge_young)
 

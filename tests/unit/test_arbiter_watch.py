@@ -231,8 +231,8 @@ def pair(robot_seq: int, wrench_seq: int, apart_ns: int) -> Inputs:
     one = World().inputs()
     header = Header(seq=robot_seq, epoch=1, boot="virtual", stamp_ns=S)
     behind = {"seq": wrench_seq, "sensor_stamp_ns": S - apart_ns, "sensor_seq": 1}
-    robot = dataclasses.replace(one.robot, header=header)
-    wrench = dataclasses.replace(one.wrench, header=header.model_copy(update=behind))
+    robot = one.robot._replace(header=header)
+    wrench = one.wrench._replace(header=header.model_copy(update=behind))
     return dataclasses.replace(one, robot=robot, wrench=wrench)
 
 
@@ -268,9 +268,9 @@ def test_what_was_never_heard_is_no_older_than_anything(lost: str) -> None:
     header = one.wrench.header
     if lost == "sample" and header is not None:
         header = header.model_copy(update={"sensor_stamp_ns": None})
-        gone: Any = {"wrench": dataclasses.replace(one.wrench, header=header)}
+        gone: Any = {"wrench": one.wrench._replace(header=header)}
     else:
-        gone = {lost: dataclasses.replace(getattr(one, lost), header=None)}
+        gone = {lost: getattr(one, lost)._replace(header=None)}
     assert watch.see(one) is not None
     assert watch.see(dataclasses.replace(one, **gone)) is None
 
@@ -288,8 +288,8 @@ def test_two_periods_of_the_slower_one_may_lie_between_pose_and_wrench(
         one = world.inputs()
         header = Header(seq=seq, epoch=1, boot="virtual", stamp_ns=world.now_ns)
         behind = {"sensor_stamp_ns": world.now_ns - round(apart_s * S), "sensor_seq": seq}
-        wrench = dataclasses.replace(one.wrench, header=header.model_copy(update=behind))
-        robot = dataclasses.replace(one.robot, header=header)
+        wrench = one.wrench._replace(header=header.model_copy(update=behind))
+        robot = one.robot._replace(header=header)
         seen = world.watch.see(dataclasses.replace(one, robot=robot, wrench=wrench))
         told_of = {trip.code for trip in seen.watched.faults}
     assert ("misaligned" in told_of) == told

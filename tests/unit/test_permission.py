@@ -1,6 +1,6 @@
 """The robot's gate: no permission, no motion, and what was lost once never comes back by itself."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import pytest
 from hypothesis import given
@@ -65,7 +65,7 @@ def test_a_hold_of_the_arbiter_keeps_its_reason_and_its_code(
     gate: CommandGate, reason: str, code: str, shown: tuple[str, str]
 ) -> None:
     """The robot reports the arbiter's own fault; where that names none, that the arbiter holds."""
-    held = replace(said(None), message=RobotCommand(reason=reason, code=code))
+    held = said(None)._replace(message=RobotCommand(reason=reason, code=code))
     verdict = gate.judge(held, NOW_NS)
 
     assert (verdict.hold_reason, verdict.hold_code) == shown
@@ -293,7 +293,7 @@ def test_a_turn_that_was_seen_and_refused_ends_the_ones_before_it_all_the_same(
 ) -> None:
     """Nothing is obeyed while two processes write; what is older is over when that has passed."""
     newest = said(lease=5, turn=2, age_s=2 * DEADLINE_S if why == "late" else 0.0)
-    assert gate.judge(replace(newest, conflict=why == "two writers"), NOW_NS).command is None
+    assert gate.judge(newest._replace(conflict=why == "two writers"), NOW_NS).command is None
     for lease, turn in ((4, 9), (5, 1)):
         verdict = gate.judge(said(lease=lease, turn=turn, seq=2), NOW_NS)
         assert (verdict.command, verdict.hold_code) == (None, "no_lease")

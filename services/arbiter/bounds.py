@@ -1,9 +1,8 @@
 """Where the arm may go since it was armed, and how the measured arm is judged by it. Pure."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import radians
 
-import numpy as np
 import pinocchio as pin
 
 from common.convert import pose_of
@@ -41,21 +40,15 @@ class Bounds:
 
         Moves of the joints have no end pose to judge before, so what is measured counts.
         """
-        slack = self.limits.joint_min_rad - MEASURED_SLACK_RAD
-        wide = replace(
-            self.limits,
-            joint_min_rad=slack,
-            joint_max_rad=self.limits.joint_max_rad + MEASURED_SLACK_RAD,
-        )
         speed_rad_s = joints.speed_rad_s
         return (
             self._load(wrench)
             or self.place(pose_of(robot))
-            or check_joints(wide, robot.joint_rad)
+            or check_joints(self.limits, robot.joint_rad, slack_rad=MEASURED_SLACK_RAD)
             or (None if speed_rad_s is None else check_joint_speed(self.limits, speed_rad_s))
         )
 
     def _load(self, wrench: WrenchAtTcp | None) -> Trip | None:
         if wrench is None:
             return None
-        return check_wrench(self.limits, np.array(wrench.force_N), np.array(wrench.torque_Nm))
+        return check_wrench(self.limits, wrench.force_N, wrench.torque_Nm)

@@ -103,11 +103,12 @@ class Arbiter:
         )
 
     def _watch_readiness(self, inputs: Inputs) -> None:
-        if known.missing(inputs, blind=True):
+        lost = known.missing(inputs)
+        if lost and known.missing(inputs, blind=True):  # what is missing to the blind is lost
             self._blind_since_ns = None
         else:
             self._blind_since_ns = self._blind_since_ns or inputs.now_ns
-        if known.missing(inputs):
+        if lost:
             self._good_since_ns = None
         else:
             self._good_since_ns = self._good_since_ns or inputs.now_ns

@@ -95,21 +95,19 @@ def missing(inputs: Inputs, *, blind: bool = False) -> list[Trip]:
 
 
 def _rivals(inputs: Inputs) -> list[Trip]:
-    health = {f"{role}/health": reading for role, reading in inputs.health.items()}
-    return [
-        tripped("two_writers", f"two processes write {topic}")
-        for topic, reading in (inputs.streams | health).items()
-        if reading.conflict
-    ]
+    streams = [topic for topic, reading in inputs.streams.items() if reading.conflict]
+    health = [f"{role}/health" for role, reading in inputs.health.items() if reading.conflict]
+    return [tripped("two_writers", f"two processes write {topic}") for topic in streams + health]
 
 
 def _overruns(inputs: Inputs) -> list[Trip]:
     """Judge the other loops by their health; the arbiter's own one is watched directly."""
-    found = {role: reading.fresh for role, reading in inputs.health.items()}
     return [
         overrun_trip(role, health.overruns, health.longest_gap_s)
-        for role, health in found.items()
-        if role in COMMANDING and health is not None and health.overruns > MOST_OVERRUNS
+        for role, reading in inputs.health.items()
+        if role in COMMANDING
+        and (health := reading.fresh) is not None
+        and health.overruns > MOST_OVERRUNS
     ]
 
 
@@ -217,7 +215,7 @@ def limit_trip(inputs: Inputs, limits: Limits, p_flange_tcp_m: Vec3) -> Trip | N
     wrench, robot = inputs.wrench.fresh, inputs.robot.fresh
     if wrench is None or robot is None:
         return None
-    trip = check_wrench(limits, np.array(wrench.force_N), np.array(wrench.torque_Nm))
+    trip = check_wrench(limits, wrench.force_N, wrench.torque_Nm)
     if trip is not None:
         return trip
     T_base_tcp = pose_of(robot)

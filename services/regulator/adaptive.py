@@ -20,7 +20,7 @@ import numpy as np
 import pinocchio as pin
 
 from common.cell import Cell
-from common.frames import Array
+from common.frames import Array, length
 from services.regulator import response, ways
 from services.regulator import stiffness as stiff
 from services.regulator.adaptive_map import softest_N_m
@@ -203,7 +203,7 @@ def listen(
     measured = ways.reported(memory.measured, law, T_measured, sample=sample, settings=path)
     memory = replace(memory, command=command, measured=measured)
     R = law.T_base_tcp.rotation
-    touches = float(np.linalg.norm(sample.force_N)) > settings.touch_N
+    touches = length(sample.force_N) > settings.touch_N
     if not touches:
         free_s = memory.free_s + sample.dt_s
         if free_s <= FREE_TAUS * settings.tau_s:

@@ -1,6 +1,6 @@
 """One step of whichever law is asked for, and what outlives it. Pure."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
@@ -72,10 +72,9 @@ def kept(before: Met | None, wrench: WrenchAtTcp | None, tools: LawTools) -> Met
     return before if np.linalg.norm(wrench.force_N) > tools.adaptive.touch_N else None
 
 
-def masked(sample: LawInput, wanted: ForceStartRequest, R_base_tcp: Array) -> LawInput:
-    """Return a sample with the axes that may move."""
-    R_base_task = R_base_tcp if wanted.frame == "tool" else np.eye(3)
-    return replace(sample, axes=wanted.axes, R_base_task=R_base_task)
+def task_frame(wanted: ForceStartRequest, R_base_tcp: Array) -> Array:
+    """Return the axes that a request names those that may move in. Shape (3, 3)."""
+    return R_base_tcp if wanted.frame == "tool" else np.eye(3)
 
 
 def control(

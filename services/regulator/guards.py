@@ -17,7 +17,7 @@ import pinocchio as pin
 
 from common.cell import Cell
 from common.faults import tripped
-from common.frames import Array, rotation_between
+from common.frames import Array, length, rotation_between
 from common.messages import Trip
 from services.regulator import unproven
 from services.regulator.law import Contact
@@ -113,7 +113,7 @@ def proof_of(now: Watch, seen: Seen, settings: GuardSettings) -> bool:
         return False
     grown_N = seen.force_N - now.first.force_N
     back_N = -float(grown_N @ seen.T_base_tcp.rotation[:, 2])
-    return back_N > max(settings.touch_N, MAIN_PART * float(np.linalg.norm(grown_N)))
+    return back_N > max(settings.touch_N, MAIN_PART * length(grown_N))
 
 
 def watch(before: Watch, seen: Seen, settings: GuardSettings) -> tuple[Watch, Trip | None]:
@@ -159,7 +159,7 @@ def _count_work(before: Watch, seen: Seen) -> Watch:
         press_axis = seen.T_base_tcp.rotation[:, 2]
         way_m = way_m - (way_m @ press_axis) * press_axis
     turn_rad = rotation_between(last.T_base_tcp.rotation, seen.T_base_tcp.rotation)
-    if np.linalg.norm(way_m) < WORK_STEP_M and np.linalg.norm(turn_rad) < WORK_STEP_RAD:
+    if length(way_m) < WORK_STEP_M and length(turn_rad) < WORK_STEP_RAD:
         return before
     work_J = 0.5 * float((seen.force_N + last.force_N) @ way_m)
     if seen.turns:
@@ -175,7 +175,7 @@ def _sign_trip(now: Watch, seen: Seen, settings: GuardSettings) -> Trip | None:
     if now.touched or now.first is None or not _began_free(now):
         return None
     grown_N = seen.force_N - now.first.force_N
-    length_N = float(np.linalg.norm(grown_N))
+    length_N = length(grown_N)
     back_N = -float(grown_N @ seen.T_base_tcp.rotation[:, 2])
     if length_N <= settings.touch_N or back_N >= MAIN_PART * length_N:
         return None
@@ -237,6 +237,6 @@ def _way_trip(now: Watch, seen: Seen, settings: GuardSettings) -> Trip | None:
 def _swing_trip(now: Watch, seen: Seen, _: GuardSettings) -> Trip | None:
     if not now.swing.swings:
         return None
-    height_N = float(np.linalg.norm(seen.error[:3]))
+    height_N = length(seen.error[:3])
     text = f"the force swings and does not settle, now {height_N:.1f} N beside what is wanted"
     return tripped("oscillation", text, value=height_N)

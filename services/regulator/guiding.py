@@ -19,7 +19,7 @@ import numpy as np
 import pinocchio as pin
 
 from common.cell import Cell
-from common.frames import Array
+from common.frames import Array, length
 from services.regulator import path as way
 from services.regulator.law import (
     LawInput,
@@ -113,7 +113,7 @@ def advance(
     R = law.T_base_tcp.rotation
     guide = _felt(guide, R, sample, T_measured=T_measured, settings=settings)
     damping_Ns_m = guide.k_N_m * settings.tau_s / LOOP_GAIN
-    slow_N = NARROWS * float(np.linalg.norm(damping_Ns_m * guide.speed_m_s))
+    slow_N = NARROWS * length(damping_Ns_m * guide.speed_m_s)
     width_N = max(settings.deadband_N - slow_N, NARROWEST * settings.deadband_N)
     push_N = soft_deadband(R.T @ sample.force_N, width_N)
     share = sample.dt_s / settings.mass_kg

@@ -22,7 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from common.cell import Cell
-from common.frames import Array
+from common.frames import Array, length
 
 ROBOT_PERIODS_S = (0.010, 0.025)
 LOOP = (3.4, 2.0)
@@ -65,7 +65,7 @@ def braked(Ki: Array, error_N: Array, k: Array, brake_m_s2: float) -> Array:
         k: Stiffness [N/m].
         brake_m_s2: What the arm brakes with.
     """
-    size_N = max(float(np.linalg.norm(error_N)), LEAST_ERROR_N)
+    size_N = max(length(error_N), LEAST_ERROR_N)
     brakes_m_s2 = brake_m_s2 * np.maximum(np.abs(error_N) / size_N, LEAST_SHARE)
     linear_N = brakes_m_s2 / (k * np.maximum(Ki, LEAST_GAIN_M_PER_NS) ** 2)
     error = np.maximum(np.abs(error_N), linear_N)

@@ -17,7 +17,7 @@ from typing import Literal
 import numpy as np
 import pinocchio as pin
 
-from common.frames import Array, rotate_about_base_axes
+from common.frames import Array, cross, length, rotate_about_base_axes
 from common.messages import Mode
 
 Contact = Literal["free", "approach", "contact"]
@@ -123,7 +123,7 @@ def step(state: LawState, sample: LawInput, gains: PiGains, settings: LawSetting
         shift_m = _sped_up(state.speed_m_s, shift_m, sample, settings)
         speed_m_s = shift_m / sample.dt_s
         if lever_m is not None:
-            shift_m = _masked(shift_m - np.cross(turn_rad, lever_m), sample, 0)
+            shift_m = _masked(shift_m - cross(turn_rad, lever_m), sample, 0)
             shift_m = limit_norm(shift_m, settings.speed_max_m_s * sample.dt_s)
     R_base_tcp = rotate_about_base_axes(state.T_base_tcp.rotation, turn_rad)
     T_base_tcp = pin.SE3(R_base_tcp, state.T_base_tcp.translation + shift_m)
@@ -149,7 +149,7 @@ def contact_point(sample: LawInput, touch_N: float) -> Array:
     square = float(sample.force_N @ sample.force_N)
     if square < touch_N * touch_N:
         return np.zeros(3)
-    lever_m = np.cross(sample.force_N, sample.torque_Nm) / square
+    lever_m = cross(sample.force_N, sample.torque_Nm) / square
     return limit_norm(lever_m, LONGEST_LEVER_M)
 
 
@@ -184,13 +184,13 @@ def change(now: Array, before: Array | None) -> Array:
 
 def soft_deadband(error: Array, width: float) -> Array:
     """Shorten a vector by `width`, to zero when it is shorter: continuous, direction kept."""
-    length = float(np.linalg.norm(error))
-    if length <= width:
+    size = length(error)
+    if size <= width:
         return np.zeros(3)
-    return error * ((length - width) / length)
+    return error * ((size - width) / size)
 
 
 def limit_norm(vector: Array, longest: float) -> Array:
     """Shorten a vector to at most `longest`, direction kept."""
-    length = float(np.linalg.norm(vector))
-    return vector if length <= longest else vector * (longest / length)
+    size = length(vector)
+    return vector if size <= longest else vector * (longest / size)

@@ -21,6 +21,9 @@ from common.frames import Array
 REPORTS, SAMPLES = 2.0, 2.0
 SAME = np.array([1e-5, 1e-4])  # m, rad: a pose that left is the one that was commanded
 
+# Which squares of a row add up to the square of a way, and which, halved, to that of an angle.
+WAY_AND_TURN = np.repeat([[1.0, 0.0], [0.0, 0.5]], [3, 9], axis=0)
+
 
 @dataclass(frozen=True, slots=True)
 class Commanded:
@@ -41,9 +44,9 @@ class Commanded:
     def after(self, T_base_tcp: pin.SE3, dt_s: float) -> "Commanded":
         """Return the commands after one more, `dt_s` after the last one."""
         ages_s = self.ages_s + dt_s
-        first = int(np.searchsorted(-ages_s, -self.window_s))
-        poses = np.vstack((self.poses[first:], _row(T_base_tcp)))
-        return Commanded(self.window_s, np.append(ages_s[first:], 0.0), poses)
+        first = int((-ages_s).searchsorted(-self.window_s))
+        poses = np.concatenate((self.poses[first:], _row(T_base_tcp)))
+        return Commanded(self.window_s, np.concatenate((ages_s[first:], (0.0,))), poses)
 
     @property
     def oldest(self) -> pin.SE3:
@@ -74,6 +77,4 @@ def _apart(differences: Array) -> Array:
 
     Two rotation matrices differ by sqrt(2) times the angle between them.
     """
-    ways_m = np.linalg.norm(differences[:, :3], axis=1)
-    turns_rad = np.linalg.norm(differences[:, 3:], axis=1) / np.sqrt(2.0)
-    return np.stack((ways_m, turns_rad), axis=1)
+    return np.asarray(np.sqrt((differences * differences).dot(WAY_AND_TURN)))

@@ -4,7 +4,7 @@ A loop whose gain is too high for what it touches swings with a period of about 
 delay. What is faster or slower than that by far is not the loop's own, and is not counted.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -51,7 +51,7 @@ class Swing:
     @property
     def swings(self) -> bool:
         """Whether some error has swung for five periods."""
-        return bool((self.count >= HALF_WAVES).any())
+        return bool(max(self.count.tolist()) >= HALF_WAVES)
 
 
 def follow(swing: Swing, error: Array, dt_s: float, settings: SwingSettings) -> Swing:
@@ -65,13 +65,16 @@ def follow(swing: Swing, error: Array, dt_s: float, settings: SwingSettings) -> 
     """
     size, side = np.abs(error), np.sign(error)
     crossed = (side != 0.0) & (side != swing.side)
+    height, age_s = np.maximum(swing.height, size), swing.age_s + dt_s
+    if not any(crossed.tolist()):
+        return replace(swing, height=height, age_s=age_s)
     ended = crossed & (swing.side != 0.0)
     in_time = (swing.age_s >= settings.shortest_s) & (swing.age_s <= settings.longest_s)
     lives = in_time & (swing.height >= settings.least) & (swing.height >= KEPT * swing.before_last)
     return Swing(
         side=np.where(crossed, side, swing.side),
-        height=np.where(crossed, size, np.maximum(swing.height, size)),
-        age_s=np.where(crossed, 0.0, swing.age_s + dt_s),
+        height=np.where(crossed, size, height),
+        age_s=np.where(crossed, 0.0, age_s),
         last=np.where(ended, swing.height, swing.last),
         before_last=np.where(ended, swing.last, swing.before_last),
         count=np.where(ended, np.where(lives, swing.count + 1.0, 0.0), swing.count),

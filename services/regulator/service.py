@@ -14,9 +14,11 @@ from common.convert import pose_of, record_of, vec3
 from common.endpoints import Bus, Reading
 from common.faults import refusal
 from common.messages import (
+    ZERO3,
     Feedback,
     Gains,
     RegulatorTarget,
+    RobotCommand,
     RobotState,
     StartLaw,
     Trip,
@@ -33,9 +35,9 @@ from services.regulator.control import (
     controller_gains,
     forgotten,
     kept,
-    masked,
     met,
     ramped,
+    task_frame,
 )
 from services.regulator.guards import GuardSettings, Watch, carried, proof_of, watch
 from services.regulator.guiding import Guide, GuideSettings
@@ -82,6 +84,7 @@ class Regulator:
         self._yielded: tuple[int, Yielding] | None = None  # lease, and travel of its last session
         self._gains = tune(cell).gains
         self._T_flange_tcp = cell.tool.T_flange_tcp.pose
+        self._T_tcp_flange = self._T_flange_tcp.inverse()
         self._session: Session | None = None
         self._stop_reason = STOPPED
         self._now_ns = 0
@@ -128,7 +131,7 @@ class Regulator:
             return self._give_up(session, Failure(trip.code, trip.text))
         self._session, self.fault = session, ""
         law = session.law
-        T_base_flange = law.T_base_tcp * self._T_flange_tcp.inverse()
+        T_base_flange = law.T_base_tcp * self._T_tcp_flange
         return RegulatorTarget(
             mode=wanted.mode,
             host=wanted.host,
@@ -137,10 +140,8 @@ class Regulator:
             pose=None if on_controller else record_of(T_base_flange),
             feedback=self._feedback(session) if on_controller else None,
             contact=law.contact,
-            error_force_N=vec3(np.zeros(3) if law.error_force_N is None else law.error_force_N),
-            error_torque_Nm=vec3(
-                np.zeros(3) if law.error_torque_Nm is None else law.error_torque_Nm
-            ),
+            error_force_N=ZERO3 if law.error_force_N is None else vec3(law.error_force_N),
+            error_torque_Nm=ZERO3 if law.error_torque_Nm is None else vec3(law.error_torque_Nm),
             path_left_m=way_left(session),
         )
 
@@ -170,6 +171,11 @@ class Regulator:
         report = (robot.header.epoch, robot.header.seq) if robot.header else None
         wanted_N = min(session.wanted.setpoint_N, self._approach_N(session))
         setpoint_N = self._ramp(session.setpoint_N, wanted_N, dt_s)
+        command = self._command.read(self._now_ns).fresh
+        T_let_through = self._let_through(command)
+        before = session.law
+        if command is not None and command.limited and T_let_through is not None:
+            before = put_back(before, T_let_through)  # back-calculate: go on from there
         sample = LawInput(
             force_N=np.array(wrench.force_N),
             torque_Nm=np.array(wrench.torque_Nm),
@@ -177,12 +183,14 @@ class Regulator:
             mode=session.wanted.mode,
             dt_s=dt_s,
             pose_is_new=report != session.report,
+            R_base_task=task_frame(session.wanted, before.T_base_tcp.rotation),
+            axes=session.wanted.axes,
         )
-        before = self._follow_limits(session.law)
-        sample = masked(sample, session.wanted, before.T_base_tcp.rotation)
         gains = ramped(session.gains, self._gains, dt_s)
         commanded = session.commanded or Commanded.of(self._cell)
-        commanded = commanded.after(self._let_through(before), dt_s)
+        commanded = commanded.after(
+            before.T_base_tcp if T_let_through is None else T_let_through, dt_s
+        )
         law, memory, guide, way = before, session.memory, session.guide, session.route
         if commanded.lag(self._sent(robot.fresh)):
             law, memory, commanded = self._behind(session, before, commanded, T_base_tcp)
@@ -207,10 +215,22 @@ class Regulator:
         watched, trip = watch(session.watch, seen, self._guards)
         if trip is None and proof_of(watched, seen, self._guards):
             self._proof = replace(self._proof, touched=origin(wrench.calibration))
-        session = replace(session, law=law, memory=memory, guide=guide, setpoint_N=setpoint_N)
-        session = replace(session, gains=gains, sent=sent, watch=watched, route=way)
-        session = replace(session, T_measured=T_base_tcp, commanded=commanded)
-        return replace(session, last_sample_ns=stamp_ns, report=report), trip
+        session = replace(
+            session,
+            law=law,
+            memory=memory,
+            guide=guide,
+            setpoint_N=setpoint_N,
+            gains=gains,
+            sent=sent,
+            watch=watched,
+            route=way,
+            T_measured=T_base_tcp,
+            commanded=commanded,
+            last_sample_ns=stamp_ns,
+            report=report,
+        )
+        return session, trip
 
     def _behind(
         self, session: Session, before: LawState, commanded: Commanded, T_measured: pin.SE3
@@ -248,24 +268,16 @@ class Regulator:
             return None
         return pose_of(robot.sent) * self._T_flange_tcp
 
-    def _let_through(self, law: LawState) -> pin.SE3:
+    def _let_through(self, command: RobotCommand | None) -> pin.SE3 | None:
         """Return where the arbiter commands the TCP: its ramps lag behind the law and overshoot."""
-        command = self._command.read(self._now_ns).fresh
         if command is None or command.pose is None:
-            return law.T_base_tcp
+            return None
         return pose_of(command.pose) * self._T_flange_tcp
 
     @staticmethod
     def _motion(session: Session, law: LawState, T_measured: pin.SE3) -> Motion:
         """Return what the arm has moved: a command in flight has changed no force yet."""
         return motion_between(session.T_measured or T_measured, T_measured, law.lever_m)
-
-    def _follow_limits(self, law: LawState) -> LawState:
-        """Back-calculate: where a limit was in the way, go on from what was let through."""
-        command = self._command.read(self._now_ns).fresh
-        if command is None or not command.limited or command.pose is None:
-            return law
-        return put_back(law, pose_of(command.pose) * self._T_flange_tcp)
 
     def _approach_N(self, session: Session) -> float:
         """Return the largest set point while contact is sought.
@@ -285,7 +297,7 @@ class Regulator:
 
     def _feedback(self, session: Session) -> Feedback:
         law = session.law
-        R_base_flange = (law.T_base_tcp * self._T_flange_tcp.inverse()).rotation
+        R_base_flange = (law.T_base_tcp * self._T_tcp_flange).rotation
         lever_m = np.zeros(3) if law.lever_m is None else R_base_flange.T @ law.lever_m
         return Feedback(
             mode=session.wanted.mode,

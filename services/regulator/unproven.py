@@ -12,7 +12,7 @@ axis does not. The axes are proved by `forcemesh check axes`, the one along the 
 free space too.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
@@ -20,7 +20,7 @@ import pinocchio as pin
 
 from common.cell import Cell
 from common.faults import tripped
-from common.frames import Array, rotation_between
+from common.frames import Array, cross, length, rotation_between
 from common.messages import Trip, WrenchAtTcp
 
 LIMIT_M = 0.002  # what is paid for by chance and braking come on top: 5 mm in all
@@ -55,7 +55,7 @@ def origin(calibration: str) -> str:
 
 def checked_by(proof: Proof, wrench: WrenchAtTcp) -> Proof:
     """Return the proof that holds for this wrench."""
-    return replace(proof, checked=wrench.axes_checked)
+    return Proof(wrench.axes_checked, proof.touched)
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +71,7 @@ def motion_between(T_from: pin.SE3, T_to: pin.SE3, lever_m: Array | None) -> Mot
     turned_rad = rotation_between(T_from.rotation, T_to.rotation)
     moved_m = T_to.translation - T_from.translation
     if lever_m is not None:
-        moved_m = moved_m + np.cross(turned_rad, lever_m)
+        moved_m = moved_m + cross(turned_rad, lever_m)
     return Motion(moved_m, turned_rad)
 
 
@@ -123,16 +123,16 @@ def update(
     way_m = np.where(force * moved_m > 0.0, before.way_m + way_m, before.way_m - way_m)
     way_m = np.maximum(way_m, 0.0)
     most_N = np.where(way_m > 0.0, np.maximum(before.most_N, size), size)
-    if np.linalg.norm(force * limited) <= settings.idle_N:
+    if length(force * limited) <= settings.idle_N:
         way_m, most_N = np.zeros(3), size
     spin_Nm = torque_Nm
     if (square := float(force_N @ force_N)) > settings.idle_N**2:
         spin_Nm = force_N * float(torque_Nm @ force_N) / square
     turn_rad = before.turn_rad
-    if np.linalg.norm(spin_Nm) <= settings.idle_Nm:
+    if (spin := length(spin_Nm)) <= settings.idle_Nm:
         turn_rad = 0.0
     else:
-        along_rad = float(motion.turned_rad @ spin_Nm) / float(np.linalg.norm(spin_Nm))
+        along_rad = float(motion.turned_rad @ spin_Nm) / spin
         turn_rad = max(turn_rad + along_rad, 0.0)
     return Yielding(way_m, most_N, turn_rad)
 
@@ -145,7 +145,7 @@ def trip_of(
         return None
     paid_m = _fallen_N(now, np.abs(force_tool_N), limited) / SOFTEST_N_M
     unpaid_m = np.where(limited, np.maximum(now.way_m - paid_m, 0.0), 0.0)
-    gone_m, at = float(np.linalg.norm(unpaid_m)), int(np.argmax(unpaid_m))
+    gone_m, at = length(unpaid_m), int(np.argmax(unpaid_m))
     rest = (
         "and nothing has shown yet that the sensor's axes and signs are right: run `forcemesh "
         "check axes`, once for each calibration"
@@ -174,5 +174,5 @@ def _fallen_N(now: Yielding, size_N: Array, limited: "npt.NDArray[np.bool_]") ->
         limited: Axes whose travel is limited. Shape (3,).
     """
     gives_way = limited & (now.way_m > 0.0)
-    all_N = np.linalg.norm(now.most_N[gives_way]) - np.linalg.norm(size_N[gives_way])
-    return np.minimum(now.most_N - size_N, max(float(all_N), 0.0))
+    all_N = length(now.most_N[gives_way]) - length(size_N[gives_way])
+    return np.minimum(now.most_N - size_N, max(all_N, 0.0))

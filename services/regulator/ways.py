@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pinocchio as pin
 
-from common.frames import Array, rotation_between
+from common.frames import Array, cross, rotation_between
 from services.regulator import path
 from services.regulator.law import LawInput, LawState
 from services.regulator.path import Path, PathSettings
@@ -81,7 +81,7 @@ def _gone(
     lever_m = np.zeros(3) if law.lever_m is None else law.lever_m
     turn_rad = rotation_between(way.T_base_tcp.rotation, T_base_tcp.rotation)
     shift_m = T_base_tcp.translation - way.T_base_tcp.translation
-    end_m = way.path.command + shift_m + np.cross(turn_rad, lever_m)
+    end_m = way.path.command + shift_m + cross(turn_rad, lever_m)
     gone = path.follow(way.path, end_m, dt_s, settings)
     felt_m = law.T_base_tcp.rotation.T @ (gone.felt - way.path.felt)
     return Way(T_base_tcp, gone, way.felt_m + felt_m)

@@ -43,13 +43,10 @@ def pair(before: Pairing, sensor: Reading[Any], robot: Reading[Any]) -> Pairing:
     if sensor.header is None or robot.header is None or sensor.header.boot != robot.header.boot:
         return before
     newer_s = (sensor.header.stamp_ns - robot.header.stamp_ns) / NS_PER_S
-    behind_s = [
-        behind
-        for number, last, behind in (
-            (sensor.header.seq, before.sensor, -newer_s),
-            (robot.header.seq, before.robot, newer_s),
-        )
-        if number != last
-    ]
+    behind_s = []
+    if sensor.header.seq != before.sensor:
+        behind_s.append(-newer_s)
+    if robot.header.seq != before.robot:
+        behind_s.append(newer_s)
     apart_s = max(behind_s, default=before.apart_s)
     return Pairing(sensor.header.seq, robot.header.seq, apart_s)

@@ -4,13 +4,14 @@ Not finite, saturated, frozen, jumped: each has its code in common/faults.py. A 
 not count is never taken for zero force: a regulator that presses would press harder.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from math import isfinite
 from typing import NamedTuple
 
 import numpy as np
 
 from common.cell import Cell
-from common.frames import Array
+from common.frames import Array, length
 
 SATURATED_FROM = 0.95  # of the range, on any one axis: near its end a sensor is no longer linear
 FEWEST_REPEATS = 3  # a slow sensor may say its last reading once more
@@ -60,8 +61,7 @@ class Bounds:
         )
 
 
-@dataclass(frozen=True, slots=True)
-class History:
+class History(NamedTuple):
     """What must be remembered of the readings before this one."""
 
     raw: Array | None = None  # the last reading
@@ -91,9 +91,8 @@ def judge(
         dt_s: Time since the reading before.
         bounds: What readings can be.
     """
-    same = before.raw is not None and bool((reading == before.raw).all())
-    after = replace(
-        before,
+    same = before.raw is not None and reading.tolist() == before.raw.tolist()
+    after = before._replace(
         raw=reading,
         still_s=before.still_s + dt_s if same else 0.0,
         repeats=before.repeats + 1 if same else 0,
@@ -101,19 +100,20 @@ def judge(
     )
     complaint = _beyond_range(reading, bounds) or _frozen(after, bounds)
     if complaint is not None:
-        return replace(after, taken=None), complaint
+        return after._replace(taken=None), complaint
     jump = _jump(after, reading, bounds)
     if jump is None:
         tame = min(after.tame + 1, WILD_APART)
-        return replace(after, taken=reading, taken_s=0.0, tame=tame), FINE
+        return after._replace(taken=reading, taken_s=0.0, tame=tame), FINE
     if after.tame >= WILD_APART:
-        return replace(after, tame=0, spikes=after.spikes + 1), FINE
-    return replace(after, taken=None, tame=0), jump
+        return after._replace(tame=0, spikes=after.spikes + 1), FINE
+    return after._replace(taken=None, tame=0), jump
 
 
 def _beyond_range(reading: Array, bounds: Bounds) -> Complaint | None:
-    for (axis, unit), value, full in zip(AXES, reading.tolist(), bounds.range, strict=True):
-        if not np.isfinite(value):
+    ranges = bounds.range.tolist()
+    for (axis, unit), value, full in zip(AXES, reading.tolist(), ranges, strict=True):
+        if not isfinite(value):
             return Complaint("not_finite", f"{axis} of the sensor is not finite")
         if abs(value) >= SATURATED_FROM * full:
             text = f"{axis} reads {value:.4g} {unit}, {SATURATED_FROM:.0%} of its range"
@@ -131,10 +131,11 @@ def _frozen(now: History, bounds: Bounds) -> Complaint | None:
 def _jump(now: History, reading: Array, bounds: Bounds) -> Complaint | None:
     if now.taken is None:
         return None
-    change = np.linalg.norm((reading - now.taken).reshape(2, 3), axis=1)
-    largest = bounds.step + bounds.step_per_s * now.taken_s
-    for length, limit, unit in zip(change, largest, ("N", "N m"), strict=True):
-        if length > limit:
-            text = f"the reading jumped by {length:.4g} {unit}, no contact here can do more than"
+    change = reading - now.taken
+    changes = length(change[:3]), length(change[3:])
+    largest = (bounds.step + bounds.step_per_s * now.taken_s).tolist()
+    for size, limit, unit in zip(changes, largest, ("N", "N m"), strict=True):
+        if size > limit:
+            text = f"the reading jumped by {size:.4g} {unit}, no contact here can do more than"
             return Complaint("sensor_jump", f"{text} {limit:.4g} {unit}")
     return None

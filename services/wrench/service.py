@@ -1,6 +1,7 @@
 """The wrench service on the bus: sensor reading and robot pose in, wrench at the TCP out."""
 
 import numpy as np
+import pinocchio as pin
 
 from common import topics
 from common.cell import Cell
@@ -26,6 +27,7 @@ class WrenchService:
         self.fault = ""
         self._sensor_period_s = 1.0 / cell.rates.sensor_hz
         self._mounting = Mounting(cell.sensor.T_flange_sensor.pose, cell.tool.T_flange_tcp.pose)
+        self._p_sensor_tcp_in_sensor = self._mounting.p_sensor_tcp_in_sensor
         self._desk = Desk(cell, self._mounting)
         self._bounds, self._history, self._pairing = Bounds.of(cell), History(), Pairing()
         self._apart_max_s = apart_max_s(cell)
@@ -68,13 +70,14 @@ class WrenchService:
         """Filter the newest sample; at the control rate, or when a fault begins, publish."""
         sensor, robot = self._sensor.read(now_ns), self._robot.read(now_ns)
         was_fine = self._complaint == FINE
-        self._complain(self._take(sensor, robot), robot, now_ns)
+        T_base_flange = None if robot.fresh is None else pose_of(robot.fresh)
+        self._complain(self._take(sensor, robot), self._of_pose(robot, T_base_flange), now_ns)
         self._serve(robot, now_ns)
         if now_ns >= self._next_put_ns or (was_fine and self._complaint != FINE):
             # Half a sensor period early is on time: samples and periods do not line up.
             slack_ns = round(0.5 * self._sensor_period_s * NS_PER_S)
             self._next_put_ns = now_ns + round(self.period_s * NS_PER_S) - slack_ns
-            self._put(sensor, robot)
+            self._put(sensor, T_base_flange)
 
     def _serve(self, robot: Reading[RobotState], now_ns: int) -> None:
         target = self._target.read(now_ns).fresh
@@ -116,9 +119,9 @@ class WrenchService:
             self._acceleration.see(robot, self._desk.in_use.payload)
         return complaint
 
-    def _complain(self, of_sensor: Complaint, robot: Reading[RobotState], now_ns: int) -> None:
+    def _complain(self, of_sensor: Complaint, of_pose: Complaint, now_ns: int) -> None:
         """Say what is wrong, and go on saying it until everybody must have heard it."""
-        complaint = next((c for c in (of_sensor, self._of_pose(robot)) if c != FINE), FINE)
+        complaint = of_pose if of_sensor == FINE else of_sensor
         if complaint != FINE:
             waited_for = complaint.text.endswith(" missing")
             self._complain_until_ns = now_ns + (0 if waited_for else self._complain_for_ns)
@@ -126,10 +129,10 @@ class WrenchService:
             self._complaint = complaint
         self.fault = self._complaint.text
 
-    def _of_pose(self, robot: Reading[RobotState]) -> Complaint:
-        if robot.fresh is None:
+    def _of_pose(self, robot: Reading[RobotState], T_base_flange: pin.SE3 | None) -> Complaint:
+        if T_base_flange is None:
             return Complaint(robot.code, robot.fault)
-        if not is_finite_pose(pose_of(robot.fresh)):
+        if not is_finite_pose(T_base_flange):
             return Complaint("invalid", "robot/state holds a quaternion of length zero")
         apart_s = self._pairing.apart_s
         if apart_s > self._apart_max_s:
@@ -137,17 +140,17 @@ class WrenchService:
             return Complaint("misaligned", f"{text}, the limit is {self._apart_max_s * 1e3:.0f} ms")
         return FINE
 
-    def _put(self, sensor: Reading[SensorWrench], robot: Reading[RobotState]) -> None:
+    def _put(self, sensor: Reading[SensorWrench], T_base_flange: pin.SE3 | None) -> None:
         filtered = self._filter.output
-        if self.fault or filtered is None or robot.fresh is None or sensor.fresh is None:
+        if self.fault or filtered is None or T_base_flange is None or sensor.fresh is None:
             why = self._complaint if self.fault else Complaint("not_ready", "no sample yet")
             self._out.put(WrenchAtTcp(valid=False, reason=why.text, code=why.code), sensor.origin)
             return
-        T_base_sensor = pose_of(robot.fresh) * self._mounting.T_flange_sensor
+        T_base_sensor = T_base_flange * self._mounting.T_flange_sensor
         at_tcp_in_base = compensate(
             Wrench(filtered[:3], filtered[3:]),
             R_base_sensor=np.asarray(T_base_sensor.rotation),
-            p_sensor_tcp_in_sensor=self._mounting.p_sensor_tcp_in_sensor,
+            p_sensor_tcp_in_sensor=self._p_sensor_tcp_in_sensor,
             payload=self._desk.in_use.payload,
             a_com_m_s2=None if self._acceleration is None else self._acceleration.now(),
         )

@@ -64,14 +64,13 @@ class SimDriver:
         now_ns: int,
     ) -> Trip | None:
         """Do what a permitted command says, or say which limit it breaks."""
-        T_measured = self._arm.T_base_flange
         if lease != self._lease:
             if self._lease is None or lease[0] != self._lease[0]:
                 # Another arbiter counts its goals anew: its first one is not one that was done.
                 self.goal = GoalReport()
             self._lease = lease
             purpose = "all" if command.permission is None else command.permission.purpose
-            self._guard.start(T_measured, now_ns, purpose)
+            self._guard.start(self._arm.T_base_flange, now_ns, purpose)
         trip = self._guard.wrench(wrench, in_move=command.kind == "goal")
         if trip is not None:
             return trip
@@ -80,12 +79,12 @@ class SimDriver:
             text = "force feedback in the controller needs a controller, this is a bare arm"
             return tripped("robot_refuses", text)
         if command.kind == "setpoint":
-            return self._follow(command, T_measured, now_ns) if is_new else None
+            return self._follow(command, now_ns) if is_new else None
         self._streaming = False
         if command.kind == "goal" and command.goal is not None:
-            self._pursue(command.goal, command.speed, T_measured)
+            self._pursue(command.goal, command.speed)
         else:
-            self._idle(T_measured)
+            self._idle()
         return None
 
     def watch(self, now_ns: int) -> Trip | None:
@@ -93,9 +92,10 @@ class SimDriver:
         T, q = self._arm.T_base_flange, self._arm.q
         return self._guard.arm(T, q, now_ns) or self._tracking.judge(T, q, now_ns)
 
-    def _follow(self, command: RobotCommand, T_measured: pin.SE3, now_ns: int) -> Trip | None:
+    def _follow(self, command: RobotCommand, now_ns: int) -> Trip | None:
         if command.pose is None:
             return tripped("malformed", "a set point without a pose")
+        T_measured = self._arm.T_base_flange
         if not self._streaming:
             trip = self._guard.seed(T_measured, now_ns)
             if trip is not None:
@@ -113,15 +113,16 @@ class SimDriver:
         self._sent = T_wanted
         return None
 
-    def _idle(self, T_measured: pin.SE3) -> None:
+    def _idle(self) -> None:
         """Permission without a motion: a goal that is on its way is braked."""
         if self._motion.state == "running":
             self._motion.brake()
-        self._tracking.rest(T_measured, moving=self._motion.busy or self._arm.moving)
+        moving = self._motion.busy or self._arm.moving
+        self._tracking.rest(self._arm.T_base_flange, moving=moving)
 
-    def _pursue(self, goal: Goal, speed: Speed, T_measured: pin.SE3) -> None:
+    def _pursue(self, goal: Goal, speed: Speed) -> None:
         if goal.id != self.goal.id:
-            reason = self._start(goal, speed, T_measured)
+            reason = self._start(goal, speed)
             state: GoalState = "refused" if reason else "running"
             self.goal = GoalReport(id=goal.id, state=state, reason=reason)
         elif self.goal.state == "running" and not self._motion.busy:
@@ -131,7 +132,7 @@ class SimDriver:
             elif not self._arm.moving:
                 self.goal = self.goal.model_copy(update={"state": "done"})
 
-    def _start(self, goal: Goal, speed: Speed, T_measured: pin.SE3) -> str:
+    def _start(self, goal: Goal, speed: Speed) -> str:
         q = self._motion.q_command
         trip = self._guard.goal(goal, speed, self._arm.kinematics.flange_pose(q), q)
         if trip is not None:
@@ -145,7 +146,7 @@ class SimDriver:
             T_goal = pose_of(goal.pose)
             reason = self._motion.start_pose(T_goal, motion_speed)
             if not reason:
-                self._tracking.line(T_measured, T_goal)
+                self._tracking.line(self._arm.T_base_flange, T_goal)
             return reason
         turn_rad = np.array(goal.joint_rad)
         q_goal = q + turn_rad if goal.kind == "by" else turn_rad

@@ -1,11 +1,10 @@
 """The role `sensor` of a simulated arm: `sensor/wrench` at the sensor's rate, whoever moves it."""
 
-import numpy as np
-
 from common import topics
 from common.cell import Cell
 from common.convert import vec3
 from common.endpoints import Bus
+from common.frames import is_finite
 from common.messages import SensorWrench
 from sim.robot.arm import SimArm
 from sim.robot.ft_sensor import FtSample
@@ -34,7 +33,8 @@ class SensorFeed:
 
 def message_of(sample: FtSample, counter: int) -> SensorWrench:
     """Return a sample as a driver says it: numbers that are not finite cannot be said."""
-    if not (np.isfinite(sample.force_N).all() and np.isfinite(sample.torque_Nm).all()):
+    force_N, torque_Nm = vec3(sample.force_N), vec3(sample.torque_Nm)
+    if not is_finite(force_N + torque_Nm):
         reason = "the sensor gives numbers that are not finite"
         return SensorWrench(
             valid=False, reason=reason, code="not_finite", status="fault", counter=counter
@@ -44,8 +44,8 @@ def message_of(sample: FtSample, counter: int) -> SensorWrench:
         valid=is_ok,
         reason="" if is_ok else f"the sensor says {sample.status}",
         code=CODES[sample.status],
-        force_N=vec3(sample.force_N),
-        torque_Nm=vec3(sample.torque_Nm),
+        force_N=force_N,
+        torque_Nm=torque_Nm,
         status=sample.status,
         counter=counter,
     )

@@ -1,6 +1,7 @@
 """From a program to closures: which file executes which instruction."""
 
 from collections.abc import Callable
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 from sim.controller import execute_flow as flow
@@ -93,8 +94,9 @@ INSTRUCTIONS: dict[str, CompileInstruction] = {
 }
 
 
+@lru_cache(maxsize=8)
 def compile_file(source: SourceFile) -> CompiledFile:
-    """Return a file that can be loaded, by one machine or by many."""
+    """Return the programs of a file as they are executed: the same ones by every machine."""
     evaluate = Evaluate(Expressions())
     programs = {n: compile_program(p, evaluate) for n, p in source.programs.items()}
     return CompiledFile(programs, source.data)

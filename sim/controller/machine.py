@@ -5,7 +5,6 @@ import random
 import numpy as np
 
 from sim.controller.compile import compile_file
-from sim.controller.compiled import CompiledFile
 from sim.controller.control import Control
 from sim.controller.errors import AsError
 from sim.controller.memory import Memory
@@ -34,7 +33,7 @@ class Machine(Control):
         for task in self.tasks:
             task.machine, task.globals = self, self.memory.globals
 
-    def load(self, source: SourceFile | CompiledFile) -> None:
+    def load(self, source: SourceFile) -> None:
         """LOAD: add the programs and data of a file; a program of the same name is replaced.
 
         Raises AsError P1014 when a program that would be replaced is running.
@@ -43,7 +42,7 @@ class Machine(Control):
             for frame in task.frames:
                 if frame.program.name in source.programs:
                     raise AsError("P1014", f"{frame.program.name} is running")
-        compiled = source if isinstance(source, CompiledFile) else compile_file(source)
+        compiled = compile_file(source)
         self.programs = {**self.programs, **compiled.programs}
         self.memory.fill(compiled.data)
 

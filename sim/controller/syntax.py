@@ -180,9 +180,12 @@ class Remark:
     text: str
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class SourceFile:
-    """A whole file: programs by name in the order of the file, data, what was skipped."""
+    """A whole file: programs by name in the order of the file, data, what was skipped.
+
+    The parser gives the same one for the same text, and what is made of it is kept by it.
+    """
 
     name: str
     programs: Mapping[str, Program]

@@ -25,8 +25,6 @@ from common.packet_table import (
     unpack_status,
 )
 from sim.controller.behaviour import Behaviour
-from sim.controller.compile import compile_file
-from sim.controller.compiled import CompiledFile
 from sim.controller.machine import Machine
 from sim.controller.network import LOOPBACK, MemoryNetwork, MemoryStream, Octets
 from sim.controller.parser import parse
@@ -60,12 +58,6 @@ def parsed(text: str) -> SourceFile:
     return parse(text)
 
 
-@cache
-def compiled(text: str) -> CompiledFile:
-    """The program, compiled once: every controller runs the same steps on its own variables."""
-    return compile_file(parsed(text))
-
-
 def with_peer(a: int, b: int, c: int, d: int) -> str:
     """Return the program with the address of its PC in fm.config."""
     text = TEXT
@@ -97,7 +89,7 @@ class Talk:
         """
         self.network = MemoryNetwork()
         self.machine = Machine(SimArm(FREE, seed=0), self.network, behaviour=behaviour)
-        self.machine.load(compiled(text))
+        self.machine.load(parsed(text))
         self.pendant = self.machine.pendant
         self.pendant.monitor_speed(100.0)
         if prepare is not None:

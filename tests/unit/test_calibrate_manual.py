@@ -18,7 +18,8 @@ from common.clock import NS_PER_S
 from common.config import load_cell
 from common.convert import vec6
 from common.requests import ArmRequest, MoveRequest
-from tests.fakes.calibration import DEMO, CalibrationLab
+from tests.fakes.bench import DEMO
+from tests.fakes.calibration import CalibrationLab
 
 INTERRUPT = "Ctrl-C"
 TAKES_S = 1.2  # until a pose has been read, and told

@@ -21,7 +21,8 @@ from services.wrench.identification import identify
 from services.wrench.poses import angle
 from services.wrench.recording import Samples
 from sim.robot.kinematics import ArmKinematics
-from tests.fakes.calibration import DEMO, HOME_RAD
+from tests.fakes.bench import DEMO
+from tests.fakes.calibration import HOME_RAD
 
 ARM = ArmKinematics()
 SPREAD_RAD = np.radians([40.0, 15.0, 15.0, 20.0, 20.0, 60.0])  # of starts, about the demo's

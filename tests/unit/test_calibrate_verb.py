@@ -20,8 +20,8 @@ from common.frames import quaternion_from_R, rotation_from_vector
 from common.payload import Payload, predict
 from common.requests import Reply
 from services.wrench.recording import COLUMNS, read_recording
-from tests.fakes.bench import LIGHT_RATES
-from tests.fakes.calibration import DEMO, HOME_RAD, CalibrationLab
+from tests.fakes.bench import DEMO, LIGHT_RATES
+from tests.fakes.calibration import HOME_RAD, CalibrationLab
 
 FAST = ("--poses", "6", "--verify-poses", "1", "--speed", "900", "--dwell", "0.3")
 TRUTH = Payload(1.5, (0.02, -0.012, 0.085), (1.0, -2.0, 3.0), (0.1, 0.2, -0.3))

@@ -20,7 +20,8 @@ from common.messages import ArbiterStatus
 from common.payload import Payload, predict
 from common.requests import ArmRequest, Empty, ForceStartRequest, HoldRequest
 from sim.robot.ft_sensor import FtSample
-from tests.fakes.calibration import DEMO, FAST, HOME_RAD, QUICK, CalibrationLab, demo_cell
+from tests.fakes.bench import DEMO
+from tests.fakes.calibration import FAST, HOME_RAD, QUICK, CalibrationLab, demo_cell
 
 TRUTH = Payload(1.0, (0.012, -0.008, 0.055), (1.5, -2.0, 3.0), (0.05, -0.04, 0.03))  # of the sim
 FEW = {"poses": 6, "verify_poses": 1}

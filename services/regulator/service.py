@@ -13,6 +13,7 @@ from common.clock import NS_PER_S
 from common.convert import pose_of, record_of, vec3
 from common.endpoints import Bus, Reading
 from common.faults import refusal
+from common.frames import Array
 from common.messages import (
     ZERO3,
     Feedback,
@@ -177,20 +178,16 @@ class Regulator:
         if command is not None and command.limited and T_let_through is not None:
             before = put_back(before, T_let_through)  # back-calculate: go on from there
         sample = LawInput(
-            force_N=np.array(wrench.force_N),
-            torque_Nm=np.array(wrench.torque_Nm),
-            setpoint_N=setpoint_N,
-            mode=session.wanted.mode,
-            dt_s=dt_s,
+            force_N=np.array(wrench.force_N), torque_Nm=np.array(wrench.torque_Nm),
+            setpoint_N=setpoint_N, mode=session.wanted.mode, dt_s=dt_s,
             pose_is_new=report != session.report,
             R_base_task=task_frame(session.wanted, before.T_base_tcp.rotation),
             axes=session.wanted.axes,
-        )
+        )  # fmt: skip
         gains = ramped(session.gains, self._gains, dt_s)
         commanded = session.commanded or Commanded.of(self._cell)
-        commanded = commanded.after(
-            before.T_base_tcp if T_let_through is None else T_let_through, dt_s
-        )
+        T_commanded = before.T_base_tcp if T_let_through is None else T_let_through
+        commanded = commanded.after(T_commanded, dt_s)
         law, memory, guide, way = before, session.memory, session.guide, session.route
         if commanded.lag(self._sent(robot.fresh)):
             law, memory, commanded = self._behind(session, before, commanded, T_base_tcp)
@@ -200,15 +197,7 @@ class Regulator:
         if law.T_base_tcp is not before.T_base_tcp:
             most_m_s = self._cell.force.speed_max_m_s
             law, way = along(before, law, way, dt_s=dt_s, speed_max_m_s=most_m_s)
-        sent = None
-        if memory is not None and session.wanted.host == "controller":
-            sent = controller_gains(
-                session.sent,
-                self._gains,
-                law.T_base_tcp.rotation,
-                memory=memory,
-                tools=self._tools,
-            )
+        sent = self._for_controller(session, memory, law.T_base_tcp.rotation)
         turns = session.wanted.mode != "position"
         limited = self._proof.limited(wrench.calibration, turns=turns)
         seen = seen_by(law, sample, T_base_tcp, memory, motion=motion, limited=limited)
@@ -216,21 +205,21 @@ class Regulator:
         if trip is None and proof_of(watched, seen, self._guards):
             self._proof = replace(self._proof, touched=origin(wrench.calibration))
         session = replace(
-            session,
-            law=law,
-            memory=memory,
-            guide=guide,
-            setpoint_N=setpoint_N,
-            gains=gains,
-            sent=sent,
-            watch=watched,
-            route=way,
-            T_measured=T_base_tcp,
-            commanded=commanded,
-            last_sample_ns=stamp_ns,
-            report=report,
-        )
+            session, law=law, memory=memory, guide=guide, setpoint_N=setpoint_N, gains=gains,
+            sent=sent, watch=watched, route=way, T_measured=T_base_tcp, commanded=commanded,
+            last_sample_ns=stamp_ns, report=report,
+        )  # fmt: skip
         return session, trip
+
+    def _for_controller(
+        self, session: Session, memory: Adaptive | None, R_base_tcp: Array
+    ) -> Gains | None:
+        """Return the gains that the adaptive law sends to the controller, if that regulates."""
+        if memory is None or session.wanted.host != "controller":
+            return None
+        return controller_gains(
+            session.sent, self._gains, R_base_tcp, memory=memory, tools=self._tools
+        )
 
     def _behind(
         self, session: Session, before: LawState, commanded: Commanded, T_measured: pin.SE3

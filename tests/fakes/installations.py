@@ -43,7 +43,7 @@ def belief(payload: Payload = PAYLOAD, oat_deg: tuple[float, float, float] = OAT
 def readings(
     payload: Payload = PAYLOAD,
     *,
-    poses: int = 6,
+    poses: int = 8,  # of six, one drawing in a thousand does not tell one axis from another
     force: Array = EYE,
     torque: Array = EYE,
     world: World | None = None,

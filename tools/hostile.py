@@ -288,8 +288,8 @@ def is_well(found: dict[str, Any]) -> bool:
 
 
 @contextmanager
-def running_cell() -> Iterator[str]:
-    """Bring the demo's cell up on a free port; yield its endpoint."""
+def running_cell(cell_file: str) -> Iterator[str]:
+    """Bring a cell up on a free port; yield its endpoint."""
     with socket.create_server(("127.0.0.1", 0)) as probe:
         endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
     with tempfile.TemporaryDirectory() as folder:
@@ -298,7 +298,7 @@ def running_cell() -> Iterator[str]:
             "FORCEMESH_RUN_FOLDER": folder,
             "FORCEMESH_RECORDINGS": f"{folder}/recordings",
         }
-        command = [sys.executable, "-m", "cli", "up", "--no-panel", "--cell", "cells/demo.yaml"]
+        command = [sys.executable, "-m", "cli", "up", "--no-panel", "--cell", cell_file]
         with Path(folder, "log").open("w", encoding="utf-8") as log:
             up = subprocess.Popen(
                 command, cwd=ROOT, env=os.environ | moved, stdout=log, stderr=subprocess.STDOUT
@@ -340,13 +340,14 @@ def connected(endpoint: str) -> zenoh.Session:
 def main() -> int:
     """Assault a cell, print what came of it."""
     parser = argparse.ArgumentParser(prog="tools.hostile", description=__doc__)
-    parser.add_argument("--up", action="store_true", help="bring the demo up for it")
+    parser.add_argument("--up", nargs="?", const="cells/demo.yaml", metavar="FILE",
+                        help="bring a cell up for it, the demo if none is named")  # fmt: skip
     parser.add_argument("--endpoint", default="tcp/127.0.0.1:7447")
     parser.add_argument("--cell", default="demo", help="its name on the bus")
     parser.add_argument("--count", type=int, default=10_000)
     parser.add_argument("--seed", type=int, default=1)
     given = parser.parse_args()
-    with running_cell() if given.up else _nothing(given.endpoint) as endpoint:
+    with running_cell(given.up) if given.up else _nothing(given.endpoint) as endpoint:
         session = connected(endpoint)
         try:
             found = assault(Outsider(session, given.cell, given.seed), given.count)

@@ -18,8 +18,8 @@ DEMO = Path(__file__).resolve().parents[2] / "cells" / "demo.yaml"
 CELL = load_cell(DEMO)
 # At half the demo's rates a virtual cell takes two thirds of the time: for what does not depend on
 # them. Nor does a lab have to have a sensor of 500 Hz.
-LIGHT_RATES = {"robot_hz": 125, "sensor_hz": 250, "control_hz": 125}
-LIGHT_CELL = load_cell(DEMO, {"rates": LIGHT_RATES})
+HALF_RATES = {"robot_hz": 125, "sensor_hz": 250, "control_hz": 125}
+HALF_CELL = load_cell(DEMO, {"rates": HALF_RATES})
 
 
 class Bench:

@@ -11,12 +11,12 @@ from cli.virtual import VirtualCell
 from common.cell import Cell
 from common.config import load_cell
 from sim.robot.kinematics import ArmKinematics
-from tests.fakes.bench import DEMO, LIGHT_RATES
+from tests.fakes.bench import DEMO, HALF_RATES
 
 HOME_RAD = np.radians([0.0, 0.0, -90.0, 0.0, -90.0, 0.0])
 QUICK: dict[str, Any] = {
     "limits.speed_m_s": 1.0,  # the cell file's own limit would take minutes of virtual time
-    "rates": LIGHT_RATES,
+    "rates": HALF_RATES,
 }
 FAST = Pace(speed_m_s=0.8, dwell_s=0.3)
 

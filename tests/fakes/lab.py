@@ -17,7 +17,7 @@ from common.messages import (
     RobotState,
 )
 from common.requests import Empty, ForceStartRequest, MoveRequest
-from tests.fakes.bench import LIGHT_CELL
+from tests.fakes.bench import HALF_CELL
 
 PRESS_N = 20.0
 STILL_M = 5e-5
@@ -27,7 +27,7 @@ BRAKE_S = 0.25
 class Lab:
     """The cell with a client's eyes and hands."""
 
-    def __init__(self, cell: Cell = LIGHT_CELL) -> None:
+    def __init__(self, cell: Cell = HALF_CELL) -> None:
         """Wait out the preflight, tare and arm."""
         self.cell = VirtualCell(cell)
         self.robot = self.cell.client.reader(topics.ROBOT_STATE)

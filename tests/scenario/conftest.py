@@ -11,6 +11,7 @@ import pytest
 
 from chaos.common_net import free_port
 from common.config import dump_cell, load_cell
+from tests.fakes.bench import HALF_RATES
 from tests.repeats import real_time
 
 ROOT = Path(__file__).parents[2]
@@ -26,7 +27,7 @@ LIGHT: dict[str, Any] = {
 }
 # Half the demo's rates: a motion of 20 ms is measured in whole periods of the control.
 HALF: dict[str, Any] = {
-    "rates": {"robot_hz": 125, "sensor_hz": 250, "control_hz": 125},
+    "rates": HALF_RATES,
     "force.approach_m_s": 0.01,
 }
 

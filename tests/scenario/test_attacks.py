@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 from chaos.common_net import free_port
 from cli.__main__ import app
 from common.config import dump_cell, load_cell
-from tests.fakes.bench import LIGHT_RATES
+from tests.scenario.conftest import LIGHT
 from tools.attacks import ATTACKS
 
 pytestmark = [pytest.mark.judged_once, pytest.mark.realtime, pytest.mark.processes]
@@ -30,7 +30,7 @@ def cell_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         "cell": "attacked",
         "bus.endpoint": f"tls/127.0.0.1:{free_port()}",
         "bus.tls": {"folder": str(tmp_path / "pki")},
-        "rates": LIGHT_RATES,
+        **LIGHT,
     }
     path = tmp_path / "cell.yaml"
     path.write_text(dump_cell(load_cell(ROOT / "cells" / "demo.yaml", overrides)))

@@ -8,6 +8,9 @@ from pathlib import Path
 
 import pytest
 
+from common.config import dump_cell, load_cell
+from tests.scenario.conftest import LIGHT
+
 pytestmark = [
     pytest.mark.judged_once,
     pytest.mark.realtime,
@@ -18,10 +21,11 @@ pytestmark = [
 ROOT = Path(__file__).parents[2]
 
 
-def test_no_hostile_request_or_message_ends_a_process_or_moves_a_held_arm() -> None:
+def test_no_hostile_request_or_message_ends_a_process_or_moves_a_held_arm(tmp_path: Path) -> None:
     """Every process lives, a held arm rests, every hold works. `make hostile` sends 10 000."""
-    count = 400
-    command = [sys.executable, "-m", "tools.hostile", "--up", "--count", str(count)]
+    count, light = 400, tmp_path / "cell.yaml"
+    light.write_text(dump_cell(load_cell(ROOT / "cells" / "demo.yaml", LIGHT)))
+    command = [sys.executable, "-m", "tools.hostile", "--up", str(light), "--count", str(count)]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
     found = json.loads(done.stdout)

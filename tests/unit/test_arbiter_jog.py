@@ -7,7 +7,7 @@ from common.endpoints import Bus
 from common.requests import ArmRequest, Empty, ForceStartRequest, HoldRequest, MoveRequest
 from common.service import Runner, reporter_of
 from services.wrench.service import WrenchService
-from tests.fakes.bench import LIGHT_CELL
+from tests.fakes.bench import HALF_CELL
 from tests.fakes.lab import BRAKE_S, Lab
 
 FORCE = ForceStartRequest(mode="position", setpoint_N=10.0)
@@ -15,9 +15,9 @@ FORCE = ForceStartRequest(mode="position", setpoint_N=10.0)
 
 def restart_wrench(lab: Lab) -> None:
     """Put a new process in the place of the wrench service."""
-    bus = Bus("wrench", LIGHT_CELL.cell, lab.cell.transport, LIGHT_CELL, lab.cell.clock)
-    service = WrenchService(bus, LIGHT_CELL)
-    lab.cell.runners["wrench"] = Runner(service, [reporter_of(bus, LIGHT_CELL)], lab.cell.clock)
+    bus = Bus("wrench", HALF_CELL.cell, lab.cell.transport, HALF_CELL, lab.cell.clock)
+    service = WrenchService(bus, HALF_CELL)
+    lab.cell.runners["wrench"] = Runner(service, [reporter_of(bus, HALF_CELL)], lab.cell.clock)
 
 
 def test_after_a_tare_was_lost_in_contact_one_jogs_away_and_goes_on() -> None:

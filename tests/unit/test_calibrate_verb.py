@@ -20,7 +20,7 @@ from common.frames import quaternion_from_R, rotation_from_vector
 from common.payload import Payload, predict
 from common.requests import Reply
 from services.wrench.recording import COLUMNS, read_recording
-from tests.fakes.bench import DEMO, LIGHT_RATES
+from tests.fakes.bench import DEMO, HALF_RATES
 from tests.fakes.calibration import HOME_RAD, CalibrationLab
 
 FAST = ("--poses", "6", "--verify-poses", "1", "--speed", "900", "--dwell", "0.3")
@@ -31,7 +31,7 @@ def cell_file(folder: Path, calibration: str | None = "made/demo.yaml") -> Path:
     """Write the demo's cell file, which names a calibration, into a folder."""
     tree = yaml.safe_load(DEMO.read_text())
     tree["limits"]["speed_m_s"] = 1.0
-    tree["rates"] = LIGHT_RATES
+    tree["rates"] = HALF_RATES
     tree["calibration"] = calibration
     tree["tool"]["name"] = "disc"
     tree["contact"]["inertia_kg"] = 1.6  # heavier than the tools of these tests

@@ -13,7 +13,7 @@ from common.requests import ArmRequest
 from services.wrench.installation_fit import SIGNED
 from services.wrench.installation_terms import Belief
 from sim.robot.ft_sensor import FtSample
-from tests.fakes.bench import CELL, LIGHT_CELL
+from tests.fakes.bench import CELL, HALF_CELL
 
 NS_PER_S = 1e9
 BEGIN_S, END_S = 0.4, 1.2  # after the prompt
@@ -81,7 +81,7 @@ def pushed(cell, person):
 @pytest.fixture
 def cell() -> VirtualCell:
     """A cell that is up, not armed."""
-    world = VirtualCell(LIGHT_CELL)
+    world = VirtualCell(HALF_CELL)
     world.advance(1.2)
     return world
 

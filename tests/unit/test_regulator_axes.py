@@ -14,7 +14,7 @@ from common.requests import ArmRequest, Empty, ForceStartRequest
 from services.regulator.law import LawInput, PiGains, start_at, step
 from services.regulator.settings import law_settings
 from tests.fakes.arbiter_world import T_START
-from tests.fakes.bench import CELL, LIGHT_CELL
+from tests.fakes.bench import CELL, HALF_CELL
 from tests.fakes.regulator_bench import T_FLANGE_TCP, RegulatorBench
 
 X_ONLY = (True, False, False, False, False, False)
@@ -25,7 +25,7 @@ GAINS = PiGains(np.full(3, 1e-6), np.full(3, 1e-3), np.full(3, 0.01), np.full(3,
 
 def test_a_set_point_along_a_held_axis_is_refused_and_nothing_moves() -> None:
     """`force start --setpoint 5 --axes x --frame base` went 20 mm down and pressed with 6 N."""
-    world = VirtualCell(LIGHT_CELL)
+    world = VirtualCell(HALF_CELL)
     world.advance(1.3)
     assert world.client.ask(topics.TARE, Empty()).accepted
     assert world.client.ask(topics.ARM, ArmRequest()).accepted

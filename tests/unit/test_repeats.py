@@ -53,6 +53,7 @@ def test_planted(number):
         raise AssertionError("planted")
 """
 REAL = "@pytest.mark.realtime"
+ALONE = {"PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"}  # each plugin takes its time to start
 
 
 def run(folder: Path, marks: str, stall: str, number: int = 1, *options: str) -> tuple[int, str]:
@@ -62,11 +63,11 @@ def run(folder: Path, marks: str, stall: str, number: int = 1, *options: str) ->
     (folder / "test_planted.py").write_text(text)
     (folder / "pytest.ini").write_text("[pytest]\n")
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "test_planted.py"]
-    command += options
+    command += ["-p", "pytest_rerunfailures", "-p", "xdist.plugin", *options]
     done = subprocess.run(
         command,
         cwd=folder,
-        env={"PYTHONPATH": str(ROOT)},
+        env={"PYTHONPATH": str(ROOT), **ALONE},
         capture_output=True,
         text=True,
         check=False,
@@ -147,7 +148,7 @@ def test_what_is_left_out_is_a_failure_in_ci(
     done = subprocess.run(
         [sys.executable, "-m", "pytest", "-qra", "-p", "no:cacheprovider", "test_planted.py"],
         cwd=tmp_path,
-        env={"PYTHONPATH": str(ROOT), "CI": ci},
+        env={"PYTHONPATH": str(ROOT), "CI": ci, **ALONE},
         capture_output=True,
         text=True,
         check=False,

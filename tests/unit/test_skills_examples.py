@@ -10,7 +10,7 @@ from cli.virtual import VirtualCell
 from common.client import Cell
 from common.config import load_cell
 from tests.fakes.axes_checked import axes_are_checked
-from tests.fakes.bench import DEMO, LIGHT_RATES
+from tests.fakes.bench import DEMO, HALF_RATES
 
 ROOT = Path(__file__).resolve().parents[2]
 PROGRAMS = sorted((ROOT / "examples").glob("*.py"))
@@ -31,7 +31,7 @@ def load(name: str):
 def armed(**overrides) -> tuple[VirtualCell, Cell]:
     """Return a cell in virtual time and a program's client of it."""
     changed = {f"sim.{k}": v for k, v in overrides.items()}
-    config = load_cell(DEMO, {"rates": LIGHT_RATES, **changed})
+    config = load_cell(DEMO, {"rates": HALF_RATES, **changed})
     world = VirtualCell(config)
     cell = Cell(config, bus=world.client)
     cell.wait_ready()

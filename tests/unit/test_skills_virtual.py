@@ -15,7 +15,7 @@ from common.config import load_cell
 from common.convert import pose_of
 from common.errors import ArmStoppedError, DataError, NotReachedError
 from tests.fakes.axes_checked import axes_are_checked
-from tests.fakes.bench import CELL, DEMO, LIGHT_RATES
+from tests.fakes.bench import CELL, DEMO, HALF_RATES
 from tests.fakes.verbs import said
 
 assert CELL.sim is not None
@@ -26,7 +26,7 @@ class Skilled:
     """A cell in virtual time, armed, and the client that the skills are given."""
 
     def __init__(self, **overrides) -> None:
-        config = load_cell(DEMO, {"rates": LIGHT_RATES, **overrides})
+        config = load_cell(DEMO, {"rates": HALF_RATES, **overrides})
         self.world = VirtualCell(config)
         self.client = Cell(config, bus=self.world.client, commander="operator")
         self.client.wait_ready()

@@ -7,9 +7,11 @@ that a red run is always the change's own doing. What may be repeated: `tests/re
 import os
 import tempfile
 from collections.abc import Generator
+from functools import cache
 from pathlib import Path
 
 import pytest
+import typer.testing
 from hypothesis import Phase, settings
 
 from tests.repeats import Repeats
@@ -22,6 +24,9 @@ settings.register_profile(
     "mutants", settings.get_profile("ci"), phases=(Phase.explicit, Phase.generate)
 )
 settings.load_profile("ci" if os.environ.get("CI") else "dev")
+
+# The tree of verbs does not change, and takes longer to make than most of them to refuse.
+typer.testing._get_command = cache(typer.testing._get_command)  # type: ignore[attr-defined]
 
 # A panel beside every cell that a test brings up would take its time and its port: tests/browser
 # asks for one where it is wanted.

@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio as pin
 
 from common.faults import tripped
-from common.frames import Array, is_finite_pose, rotation_between
+from common.frames import Array, is_finite_pose, length, rotation_between
 from common.limits import Limits, check_workspace
 from common.messages import Speed, Trip, WrenchAtTcp
 
@@ -57,7 +57,7 @@ class Plan:
             "workspace": "straight back into the workspace",
             "blind": "back along the tool's axis, without a force to follow",
         }
-        way_mm, most_mm_s = 1e3 * _size(self.way_m), 1e3 * SPEED_M_S
+        way_mm, most_mm_s = 1e3 * length(self.way_m), 1e3 * SPEED_M_S
         return f"{way_mm:.1f} mm {along[self.kind]}, at most {most_mm_s:g} mm/s"
 
 
@@ -104,7 +104,7 @@ def _followed(limits: Limits, T_base_tcp: pin.SE3, wrench: WrenchAtTcp | None) -
         )
         return tripped("already", text, value=force_N, limit=ENDS_BELOW * limits.force_N)
     way = _inside(limits, np.asarray(T_base_tcp.translation)) - T_base_tcp.translation
-    return Plan("workspace", way * min(1.0, FARTHEST_M / _size(way)))
+    return Plan("workspace", way * min(1.0, FARTHEST_M / length(way)))
 
 
 def _along(T_base_tcp: pin.SE3, force: Array, force_N: float) -> Plan | Trip:
@@ -132,13 +132,13 @@ def _not_outward(limits: Limits, p: Array, way: Array) -> Array:
     """Return a way without the little that leads farther out on an axis that is outside."""
     low, high = p < limits.workspace_min_m, p > limits.workspace_max_m
     outward = (low & (way < 0.0)) | (high & (way > 0.0))
-    little = np.abs(way) < OUTWARD_SHARE * _size(way)
+    little = np.abs(way) < OUTWARD_SHARE * length(way)
     return np.where(outward & little, 0.0, way)
 
 
 def _within(limits: Limits, T_base_tcp: pin.SE3, found: Plan) -> Plan | Trip:
     """Return as much of a way as leads nowhere more outside, or why that is too little."""
-    way_m = _size(found.way_m)
+    way_m = length(found.way_m)
     for share in np.linspace(1.0, 0.0, 41):
         T = pin.SE3(T_base_tcp.rotation, T_base_tcp.translation + share * found.way_m)
         if check_workspace(limits, T) is None:
@@ -215,8 +215,8 @@ def goal_trip(own: Plan | Trip, T_from: pin.SE3, T_to: pin.SE3, speed: Speed) ->
         return tripped("speed", text, value=real_m_s, limit=SPEED_M_S)
     if not is_finite_pose(T_to):
         return tripped("not_finite", "the goal is not finite")
-    way, own_m = T_to.translation - T_from.translation, _size(own.way_m)
-    way_m, turn_rad = _size(way), _size(rotation_between(T_from.rotation, T_to.rotation))
+    way, own_m = T_to.translation - T_from.translation, length(own.way_m)
+    way_m, turn_rad = length(way), length(rotation_between(T_from.rotation, T_to.rotation))
     if turn_rad > SAME_TURN_RAD:
         text = f"backing off would turn the tool by {degrees(turn_rad):.2f} degrees"
         return tripped("state", text, value=turn_rad, limit=SAME_TURN_RAD)
@@ -286,7 +286,7 @@ class BackOff:
     def moved(self, T_base_flange: pin.SE3, now_ns: int) -> Trip | None:
         """Judge how far and how fast the arm went, and whether that takes the force away."""
         time_s = max(0, now_ns - self.since_ns) * 1e-9
-        way_m = _size(T_base_flange.translation - self.T_start.translation)
+        way_m = length(T_base_flange.translation - self.T_start.translation)
         most_m = LATE_M + FAST * SPEED_M_S * time_s
         if way_m > most_m:
             text = f"the arm went {way_m * 1e3:.1f} mm within {time_s:.1f} s while backing off"
@@ -303,7 +303,3 @@ class BackOff:
             )
             return tripped("still_loaded", text, value=load.lowest_N, limit=load.first_N)
         return None
-
-
-def _size(vector: Array) -> float:
-    return hypot(*vector.tolist())

@@ -46,8 +46,8 @@ def cross(a: Array, b: Array) -> Array:
 
 
 def length(vector: Array) -> float:
-    """Return the length of a vector, to the bit what `np.linalg.norm` says, three times as fast."""
-    return math.sqrt(vector.dot(vector))
+    """Return a length; unlike numpy's it overflows only where the length itself does."""
+    return math.hypot(*vector.tolist())
 
 
 def is_finite(numbers: Iterable[float]) -> bool:

@@ -15,6 +15,7 @@ from common.frames import (
     Array,
     is_finite,
     is_finite_pose,
+    length,
     rotation_between,
     rotation_from_vector,
 )
@@ -79,7 +80,7 @@ class Limits:
 
 def _plane(section: PlaneSection) -> Plane:
     normal = np.array(section.normal)
-    return Plane(np.array(section.point_m), normal / _length(normal))
+    return Plane(np.array(section.point_m), normal / length(normal))
 
 
 def check_workspace(limits: Limits, T_base_tcp: pin.SE3) -> Trip | None:
@@ -105,11 +106,11 @@ def check_step(limits: Limits, T_from: pin.SE3, T_to: pin.SE3) -> Trip | None:
     """Refuse a set point too far from where the robot is."""
     if not (is_finite_pose(T_from) and is_finite_pose(T_to)):
         return _not_finite("the set point or the arm's pose")
-    distance_m = _length(T_to.translation - T_from.translation)
+    distance_m = length(T_to.translation - T_from.translation)
     if distance_m > limits.step_m:
         text = f"set point {distance_m * 1e3:.1f} mm away from the arm"
         return tripped("step", text, value=distance_m, limit=limits.step_m)
-    angle_rad = _length(rotation_between(T_from.rotation, T_to.rotation))
+    angle_rad = length(rotation_between(T_from.rotation, T_to.rotation))
     if angle_rad > limits.step_rad:
         text = f"set point {degrees(angle_rad):.1f} degrees away from the arm"
         return tripped("step", text, value=angle_rad, limit=limits.step_rad)
@@ -120,11 +121,11 @@ def check_tether(limits: Limits, T_start: pin.SE3, T_now: pin.SE3) -> Trip | Non
     """Refuse to go or turn further from the flange pose at which the arm was armed."""
     if not (is_finite_pose(T_start) and is_finite_pose(T_now)):
         return _not_finite("the pose")
-    distance_m = _length(T_now.translation - T_start.translation)
+    distance_m = length(T_now.translation - T_start.translation)
     if distance_m > limits.tether_m:
         text = f"{distance_m * 1e3:.0f} mm away from where it was armed"
         return tripped("tether", text, value=distance_m, limit=limits.tether_m)
-    angle_rad = _length(rotation_between(T_start.rotation, T_now.rotation))
+    angle_rad = length(rotation_between(T_start.rotation, T_now.rotation))
     if angle_rad > limits.tether_rad:
         text = (
             f"turned {degrees(angle_rad):.1f} degrees away from how it was armed, "
@@ -185,21 +186,16 @@ def limit_speed(limits: Limits, T_from: pin.SE3, T_to: pin.SE3, dt_s: float) -> 
         return T_to
     step_m = T_to.translation - T_from.translation
     turn_rad = rotation_between(T_from.rotation, T_to.rotation)
-    scale_m = _scale(_length(step_m), limits.speed_m_s * dt_s)
-    scale_rad = _scale(_length(turn_rad), limits.speed_rad_s * dt_s)
+    scale_m = _scale(length(step_m), limits.speed_m_s * dt_s)
+    scale_rad = _scale(length(turn_rad), limits.speed_rad_s * dt_s)
     if scale_m == 1.0 and scale_rad == 1.0:
         return T_to
     R = rotation_from_vector(turn_rad * scale_rad) @ T_from.rotation
     return pin.SE3(R, T_from.translation + step_m * scale_m)
 
 
-def _scale(length: float, longest: float) -> float:
-    return 1.0 if length <= longest else longest / length
-
-
-def _length(vector: Array) -> float:
-    """Return a length; unlike numpy's it overflows only where the length itself does."""
-    return hypot(*vector.tolist())
+def _scale(size: float, longest: float) -> float:
+    return 1.0 if size <= longest else longest / size
 
 
 def _not_finite(what: str) -> Trip:

@@ -5,13 +5,13 @@ cut by the same share, so a tool that turns about its tip still turns about its 
 """
 
 from dataclasses import dataclass, replace
-from math import hypot, sqrt
+from math import sqrt
 
 import numpy as np
 import pinocchio as pin
 
 from common.faults import tripped
-from common.frames import Array, rotation_between, rotation_from_vector
+from common.frames import Array, length, rotation_between, rotation_from_vector
 from common.limits import Limits
 from common.messages import Trip
 
@@ -92,7 +92,7 @@ def brake(limits: Limits, before: Pace, dt_s: float) -> Pace:
 def resting_place(limits: Limits, pace: Pace) -> pin.SE3:
     """Return the flange pose where this motion would end if it were braked now."""
     way, turn = pace.speed_m_s, pace.turning_rad_s
-    half_s = 0.5 * max(_size(way) / limits.accel_m_s2, _size(turn) / limits.accel_rad_s2)
+    half_s = 0.5 * max(length(way) / limits.accel_m_s2, length(turn) / limits.accel_rad_s2)
     return _along(pace.T_base_flange, np.array([way, turn]) * half_s)
 
 
@@ -112,14 +112,14 @@ class _Most:
 
     def closing(self, pair: Array) -> float:
         """Speeds from which steps, each slower by the limit, end exactly at the wish."""
-        way = _closing_share(_size(pair[0]), 0.5 * self.limits.accel_m_s2 * self.dt_s)
-        return min(way, _closing_share(_size(pair[1]), 0.5 * self.limits.accel_rad_s2 * self.dt_s))
+        way = _closing_share(length(pair[0]), 0.5 * self.limits.accel_m_s2 * self.dt_s)
+        return min(way, _closing_share(length(pair[1]), 0.5 * self.limits.accel_rad_s2 * self.dt_s))
 
     def is_behind(self, pair: Array) -> bool:
         limits, dt_s = self.limits, self.dt_s
         way_m = limits.speed_m_s * max(dt_s, 0.5 * limits.speed_m_s / limits.accel_m_s2)
         turn_rad = limits.speed_rad_s * max(dt_s, 0.5 * limits.speed_rad_s / limits.accel_rad_s2)
-        return _size(pair[0]) > way_m or _size(pair[1]) > turn_rad
+        return length(pair[0]) > way_m or length(pair[1]) > turn_rad
 
 
 def _closing_share(speed: float, half: float) -> float:
@@ -128,7 +128,7 @@ def _closing_share(speed: float, half: float) -> float:
 
 
 def _share(pair: Array, most: float, most_rad: float) -> float:
-    way, turn = _size(pair[0]), _size(pair[1])
+    way, turn = length(pair[0]), length(pair[1])
     return min(most / way if way > most else 1.0, most_rad / turn if turn > most_rad else 1.0)
 
 
@@ -145,10 +145,6 @@ def _moved(T: pin.SE3, T_wished: pin.SE3, speeds: Array, dt_s: float) -> Pace:
     return Pace(_along(T, speeds * dt_s), T_wished, speeds[0], speeds[1])
 
 
-def _size(vector: Array) -> float:
-    return hypot(*vector.tolist())
-
-
 # --- windows of time ------------------------------------------------------------------------------
 
 
@@ -163,7 +159,7 @@ class Window:
         pair = _between(T_from, T_to)
         first_ns = now_ns - WINDOW_S * NS_PER_S
         kept = [step for step in self.steps if step[0] > first_ns]
-        return Window((*kept, (now_ns, _size(pair[0]), _size(pair[1]))))
+        return Window((*kept, (now_ns, length(pair[0]), length(pair[1]))))
 
 
 def check_rate(limits: Limits, window: Window) -> Trip | None:

@@ -104,7 +104,7 @@ class Arbiter:
 
     def _watch_readiness(self, inputs: Inputs) -> None:
         lost = known.missing(inputs)
-        if lost and known.missing(inputs, blind=True):  # what is missing to the blind is lost
+        if lost and known.missing(inputs, blind=True):  # which is never more than without
             self._blind_since_ns = None
         else:
             self._blind_since_ns = self._blind_since_ns or inputs.now_ns

@@ -13,7 +13,7 @@ from common.cell import Cell
 from common.clock import NS_PER_S
 from common.convert import pose_of
 from common.faults import tripped
-from common.frames import is_finite_pose, rotation_between
+from common.frames import is_finite_pose, length, rotation_between
 from common.messages import Trip
 from common.overruns import ALLOWED_SHARE, MOST_OVERRUNS, Overruns, allowed_gap_s
 from services.arbiter.controller_watch import ControllerWatch
@@ -89,11 +89,11 @@ class RestWatch:
 def _is_away(T_anchor: pin.SE3, T: pin.SE3) -> bool:
     if not (is_finite_pose(T) and is_finite_pose(T_anchor)):
         return True
-    away_m = hypot(*(T.translation - T_anchor.translation).tolist())
+    away_m = length(T.translation - T_anchor.translation)
     if away_m > REST_POSITION_M:
         return True
     turn_rad = rotation_between(T_anchor.rotation, T.rotation)
-    return hypot(*turn_rad.tolist()) > REST_TURN_RAD
+    return length(turn_rad) > REST_TURN_RAD
 
 
 class ResidualWatch:

@@ -1,6 +1,6 @@
 """From a program to closures: which file executes which instruction."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
@@ -13,7 +13,7 @@ from sim.controller import execute_tasks as tasks
 from sim.controller import execute_tcp as tcp
 from sim.controller import execute_waits as waits
 from sim.controller import syntax as s
-from sim.controller.compiled import Compiled, CompiledFile, Op
+from sim.controller.compiled import Compiled, Op
 from sim.controller.errors import AsError
 from sim.controller.evaluate import Evaluate
 from sim.controller.expressions import Expressions
@@ -95,11 +95,10 @@ INSTRUCTIONS: dict[str, CompileInstruction] = {
 
 
 @lru_cache(maxsize=8)
-def compile_file(source: SourceFile) -> CompiledFile:
+def compile_file(source: SourceFile) -> Mapping[str, Compiled]:
     """Return the programs of a file as they are executed: the same ones by every machine."""
     evaluate = Evaluate(Expressions())
-    programs = {n: compile_program(p, evaluate) for n, p in source.programs.items()}
-    return CompiledFile(programs, source.data)
+    return {name: compile_program(p, evaluate) for name, p in source.programs.items()}
 
 
 def compile_program(program: Program, evaluate: Evaluate) -> Compiled:

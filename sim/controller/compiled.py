@@ -3,11 +3,11 @@
 Nothing here belongs to one machine: what a step reads and moves, it finds at the task.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from sim.controller.syntax import DataValue, Program, Step
+from sim.controller.syntax import Program, Step
 
 if TYPE_CHECKING:
     from sim.controller.task import Task
@@ -32,11 +32,3 @@ class Compiled:
     def steps(self) -> tuple[Step, ...]:
         """The steps as written."""
         return self.program.steps
-
-
-@dataclass(frozen=True, slots=True)
-class CompiledFile:
-    """A file that any number of machines can load: programs by name, and data."""
-
-    programs: Mapping[str, Compiled]
-    data: tuple[DataValue, ...]

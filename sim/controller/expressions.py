@@ -13,23 +13,19 @@ Compiling never raises: what is wrong with an expression is raised when it is ex
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from operator import attrgetter
-from typing import TypeVar
 
 from sim.controller import formats, syntax, variables
 from sim.controller.errors import AsError
 from sim.controller.function_calls import compile_function
-from sim.controller.machine_api import Context, Machine
-from sim.controller.memory import Array, Cell, Memory, plain
+from sim.controller.machine_api import Context
+from sim.controller.memory import Array, Cell, plain
 from sim.controller.operations import compile_binary, compile_unary
 from sim.controller.syntax import Expression, Variable
 from sim.controller.values import Joints, Pose, Transformation, joints
 from sim.controller.variables import Indices, Locate, NamesOf, Read, Refer, Store
 
-T = TypeVar("T")
-
 _locals_of: NamesOf = attrgetter("locals")
-_globals_of_task: NamesOf = attrgetter("globals")
-_machine_of_task: Callable[[Context], Machine] = attrgetter("machine")
+_globals_of: NamesOf = attrgetter("globals")
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,15 +38,8 @@ class Options:
 class Expressions:
     """Compiles the expressions of programs."""
 
-    def __init__(
-        self,
-        memory: Memory | None = None,
-        machine: Machine | None = None,
-        options: Options | None = None,
-    ) -> None:
-        """Bind to a memory and a machine, or (None) take those of the task that evaluates."""
-        self.globals_of = _globals_of_task if memory is None else _always(memory.globals)
-        self.machine_of = _machine_of_task if machine is None else _always(machine)
+    def __init__(self, options: Options | None = None) -> None:
+        """Bind to what a controller has installed."""
         self.options = options or Options()
 
     # --- values -----------------------------------------------------------------------------------
@@ -126,12 +115,12 @@ class Expressions:
 
     def place(self, expression: Expression) -> Callable[[Context], Transformation]:
         """Compile to a transformation; joint values become one through the machine."""
-        read, machine_of = self.pose(expression), self.machine_of
+        read = self.pose(expression)
 
         def run(context: Context) -> Transformation:
             value = read(context)
             if isinstance(value, Joints):
-                return machine_of(context).transformation_of(value)
+                return context.machine.transformation_of(value)
             return value
 
         return run
@@ -140,7 +129,7 @@ class Expressions:
 
     def store(self, variable: Variable) -> Store:
         """Compile to a writer of a variable or element (P0150, P0132, P0133)."""
-        return variables.store(variable, self._names_of(variable), self.indices(variable))
+        return variables.store(variable, _names_of(variable), self.indices(variable))
 
     def refer(self, expression: Expression | None) -> Callable[[Context], Cell | Array | None]:
         """Compile an argument of CALL: the variable itself, or a new cell with a value."""
@@ -155,11 +144,11 @@ class Expressions:
 
     def refer_variable(self, variable: Variable) -> Refer:
         """Compile to the cell or array of a variable."""
-        return variables.refer(variable, self._names_of(variable), self.indices(variable))
+        return variables.refer(variable, _names_of(variable), self.indices(variable))
 
     def locate(self, variable: Variable) -> Locate:
         """Compile to array and index from which elements are stored one after the other."""
-        return variables.locate(variable, self._names_of(variable), self.indices(variable))
+        return variables.locate(variable, _names_of(variable), self.indices(variable))
 
     def indices(self, variable: Variable) -> Indices | None:
         """Compile what stands in brackets; None if nothing does."""
@@ -176,10 +165,6 @@ class Expressions:
             for item in items
             if item is not None
         ]
-        match parts:  # what programs encode most: one number
-            case [syntax.Format(code) as style, read] if code in formats.ALWAYS_THERE:
-                if not isinstance(read, syntax.Format):
-                    return _one_number(style, read)
         optional = self.options.optional_formats
 
         def run(context: Context) -> tuple[str, bool]:
@@ -190,31 +175,18 @@ class Expressions:
 
         return run
 
-    def _names_of(self, variable: Variable) -> NamesOf:
-        return _locals_of if variable.local else self.globals_of
-
     def _variable(self, variable: Variable, *, location: bool) -> Read:
         if variable.whole:
             return refuse("P0133", f"{variable.spelling}[] is a whole array")
         indices = self.indices(variable)
-        names_of = self._names_of(variable)
+        names_of = _names_of(variable)
         if indices is None:
             return variables.read_scalar(variable, names_of, location=location)
         return variables.read_element(variable, names_of, indices, location=location)
 
 
-def _one_number(style: syntax.Format, read: Read) -> Callable[[Context], tuple[str, bool]]:
-    def run(context: Context) -> tuple[str, bool]:
-        value = read(context)
-        if value.__class__ is float:
-            return formats.number(style, value), True
-        return formats.layout((style, value), optional=False)
-
-    return run
-
-
-def _always(value: T) -> Callable[[Context], T]:
-    return lambda _: value
+def _names_of(variable: Variable) -> NamesOf:
+    return _locals_of if variable.local else _globals_of
 
 
 def refuse(code: str, detail: str) -> Read:

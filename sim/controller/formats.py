@@ -14,7 +14,6 @@ from sim.controller.values import NUMBER, Value
 DEFAULT = Format("D")
 OPTIONAL = frozenset("JKL")
 NUMERIC = frozenset("DEFGHIJKL")
-ALWAYS_THERE = NUMERIC - OPTIONAL
 SIGNIFICANT = 8
 LINE_FEED = "\n"
 
@@ -28,7 +27,7 @@ def layout(items: Iterable[Value | Format], *, optional: bool) -> tuple[str, boo
         if isinstance(item, str):
             parts.append(item)
         elif isinstance(item, NUMBER):
-            parts.append(number(current, float(item)))
+            parts.append(_number(current, float(item)))
         elif not isinstance(item, Format):
             raise AsError("P0118", "a pose cannot be printed; DECOMPOSE it first")
         elif item.code in NUMERIC:
@@ -55,8 +54,7 @@ def _space(item: Format) -> str:
     raise AsError("P0108", f"/{item.code} is no format; there are /D /E /F /G /H /I /C /S /X")
 
 
-def number(style: Format, value: float) -> str:
-    """Return a number in a numeric format; asterisks where it does not fit."""
+def _number(style: Format, value: float) -> str:
     written = WRITERS[style.code](style, value)
     return written if style.width is None or len(written) <= style.width else "*" * style.width
 

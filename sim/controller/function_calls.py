@@ -40,7 +40,7 @@ def _computed(expressions: Expressions, call: Function) -> Read:
         return _refuse(error.code, error.detail)
     location = "p" in function.types or "t" in function.types
     readers = [_reader(expressions, item, location=location) for item in call.arguments]
-    machine_of, compute, check = expressions.machine_of, function.compute, function.check
+    compute, check = function.compute, function.check
     # What `check` has let through once it always lets through: it only looks at types.
     passed: set[tuple[type, ...]] = set()
 
@@ -50,7 +50,7 @@ def _computed(expressions: Expressions, call: Function) -> Read:
         if types not in passed:
             check(arguments)
             passed.add(types)
-        return compute(machine_of(context), arguments)
+        return compute(context.machine, arguments)
 
     if len(readers) != 1:
         return run
@@ -62,7 +62,7 @@ def _computed(expressions: Expressions, call: Function) -> Read:
         if argument.__class__ not in passed_alone:
             check((argument,))
             passed_alone.add(argument.__class__)
-        return compute(machine_of(context), (argument,))
+        return compute(context.machine, (argument,))
 
     return run_with_one
 
@@ -101,13 +101,13 @@ def _looked_up(expressions: Expressions, call: Function) -> Read:
         return _refuse("P0116", f"{call.name} takes a variable or a string with its name")
     spelling = _spelling(expressions, call.name, call.arguments[0])
     always_local = call.name.startswith("EXISTLOCAL")
-    dimension, globals_of = _dimension(expressions, call), expressions.globals_of
+    dimension = _dimension(expressions, call)
     name, is_exists = call.name, call.name in EXISTS
 
     def run(context: Context) -> Value:
         spelled = spelling(context)
         local = always_local or spelled.startswith(".")
-        names = context.locals if local else globals_of(context)
+        names = context.locals if local else context.globals
         if is_exists:
             return exists(name, spelled, names)
         return extreme_index(name, spelled, int(dimension(context)), names)

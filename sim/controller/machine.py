@@ -42,9 +42,8 @@ class Machine(Control):
             for frame in task.frames:
                 if frame.program.name in source.programs:
                     raise AsError("P1014", f"{frame.program.name} is running")
-        compiled = compile_file(source)
-        self.programs = {**self.programs, **compiled.programs}
-        self.memory.fill(compiled.data)
+        self.programs = {**self.programs, **compile_file(source)}
+        self.memory.fill(source.data)
 
     def advance(self, until_ns: int) -> None:
         """Let time pass in lock step, up to a moment."""

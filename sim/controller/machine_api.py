@@ -5,7 +5,7 @@ The machine implements this; expressions never reach past it. Lengths in mm, ang
 
 from typing import Protocol
 
-from sim.controller.memory import Locals
+from sim.controller.memory import Locals, Names
 from sim.controller.values import Joints, Pose, Transformation
 
 
@@ -88,8 +88,16 @@ class Machine(Protocol):
 
 
 class Context(Protocol):
-    """Who evaluates an expression: the task. Only its locals matter to the language."""
+    """Who evaluates an expression: the task, with its variables and its machine."""
 
     @property
     def locals(self) -> Locals:
         """The local variables of the program that runs now."""
+
+    @property
+    def globals(self) -> Names:
+        """The variables that all tasks share."""
+
+    @property
+    def machine(self) -> Machine:
+        """The controller that it runs on."""

@@ -65,13 +65,13 @@ class Scheduler:
         """Give every task that can go on one step; none can: let time pass to the next tick."""
         idle, step_ns = True, self._step_ns
         if self.now_ns >= self._stalled_until_ns:
-            tasks, turn = self._tasks, self._turn
-            for task in (*tasks[turn:], *tasks[:turn]):
-                turn += 1
+            tasks, count = self._tasks, len(self._tasks)
+            for _ in range(count):
+                task = tasks[self._turn]
+                self._turn = (self._turn + 1) % count
                 if not task.ready:
                     continue
                 idle, self.current = False, task
-                self._turn = turn % len(tasks)
                 task.step()
                 self.steps += 1
                 self.now_ns += step_ns
@@ -79,7 +79,6 @@ class Scheduler:
                     self._pass_tick()
                 if self.now_ns >= until_ns:
                     return
-            self._turn = turn % len(tasks)  # all had theirs: the same one begins again
         if idle:
             self.now_ns = min(self._next_tick_ns, until_ns)
             while self.now_ns >= self._next_tick_ns:

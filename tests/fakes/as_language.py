@@ -54,9 +54,9 @@ class AsLanguage:
         self.locals = Locals()
         self.signals: set[int] = set()
         self.errors = [0]
-        machine = standing_machine(self.signals, self.errors)
-        options = Options(optional_formats=optional_formats)
-        self.expressions = Expressions(self.memory, machine, options)
+        self.globals = self.memory.globals
+        self.machine = standing_machine(self.signals, self.errors)
+        self.expressions = Expressions(Options(optional_formats=optional_formats))
         self.run(*assignments)
 
     def run(self, *assignments: str) -> "AsLanguage":

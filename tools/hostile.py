@@ -1,6 +1,6 @@
 """A hostile outsider with Zenoh and MessagePack alone: nothing of forcemesh is imported here.
 
-python -m tools.hostile --up [--count 10000]          brings up the simulated demo on a free port
+python -m tools.hostile --up [FILE] [--count 10000]   brings up a cell on a free port, or the demo
 python -m tools.hostile --endpoint tcp/... --cell NAME
 
 Sends so many hostile requests and messages to a running cell, first while the arm is held, then

@@ -24,7 +24,6 @@ dampers and slip only take, for any step. Hence the plate never gives more work 
 
 import math
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import NamedTuple
 
 from sim.robot.settings import SimSettings
@@ -98,7 +97,7 @@ class SprungPlate:
 
     def step(self, disc: Disc, dt_s: float) -> Push:
         """Let the disc move for `dt_s` [s] to where it is said to be; return what it feels."""
-        rule = _midpoint(self.stiffness_N_m, self.tilt_stiffness_Nm_rad, self.relaxation_s, dt_s)
+        rule = _Midpoint.of(self, dt_s)
         free_slope = (rule.kept * self.slope[0], rule.kept * self.slope[1])
         squeeze = _Squeeze(disc, rule, rule.kept * self.travel_m, free_slope)
         normal_N, arm = (0.0, _ORIGIN) if self._misses(disc, squeeze) else squeeze.solve()
@@ -142,14 +141,11 @@ class _Midpoint(NamedTuple):
     kept: float
     dt_s: float
 
-
-@lru_cache(maxsize=8)
-def _midpoint(
-    stiffness_N_m: float, tilt_stiffness_Nm_rad: float, relaxation_s: float, dt_s: float
-) -> _Midpoint:
-    rate = relaxation_s / dt_s + 0.5
-    k, k_tilt = rate * stiffness_N_m, rate * tilt_stiffness_Nm_rad
-    return _Midpoint(k, k_tilt, 1.0 - 1.0 / rate, dt_s)
+    @classmethod
+    def of(cls, plate: SprungPlate, dt_s: float) -> "_Midpoint":
+        rate = plate.relaxation_s / dt_s + 0.5
+        k, k_tilt = rate * plate.stiffness_N_m, rate * plate.tilt_stiffness_Nm_rad
+        return cls(k, k_tilt, 1.0 - 1.0 / rate, dt_s)
 
 
 class _Squeeze(NamedTuple):

@@ -8,8 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from common.config import dump_cell, load_cell
-from tests.scenario.conftest import LIGHT
+from common.config import load_cell
 
 pytestmark = [
     pytest.mark.judged_once,
@@ -21,11 +20,11 @@ pytestmark = [
 ROOT = Path(__file__).parents[2]
 
 
-def test_no_hostile_request_or_message_ends_a_process_or_moves_a_held_arm(tmp_path: Path) -> None:
+def test_no_hostile_request_or_message_ends_a_process_or_moves_a_held_arm(cell_file: Path) -> None:
     """Every process lives, a held arm rests, every hold works. `make hostile` sends 10 000."""
-    count, light = 400, tmp_path / "cell.yaml"
-    light.write_text(dump_cell(load_cell(ROOT / "cells" / "demo.yaml", LIGHT)))
-    command = [sys.executable, "-m", "tools.hostile", "--up", str(light), "--count", str(count)]
+    count, name = 400, load_cell(cell_file).cell
+    command = [sys.executable, "-m", "tools.hostile", "--up", str(cell_file), "--cell", name]
+    command += ["--count", str(count)]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
     found = json.loads(done.stdout)

@@ -53,7 +53,7 @@ def test_planted(number):
         raise AssertionError("planted")
 """
 REAL = "@pytest.mark.realtime"
-ALONE = {"PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"}  # each plugin takes its time to start
+FEW_PLUGINS = {"PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"}  # each plugin takes its time to start
 
 
 def run(folder: Path, marks: str, stall: str, number: int = 1, *options: str) -> tuple[int, str]:
@@ -67,7 +67,7 @@ def run(folder: Path, marks: str, stall: str, number: int = 1, *options: str) ->
     done = subprocess.run(
         command,
         cwd=folder,
-        env={"PYTHONPATH": str(ROOT), **ALONE},
+        env={"PYTHONPATH": str(ROOT), **FEW_PLUGINS},
         capture_output=True,
         text=True,
         check=False,
@@ -148,7 +148,7 @@ def test_what_is_left_out_is_a_failure_in_ci(
     done = subprocess.run(
         [sys.executable, "-m", "pytest", "-qra", "-p", "no:cacheprovider", "test_planted.py"],
         cwd=tmp_path,
-        env={"PYTHONPATH": str(ROOT), "CI": ci, **ALONE},
+        env={"PYTHONPATH": str(ROOT), "CI": ci, **FEW_PLUGINS},
         capture_output=True,
         text=True,
         check=False,

@@ -124,21 +124,36 @@ def identify(steps: Steps) -> tuple[Fit, ...]:
 def _fit(task: _Task, sum_s: float) -> Fit:
     """Return the best of the searches that begin with a sum of delay and lag."""
     starts = (((1.0 - share) * sum_s, share * sum_s) for share in START_SHARES)
-    best = min((_search(task, *start) for start in starts), key=lambda point: point.square)
+    ends = [_search(task, *start) for start in starts]
+    best = min(ends, key=lambda point: point.square)
     count, square = len(best.off_m), max(best.square, LEAST_REST_M**2)
     alike = float(np.clip(best.off_m[1:] @ best.off_m[:-1] / square, 0.0, MOST_ALIKE))
     samples = count * (1.0 - alike) / (1.0 + alike)
-    covariance = (
-        np.linalg.pinv(best.slopes.T @ best.slopes) * square / (count - 3) * count / samples
-    )
+    variance = square / (count - 3) * count / samples
+    covariance = np.linalg.pinv(best.slopes.T @ best.slopes) * variance
     return Fit(
         stages=task.stages,
         delay_s=best.delay_s,
         lag_s=best.lag_s,
         rest_m=sqrt(square / count),
         sum_deviation_s=sqrt(max(float(covariance.sum()), 0.0)),
-        lag_deviation_s=sqrt(max(float(covariance[1, 1]), 0.0)),
+        lag_deviation_s=_lag_deviation(ends, best, variance, float(covariance[1, 1])),
     )
+
+
+def _lag_deviation(ends: list[_Point], best: _Point, variance: float, square_s2: float) -> float:
+    """Return how far the lag is known: no better than the other ends of the search are unlikely.
+
+    Few poses leave several lags that fit nearly alike, and the slopes at the best see that one
+    only. An end that fits worse by z deviations (likelihood ratio) and lies off by w says w / z.
+    """
+    local_s = sqrt(max(square_s2, 0.0))
+    widths_s = [local_s]
+    for end in ends:
+        off_s = abs(end.lag_s - best.lag_s)
+        if off_s > local_s:
+            widths_s.append(off_s / max(1.0, sqrt((end.square - best.square) / variance)))
+    return max(widths_s)
 
 
 def _search(task: _Task, delay_s: float, lag_s: float) -> _Point:

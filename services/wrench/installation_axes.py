@@ -12,6 +12,7 @@ from services.wrench.installation_fit import (
     nearest_wiring,
     turn_angle,
 )
+from services.wrench.installation_payload import COM_M
 from services.wrench.installation_terms import Belief, Finding
 from services.wrench.installation_words import (
     driver_mend,
@@ -62,7 +63,7 @@ def axis_findings(force: ForceFit, torque: TorqueFits, belief: Belief) -> list[F
         return strange or _of_torque(torque, belief)
     # A moment that shows nothing goes along with whatever the force says.
     if torque.shown and not any(same(fit.wiring, force.wiring) for fit in fits):
-        return [_apart(force, fits)]
+        return [_apart(force, fits, belief)]
     if np.linalg.det(force.wiring) < 0.0:
         return [_mirrored(force), *strange]
     own = any(same(fit.wiring, EYE) for fit in fits) and not same(force.wiring, EYE)
@@ -92,19 +93,25 @@ def _of_torque(torque: TorqueFits, belief: Belief) -> list[Finding]:
             f"would be {1e3 * np.linalg.norm(best.com_m):.0f} mm on the other side of the sensor"
         )
     else:
-        best = _most_likely(fits or list(torque.fits))
+        best = _most_likely(fits or list(torque.fits), belief)
         text = f"the forces are right, but of the torques {wrong_channels(best.wiring, 'M')}"
     return [Finding("torque_axes", text, driver_mend(best.wiring, "M"))]
 
 
-def _most_likely(fits: list[TorqueFit]) -> TorqueFit:
-    """Return the reading of the torques with the fewest mistakes."""
-    return max(fits, key=lambda fit: (float(np.trace(fit.wiring)), -fit.rms_Nm))
+def _most_likely(fits: list[TorqueFit], belief: Belief) -> TorqueFit:
+    """Return the reading of the torques with the believed lever, else with the fewest mistakes."""
+
+    def likelihood(fit: TorqueFit) -> tuple[bool, float, float]:
+        known = belief.com_m
+        agrees = known is not None and float(np.linalg.norm(fit.com_m - known)) <= COM_M
+        return agrees, float(np.trace(fit.wiring)), -fit.rms_Nm
+
+    return max(fits, key=likelihood)
 
 
-def _apart(force: ForceFit, fits: list[TorqueFit]) -> Finding:
+def _apart(force: ForceFit, fits: list[TorqueFit], belief: Belief) -> Finding:
     """Forces are wrong, and the torques are not wrong alike: that is wired, not mounted."""
-    torque = _most_likely(fits).wiring
+    torque = _most_likely(fits, belief).wiring
     of = "of the torques " + wrong_channels(torque, "M")
     torques = "the torques are right" if same(torque, EYE) else of
     if same(force.wiring, EYE):

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from bench.payload_worlds import World
@@ -74,6 +74,14 @@ def test_all_47_wrong_installations_are_told_and_mended(channels, world) -> None
     channels=st.sampled_from(CHANNELS),
     poses=st.integers(4, 12),
     seed=st.integers(0, 10**6),
+)
+@example(  # four poses: two wirings of the torques, each with a lever of its own, fit alike
+    payload=Payload(1.0, (0.012, -0.03, 0.0625), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)),
+    oat_deg=(0.0, 5.0, 0.0),
+    wiring=3,
+    channels="torques",
+    poses=4,
+    seed=48026,
 )
 def test_any_tool_on_any_mounting_shows_it(payload, oat_deg, wiring, channels, poses, seed) -> None:
     """Eight poses are enough, whatever hangs on the sensor and however it sits; fewer never lie."""

@@ -89,6 +89,20 @@ class RobotSection(Section):
             )
         return self
 
+    @model_validator(mode="after")
+    def _joint_ranges_are_not_empty(self) -> "RobotSection":
+        ranges = enumerate(zip(self.joint_min_deg, self.joint_max_deg, strict=True), start=1)
+        empty = [
+            f"joint {joint} has {low} and {high} degrees"
+            for joint, (low, high) in ranges
+            if not low < high
+        ]
+        if empty:
+            raise ValueError(
+                f"joint_min_deg must be below joint_max_deg for each joint: {', '.join(empty)}"
+            )
+        return self
+
 
 class SensorSection(Section):
     """The force/torque sensor: where it sits, what it can read, how it is reached."""

@@ -191,6 +191,7 @@ class AlignmentWatch:
         self._limit_s = limit_s
         self._seen = (0, 0)  # seq of robot and wrench at the last pair
         self._bad_pairs = 0
+        self._trip: Trip | None = None  # of the last pair
 
     def see(self, inputs: Inputs) -> Trip | None:
         """Return why pose and wrench do not belong together."""
@@ -204,6 +205,10 @@ class AlignmentWatch:
         if robot.seq != self._seen[0] and wrench.seq != self._seen[1]:
             self._seen = (robot.seq, wrench.seq)
             self._bad_pairs = self._bad_pairs + 1 if abs(apart_s) > self._limit_s else 0
+            self._trip = self._trip_of(apart_s)
+        return self._trip
+
+    def _trip_of(self, apart_s: float) -> Trip | None:
         if self._bad_pairs < MISALIGNED_PAIRS:
             return None
         older = "wrench" if apart_s > 0.0 else "robot/state"

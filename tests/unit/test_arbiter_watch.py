@@ -258,6 +258,23 @@ def test_the_second_pair_out_of_step_is_told_whatever_their_numbers(
             assert trip.text.startswith(f"{older} is 63 ms older")
 
 
+@pytest.mark.parametrize(("sign", "older"), [(1, "wrench"), (-1, "robot/state")])
+@pytest.mark.parametrize("since_ns", [0, 1, -1, S])
+def test_a_trip_gives_the_age_of_the_pair_that_was_judged(
+    sign: int, older: str, since_ns: int
+) -> None:
+    """Not of a message that came alone since then: without a new one of the other it is no pair."""
+    watch = AlignmentWatch(0.0625)
+    watch.see(pair(1, 1, sign * S // 8))
+    trip = watch.see(pair(2, 2, sign * S // 8))
+    assert trip is not None
+    assert trip.text.startswith(f"{older} is 125 ms older")
+    assert trip.value == pytest.approx(0.125)
+    for robot_seq, wrench_seq in ((3, 2), (2, 3)):
+        assert watch.see(pair(robot_seq, wrench_seq, -sign * since_ns)) == trip
+    assert watch.see(pair(3, 3, 0)) is None
+
+
 @pytest.mark.parametrize("lost", ["robot", "wrench", "sensor", "sample"])
 def test_what_was_never_heard_is_no_older_than_anything(lost: str) -> None:
     """Pose, wrench, sensor and the sample behind the wrench: one without a stamp tells no age."""

@@ -1,6 +1,7 @@
 """What a cell file may not say, at the limits of it; and the files that a cell file names."""
 
 from collections.abc import Callable
+from math import nextafter
 from pathlib import Path
 from typing import Any
 
@@ -105,6 +106,30 @@ def test_joint_ranges_in_radians_are_asked_about() -> None:
     """The joints of this arm in radians: every axis would stop after three degrees."""
     (line,) = mistakes({"robot.joint_min_deg": [-3.1] * 6, "robot.joint_max_deg": [3.1] * 6})
     assert line.endswith("is that in radians?")
+
+
+@pytest.mark.parametrize("joint", range(6))
+def test_the_lower_end_of_each_joint_s_range_is_below_the_upper(joint: int) -> None:
+    """In an empty range no move of the arm would be allowed."""
+    lower, upper = list(DEMO_CELL.robot.joint_min_deg), list(DEMO_CELL.robot.joint_max_deg)
+    changes = {"robot.joint_min_deg": lower, "robot.joint_max_deg": upper}
+    lower[joint], upper[joint] = -100.0, nextafter(-100.0, 0.0)
+    assert changed(changes).robot.joint_max_deg[joint] == upper[joint]
+    for angle_deg in (-100.0, -100.5):
+        upper[joint] = angle_deg
+        (line,) = mistakes(changes)
+        assert line == (
+            "robot: joint_min_deg must be below joint_max_deg for each joint: "
+            f"joint {joint + 1} has -100.0 and {angle_deg} degrees"
+        )
+
+
+def test_every_joint_whose_range_is_empty_is_named_at_once() -> None:
+    """Two lists that were exchanged are one mistake, in one line."""
+    lower, upper = DEMO_CELL.robot.joint_min_deg, DEMO_CELL.robot.joint_max_deg
+    (line,) = mistakes({"robot.joint_min_deg": list(upper), "robot.joint_max_deg": list(lower)})
+    assert all(f"joint {number} has" in line for number in range(1, 7))
+    assert "joint 3 has 157.0 and -157.0 degrees" in line
 
 
 def test_a_wall_without_a_direction_is_none() -> None:

@@ -225,6 +225,16 @@ def test_a_joint_may_turn_a_tenth_faster_than_it_can_in_a_tenth_of_a_second(
             assert "joint 5 turns with 605 degrees/s" in trip.text
 
 
+def test_a_joint_may_turn_a_tenth_faster_than_it_can_to_the_last_digit() -> None:
+    """550 degrees/s and a tenth are 60.5 degrees in 100 ms; the next number is too much."""
+    allowed_rad = radians(60.5)
+    for turned_rad, rule in ((allowed_rad, ""), (nextafter(allowed_rad, 2.0), "joint_speed")):
+        guard = guard_at()
+        assert guard.arm(DOWN, (0.0,) * 6, 0) is None
+        trip = guard.arm(DOWN, (0.0, 0.0, 0.0, 0.0, turned_rad, 0.0), 100 * MS)
+        assert code(trip) == rule
+
+
 def test_a_joint_s_speed_is_not_judged_before_a_tenth_of_a_second_is_known() -> None:
     """Two reports with jitter between them, or rounded, would look like any speed."""
     guard, away = guard_at(), (0.0, 0.0, 0.0, 0.0, 1.5, 0.0)

@@ -1,5 +1,6 @@
 """How commanded poses may move: whatever is wished for, speed and acceleration are kept."""
 
+from dataclasses import replace
 from itertools import pairwise
 from math import nextafter, radians
 
@@ -268,6 +269,12 @@ def test_braking_takes_off_the_acceleration_in_each_period(kind: int) -> None:
     assert pace.is_still
 
 
+@each_kind
+def test_braking_for_no_time_changes_neither_pose_nor_speed(kind: int) -> None:
+    """Two periods may have one time stamp: the speed may change by nothing, and by no 0/0."""
+    assert gone(kind, brake(LIMITS, moving(kind, 0.1), 0.0)) == (0.0, 0.1)
+
+
 @pytest.mark.parametrize(
     ("speed", "turning", "half_s"),
     [(0.2, 0.0, 0.05), (0.0, 0.8, 0.4 / ACCELS[1]), (0.2, 0.1, 0.05), (0.01, 0.8, 0.4 / ACCELS[1])],
@@ -296,3 +303,21 @@ def test_a_pace_lags_when_it_is_behind_by_more_than_full_speed_takes_to_brake(
         pace = limit_motion(LIMITS, still(ORIGIN), wish, dt_s)
         assert gone(kind, pace)[0] == pytest.approx(first)
         assert pace.lags == lags
+
+
+@pytest.mark.parametrize(
+    ("kind", "speed_rad_s", "dt_s", "first", "behind"),
+    [
+        (0, SPEEDS[1], 0.004, 2.0 * 0.004**2, 0.015625),  # 0.25 m/s braked with 2 m/s2
+        (0, SPEEDS[1], 0.125, 2.0 * 0.125**2, 0.03125),  # a period at 0.25 m/s
+        (1, 0.5, 0.125, 0.0625, 0.0625),  # a period at 0.5 rad/s
+    ],
+)
+def test_a_pace_that_is_behind_by_the_limit_itself_does_not_lag(
+    kind: int, speed_rad_s: float, dt_s: float, first: float, behind: float
+) -> None:
+    """By the next number it does: in numbers that a difference and a rotation give back exactly."""
+    limits, farthest = replace(LIMITS, speed_rad_s=speed_rad_s), first + behind
+    for amount, lags in ((farthest, False), (nextafter(farthest, 1.0), True)):
+        pace = limit_motion(limits, still(ORIGIN), along(kind, amount), dt_s)
+        assert pace.lags is lags

@@ -176,8 +176,8 @@ def test_at_set_point_0_what_the_tool_does_is_stored_and_goes_back_first() -> No
     [
         (nextafter(2e-5, 0.0), 0.0, False),
         (2e-5, 0.0, True),
-        (0.0, 1.99e-4, False),
-        (0.0, 2.01e-4, True),
+        (0.0, nextafter(2e-4, 0.0), False),
+        (0.0, 2e-4, True),  # so small a turn comes back from its rotation unchanged
         (1.99e-5, 1.99e-4, False),
     ],
 )

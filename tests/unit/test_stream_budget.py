@@ -62,12 +62,14 @@ def test_a_stream_begins_with_one_step_and_not_more(kind: int) -> None:
     assert code(budget.spend(along(kind, STEPS[kind] * (1.0 + LITTLE)), START_NS)) == "speed"
 
 
-def test_a_step_itself_may_be_gone() -> None:
+# The way's differences are exact, and the turn comes back from its rotation unchanged.
+@pytest.mark.parametrize(("kind", "step"), [(0, 2.0**-7), (1, radians(10.0))])
+def test_a_step_itself_may_be_gone(kind: int, step: float) -> None:
     """To the last digit, in numbers that are exact; and it is used up to the last digit."""
-    budget = begun(0, **(ROUND | {"step_m": 2.0**-7}))
-    assert code(budget.spend(along(0, nextafter(2.0**-7, 1.0)), START_NS)) == "speed"
-    assert budget.spend(along(0, 2.0**-7), START_NS) is None
-    assert code(budget.spend(along(0, 2.0**-7 + 1e-11), START_NS)) == "speed"
+    budget = begun(kind, **(ROUND | {"step_m": 2.0**-7}))
+    assert code(budget.spend(along(kind, nextafter(step, 1.0)), START_NS)) == "speed"
+    assert budget.spend(along(kind, step), START_NS) is None
+    assert code(budget.spend(along(kind, step + 1e-11), START_NS)) == "speed"
 
 
 @each_kind
@@ -128,11 +130,18 @@ def test_in_any_250_ms_no_more_is_gone_than_the_speed_gives(kind: int) -> None:
         assert code(trip) == rule
 
 
-def test_the_way_of_a_window_may_be_gone_to_the_last_digit() -> None:
+@pytest.mark.parametrize(
+    ("kind", "above"),
+    [
+        (0, nextafter(WINDOW * SPEEDS[0], 1.0)),
+        (1, WINDOW * SPEEDS[1] * (1.0 + 1e-15)),  # the next number comes back as a smaller turn
+    ],
+)
+def test_the_way_of_a_window_may_be_gone_to_the_last_digit(kind: int, above: float) -> None:
     """In numbers that are exact."""
-    budget = begun(0, **WIDE, **ROUND)
-    assert code(budget.spend(along(0, nextafter(0.078125, 1.0)), START_NS + 4 * MS)) == "rate"
-    assert budget.spend(along(0, 0.078125), START_NS + 4 * MS) is None
+    budget = begun(kind, **WIDE, **ROUND)
+    assert code(budget.spend(along(kind, above), START_NS + 4 * MS)) == "rate"
+    assert budget.spend(along(kind, WINDOW * SPEEDS[kind]), START_NS + 4 * MS) is None
 
 
 # --- from one 60 ms to the next -------------------------------------------------------------------
@@ -169,6 +178,14 @@ def test_from_one_60_ms_to_the_next_motion_changes_by_the_acceleration_at_most(
         if trip is not None:
             assert trip.value == pytest.approx(SUDDEN[kind] / 0.06**2)
             assert trip.limit == ACCELS[kind]
+
+
+def test_motion_may_change_by_the_acceleration_to_the_last_digit() -> None:
+    """From rest, in numbers that are exact."""
+    most_m, at_ns = SUDDEN[0], START_NS + 4 * MS
+    trip = begun(0, **WIDE).spend(along(0, nextafter(most_m, 1.0)), at_ns)
+    assert code(trip) == "acceleration"
+    assert begun(0, **WIDE).spend(along(0, most_m), at_ns) is None
 
 
 # --- from one stream to the next ------------------------------------------------------------------

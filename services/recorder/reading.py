@@ -3,7 +3,7 @@
 import heapq
 import struct
 from collections.abc import Callable, Iterator
-from contextlib import suppress
+from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -59,14 +59,24 @@ class RecordedFile:
         """Read what stands before the messages. Raise DataError where it is none of ours."""
         self.path = path
         self.about: dict[str, str] = {}
-        self.cell: Cell | None = None
         self.is_whole = False  # known after the first time through
         self.events: list[Event] = []
+        self._cell_file: bytes | None = None
         self._channels: dict[int, records.Channel] = {}
         for _ in self._records(stop=lambda: bool(self._channels)):
             pass
         if not self.about:
             raise DataError(f"{path}: no recording of forcemesh: it lacks the metadata")
+
+    @cached_property
+    def cell(self) -> Cell | None:
+        """The cell as it was; None where another version wrote it: what was said can be read."""
+        if self._cell_file is None:
+            return None
+        try:
+            return cell_from_tree(yaml.safe_load(self._cell_file), str(self.path))
+        except (ConfigError, yaml.YAMLError):
+            return None
 
     def said(self, topic: str | None = None) -> Iterator[Said]:
         """Yield every message, or those of one topic, in the order of the file.
@@ -151,5 +161,4 @@ class RecordedFile:
         elif isinstance(record, records.Metadata) and record.name == EVENT:
             self.events.append(Event(int(record.metadata["at_ns"]), record.metadata["what"]))
         elif isinstance(record, records.Attachment) and record.name == CELL_FILE:
-            with suppress(ConfigError):  # of another version: what was said can still be read
-                self.cell = cell_from_tree(yaml.safe_load(record.data), str(self.path))
+            self._cell_file = record.data

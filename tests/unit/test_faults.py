@@ -1,6 +1,7 @@
 """The dictionary of faults: complete, unique, documented, and the only way to say why."""
 
 import ast
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -23,14 +24,20 @@ KINDS_OF_RULES = {
 }
 
 
-def calls(name: str) -> list[tuple[Path, ast.Call]]:
-    """Every call of a function or class in the product's code, with its file."""
+@cache
+def every_call() -> list[tuple[Path, ast.Call]]:
+    """Every call in the product's code, with its file."""
     return [
         (path, node)
         for path in CODE
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
-        if isinstance(node, ast.Call) and getattr(node.func, "id", "") == name
+        if isinstance(node, ast.Call)
     ]
+
+
+def calls(name: str) -> list[tuple[Path, ast.Call]]:
+    """Every call of a function or class in the product's code, with its file."""
+    return [each for each in every_call() if getattr(each[1].func, "id", "") == name]
 
 
 def test_rules_are_unique_in_order_and_of_a_known_hundred() -> None:

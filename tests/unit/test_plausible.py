@@ -1,6 +1,7 @@
 """Numbers in another unit: refused in each field of cell, payload and calibration."""
 
 from collections.abc import Iterator
+from copy import deepcopy
 from pathlib import Path
 from typing import Any
 
@@ -43,7 +44,7 @@ def physical(tree: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]
 
 def scaled(tree: dict[str, Any], path: tuple[Any, ...], factor: float) -> dict[str, Any]:
     """Return a tree with one of its fields in another unit."""
-    copy: dict[str, Any] = yaml.safe_load(yaml.safe_dump(tree))
+    copy = deepcopy(tree)
     inside: Any = copy
     for name in path[:-1]:
         inside = inside[name]
@@ -79,9 +80,9 @@ def test_each_physical_field_times_a_thousand_is_refused_with_the_question(path:
     ]
     assert len(fields) > 60
     taken = {
-        ".".join(field): mistake(scaled(tree, field, 1000.0))
+        ".".join(field): said
         for field in fields
-        if "is that in" not in mistake(scaled(tree, field, 1000.0))
+        if "is that in" not in (said := mistake(scaled(tree, field, 1000.0)))
     }
     assert taken == {}
 

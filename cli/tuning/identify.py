@@ -137,23 +137,21 @@ def _fit(task: _Task, sum_s: float) -> Fit:
         lag_s=best.lag_s,
         rest_m=sqrt(square / count),
         sum_deviation_s=sqrt(max(float(covariance.sum()), 0.0)),
-        lag_deviation_s=_lag_deviation(ends, best, variance, float(covariance[1, 1])),
+        lag_deviation_s=_lag_deviation(
+            ends, best, variance, sqrt(max(float(covariance[1, 1]), 0.0))
+        ),
     )
 
 
-def _lag_deviation(ends: list[_Point], best: _Point, variance: float, square_s2: float) -> float:
+def _lag_deviation(ends: list[_Point], best: _Point, variance: float, local_s: float) -> float:
     """Return how far the lag is known: no better than the other ends of the search are unlikely.
 
     Few poses leave several lags that fit nearly alike, and the slopes at the best see that one
     only. An end that fits worse by z deviations (likelihood ratio) and lies off by w says w / z.
     """
-    local_s = sqrt(max(square_s2, 0.0))
-    widths_s = [local_s]
-    for end in ends:
-        off_s = abs(end.lag_s - best.lag_s)
-        if off_s > local_s:
-            widths_s.append(off_s / max(1.0, sqrt((end.square - best.square) / variance)))
-    return max(widths_s)
+    unlikely = [sqrt((end.square - best.square) / variance) for end in ends]
+    off_s = [abs(end.lag_s - best.lag_s) for end in ends]
+    return max(local_s, *(w / max(1.0, z) for w, z in zip(off_s, unlikely, strict=True)))
 
 
 def _search(task: _Task, delay_s: float, lag_s: float) -> _Point:

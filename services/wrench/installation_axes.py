@@ -99,7 +99,7 @@ def _of_torque(torque: TorqueFits, belief: Belief) -> list[Finding]:
 
 
 def _most_likely(fits: list[TorqueFit], belief: Belief) -> TorqueFit:
-    """Return the reading of the torques with the believed lever, else with the fewest mistakes."""
+    """Return the fit with the believed centre of mass, else that with the fewest mistakes."""
 
     def likelihood(fit: TorqueFit) -> tuple[bool, float, float]:
         known = belief.com_m

@@ -75,7 +75,7 @@ def test_all_47_wrong_installations_are_told_and_mended(channels, world) -> None
     poses=st.integers(4, 12),
     seed=st.integers(0, 10**6),
 )
-@example(  # four poses: two wirings of the torques, each with a lever of its own, fit alike
+@example(  # four poses: two wirings of the torques, each with its own centre of mass, fit alike
     payload=Payload(1.0, (0.012, -0.03, 0.0625), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)),
     oat_deg=(0.0, 5.0, 0.0),
     wiring=3,

@@ -1,0 +1,29 @@
+"""The walks through the code that CONTRIBUTING counts: what is traced, and that it is so."""
+
+import re
+
+import pytest
+
+from tools.walks import ROOT, WALKS, main
+
+
+@pytest.mark.parametrize("name", WALKS)
+def test_no_walk_is_longer_than_the_page_says(name: str) -> None:
+    """Nor shorter by more than a tenth: then the page is to say so."""
+    page = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    (row,) = re.findall(rf"^ +{name}: +(\d+) files, (\d+) functions$", page, re.MULTILINE)
+    trace = WALKS[name]()
+    for counted, stated in zip((trace.files, trace.functions), row, strict=True):
+        assert 0.9 * int(stated) <= len(counted) <= int(stated)
+
+
+def test_a_walk_goes_from_service_to_service_as_the_data_does(capsys) -> None:
+    """Sensor, wrench, regulator, arbiter; each file is listed with its functions."""
+    main(["--list"])
+    told = capsys.readouterr().out
+    sample = told.partition("sample over TCP:")[0]
+    stations = ["sensor_feed.py", "services/wrench/", "services/regulator/", "services/arbiter/"]
+    places = [sample.index(station) for station in stations]
+    assert places == sorted(places)
+    assert "services/regulator/adaptive.py: advance" in sample
+    assert "cli/" not in told

@@ -108,18 +108,20 @@ def compile_program(program: Program, evaluate: Evaluate) -> Compiled:
     as on the controller, with its code, program and step. Each one is compiled when it is reached
     first: half of a program never is.
     """
-    return Compiled(
-        program, tuple(_when_reached(step, at, evaluate) for at, step in enumerate(program.steps))
-    )
+    ops: list[Op] = []
+    for at, step in enumerate(program.steps):
+        ops.append(_when_reached(step, at, evaluate, ops))
+    return Compiled(program, ops)
 
 
-def _when_reached(step: Step, at: int, evaluate: Evaluate) -> Op:
+def _when_reached(step: Step, at: int, evaluate: Evaluate, ops: list[Op]) -> Op:
+    """Return an operation that is compiled the first time, and from then on stands in its place."""
     op: Op | None = None
 
     def run(task: "Task") -> int:
         nonlocal op
         if op is None:
-            op = _compile(step, at, evaluate)
+            op = ops[at] = _compile(step, at, evaluate)
         return op(task)
 
     return run

@@ -3,7 +3,7 @@
 Nothing here belongs to one machine: what a step reads and moves, it finds at the task.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -21,7 +21,7 @@ class Compiled:
     """A program and its operations."""
 
     program: Program
-    ops: tuple[Op, ...]
+    ops: Sequence[Op]
 
     @property
     def name(self) -> str:

@@ -48,11 +48,6 @@ class Evaluate:
             raise AsError("P0100", f"{statement.name} needs argument {index + 1}")
         return lambda _: default
 
-    def condition(self, statement: Instruction, index: int) -> Callable[[Context], bool]:
-        """Return a condition of an instruction; P0100 when it is left out."""
-        number = self.argument(statement, index)
-        return lambda context: number(context) != 0.0
-
     def target(self, expression: Expression | None) -> Callable[[Context], Target]:
         """Return where a motion goes."""
         if expression is None:

@@ -32,13 +32,13 @@ def compile_until(statement: s.Until, at: int, evaluate: Evaluate) -> Op:
 
 def compile_goto(statement: s.Goto, at: int, evaluate: Evaluate) -> Op:
     """Compile GOTO; one whose label does not exist fails when it is executed (E0101)."""
-    if statement.target == s.UNRESOLVED:
-        jump = _no_label(statement.label)
-    else:
-        jump = go_on(statement.target)
+    found = statement.target != s.UNRESOLVED
+    jump = go_on(statement.target) if found else _no_label(statement.label)
     if statement.condition is None:
         return jump
     condition = evaluate.truth(statement.condition)
+    if found:
+        return _unless(condition, statement.target, at + 1)
     return lambda task: jump(task) if condition(task) else at + 1
 
 
@@ -114,7 +114,7 @@ def compile_return(_: s.Return, at: int, __: Evaluate) -> Op:
     return run
 
 
-def _unless(condition: Callable[[Task], bool], then: int, otherwise: int) -> Op:
+def _unless(condition: Callable[[Task], float], then: int, otherwise: int) -> Op:
     return lambda task: then if condition(task) else otherwise
 
 

@@ -16,8 +16,8 @@ _LONGEST_S = 1e6
 
 def compile_wait(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
     """Compile WAIT condition."""
-    condition = evaluate.condition(statement, 0)
-    return wait_until(at, lambda task: lambda _: condition(task))
+    condition = evaluate.argument(statement, 0)
+    return wait_until(at, lambda task: lambda _: condition(task) != 0.0)
 
 
 def compile_twait(statement: Instruction, at: int, evaluate: Evaluate) -> Op:

@@ -11,15 +11,17 @@ Compiling never raises: what is wrong with an expression is raised when it is ex
 """
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from operator import attrgetter
+from typing import cast
 
-from sim.controller import formats, syntax, variables
+from sim.controller import formats, functions_number, syntax, variables
 from sim.controller.errors import AsError
 from sim.controller.function_calls import compile_function
 from sim.controller.machine_api import Context
-from sim.controller.memory import Array, Cell, plain
-from sim.controller.operations import compile_binary, compile_unary
+from sim.controller.memory import Array, Cell, index_of, plain
+from sim.controller.operations import compile_binary, compile_unary, compile_with_constant
 from sim.controller.syntax import Expression, Variable
 from sim.controller.values import Joints, Pose, Transformation, joints
 from sim.controller.variables import Indices, Locate, NamesOf, Read, Refer, Store
@@ -53,10 +55,8 @@ class Expressions:
                 return self._variable(expression, location=location)
             case syntax.Reference(variable):
                 return self._variable(variable, location=location)
-            case syntax.Binary(sign, left, right):
-                same = location and sign in "+-"
-                first, second = self.value(left, location=same), self.value(right, location=same)
-                return compile_binary(sign, first, second)
+            case syntax.Binary():
+                return self._binary(expression, location=location)
             case syntax.Unary(sign, operand):
                 return compile_unary(sign, self.value(operand, location=location and sign == "-"))
             case syntax.Function():
@@ -75,6 +75,8 @@ class Expressions:
             constant = expression.value
             return lambda _: constant
         read = self.value(expression)
+        if gives_number(expression):
+            return cast("Callable[[Context], float]", read)
 
         def run(context: Context) -> float:
             value = read(context)
@@ -84,10 +86,9 @@ class Expressions:
 
         return run
 
-    def truth(self, expression: Expression) -> Callable[[Context], bool]:
-        """Compile to a condition: every number but 0 is true."""
-        read = self.real(expression)
-        return lambda context: read(context) != 0.0
+    def truth(self, expression: Expression) -> Callable[[Context], float]:
+        """Compile to a condition: every number but 0 is true, for AS as for Python."""
+        return self.real(expression)
 
     def text(self, expression: Expression) -> Callable[[Context], str]:
         """Compile to a string (P0118)."""
@@ -154,6 +155,11 @@ class Expressions:
         """Compile what stands in brackets; None if nothing does."""
         if not variable.indices:
             return None
+        numbers = [index.value for index in variable.indices if isinstance(index, syntax.Number)]
+        if len(numbers) == len(variable.indices):
+            with suppress(AsError):  # one out of range is raised when it is executed
+                constant = index_of(numbers)
+                return lambda _: constant
         return variables.indices_of([self.value(index) for index in variable.indices])
 
     # --- text of PRINT and $ENCODE ----------------------------------------------------------------
@@ -165,15 +171,15 @@ class Expressions:
             for item in items
             if item is not None
         ]
-        optional = self.options.optional_formats
+        return formats.layout(parts, optional=self.options.optional_formats)
 
-        def run(context: Context) -> tuple[str, bool]:
-            return formats.layout(
-                (part if isinstance(part, syntax.Format) else part(context) for part in parts),
-                optional=optional,
-            )
-
-        return run
+    def _binary(self, expression: syntax.Binary, *, location: bool) -> Read:
+        sign, right = expression.operator, expression.right
+        same = location and sign in "+-"
+        first = self.value(expression.left, location=same)
+        if isinstance(right, syntax.Number):
+            return compile_with_constant(sign, first, right.value)
+        return compile_binary(sign, first, self.value(right, location=same))
 
     def _variable(self, variable: Variable, *, location: bool) -> Read:
         if variable.whole:
@@ -183,6 +189,21 @@ class Expressions:
         if indices is None:
             return variables.read_scalar(variable, names_of, location=location)
         return variables.read_element(variable, names_of, indices, location=location)
+
+
+def gives_number(expression: Expression) -> bool:
+    """Tell whether an expression gives a number if it gives anything: nothing is left to check."""
+    match expression:
+        case syntax.Number():
+            return True
+        case syntax.Binary(sign, left, right):
+            return sign not in "+-" or gives_number(left) or gives_number(right)
+        case syntax.Unary(sign, operand):
+            return sign != "-" or gives_number(operand)
+        case syntax.Function(name):
+            return name in functions_number.FUNCTIONS
+        case _:
+            return False
 
 
 def _names_of(variable: Variable) -> NamesOf:

@@ -4,59 +4,72 @@ A format holds for the items behind it. /J /K /L are options of the controller a
 `optional` is set. Choices where the manual is silent are listed in docs/as-emulator.md.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Sequence
 
 from sim.controller.errors import AsError
 from sim.controller.functions_number import rounded
+from sim.controller.machine_api import Context
 from sim.controller.syntax_expressions import Format
-from sim.controller.values import NUMBER, Value
+from sim.controller.values import NUMBER
+from sim.controller.variables import Read
 
 DEFAULT = Format("D")
 OPTIONAL = frozenset("JKL")
 NUMERIC = frozenset("DEFGHIJKL")
 SIGNIFICANT = 8
-LINE_FEED = "\n"
+SPACES = {"X": " ", "C": "\n"}
 
 
-def layout(items: Iterable[Value | Format], *, optional: bool) -> tuple[str, bool]:
-    """Return the text of the items, and whether a line feed follows (not behind /S)."""
+def layout(
+    items: Sequence[Read | Format], *, optional: bool
+) -> Callable[[Context], tuple[str, bool]]:
+    """Compile items to their text, and whether a line feed follows (not behind /S)."""
     current = DEFAULT
-    parts: list[str] = []
-    feed = True
+    parts: list[Callable[[Context], str]] = []
     for item in items:
-        if isinstance(item, str):
-            parts.append(item)
-        elif isinstance(item, NUMBER):
-            parts.append(_number(current, float(item)))
-        elif not isinstance(item, Format):
-            raise AsError("P0118", "a pose cannot be printed; DECOMPOSE it first")
+        if not isinstance(item, Format):
+            parts.append(_written(item, current))
+        elif item.code in OPTIONAL and not optional:
+            text = f"/{item.code} is an option of the controller that is not installed"
+            parts.append(_refused(f"{text}; pad by hand, or switch the emulator's option on"))
         elif item.code in NUMERIC:
-            current = _allowed(item, optional=optional)
-        elif item.code == "S":
-            feed = False
-        else:
+            current = item
+        elif item.code != "S":
             parts.append(_space(item))
-    return "".join(parts), feed
+    feed = not any(isinstance(item, Format) and item.code == "S" for item in items)
+    if len(parts) == 1:
+        only = parts[0]
+        return lambda context: (only(context), feed)
+    return lambda context: ("".join([part(context) for part in parts]), feed)
 
 
-def _allowed(item: Format, *, optional: bool) -> Format:
-    if item.code in OPTIONAL and not optional:
-        text = f"/{item.code} is an option of the controller that is not installed"
-        raise AsError("P0108", f"{text}; pad by hand, or switch the emulator's option on")
-    return item
+def _refused(reason: str) -> Callable[[Context], str]:
+    def run(_: Context) -> str:
+        raise AsError("P0108", reason)
+
+    return run
 
 
-def _space(item: Format) -> str:
-    if item.code == "X":
-        return " " * (item.width or 0)
-    if item.code == "C":
-        return LINE_FEED * (item.width or 0)
-    raise AsError("P0108", f"/{item.code} is no format; there are /D /E /F /G /H /I /C /S /X")
+def _space(item: Format) -> Callable[[Context], str]:
+    if item.code not in SPACES:
+        return _refused(f"/{item.code} is no format; there are /D /E /F /G /H /I /C /S /X")
+    space = SPACES[item.code] * (item.width or 0)
+    return lambda _: space
 
 
-def _number(style: Format, value: float) -> str:
-    written = WRITERS[style.code](style, value)
-    return written if style.width is None or len(written) <= style.width else "*" * style.width
+def _written(read: Read, style: Format) -> Callable[[Context], str]:
+    write, width = WRITERS[style.code], style.width
+
+    def run(context: Context) -> str:
+        value = read(context)
+        if isinstance(value, str):
+            return value
+        if not isinstance(value, NUMBER):
+            raise AsError("P0118", "a pose cannot be printed; DECOMPOSE it first")
+        written = write(style, float(value))
+        return written if width is None or len(written) <= width else "*" * width
+
+    return run
 
 
 def _default(_: Format, value: float) -> str:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from sim.controller.errors import AsError
 from sim.controller.functions import Argument
+from sim.controller.functions_number import rounded
 from sim.controller.functions_text import decode
 from sim.controller.special_functions import EXISTS, EXTREMES, FUNCTIONS, exists, extreme_index
 from sim.controller.syntax import Expression, Function, Variable
@@ -14,8 +15,14 @@ from sim.controller.values import Value, text
 
 if TYPE_CHECKING:
     from sim.controller.expressions import Expressions
+    from sim.controller.functions import Function as Described
     from sim.controller.machine_api import Context
     from sim.controller.variables import Read
+
+    ReadArgument = Callable[[Context], Argument]
+
+# What a function does with one single-precision real, where Python or we have just that.
+OF_REAL: dict[str, Callable[[float], float]] = {"ABS": abs, "ROUND": rounded}
 
 
 def compile_function(expressions: Expressions, call: Function) -> Read:
@@ -40,6 +47,12 @@ def _computed(expressions: Expressions, call: Function) -> Read:
         return _refuse(error.code, error.detail)
     location = "p" in function.types or "t" in function.types
     readers = [_reader(expressions, item, location=location) for item in call.arguments]
+    if len(readers) == 1:
+        return _of_one(function, readers[0])
+    if len(readers) == 2:
+        return _of_two(function, *readers)
+    if len(readers) == 3:
+        return _of_three(function, *readers)
     compute, check = function.compute, function.check
     # What `check` has let through once it always lets through: it only looks at types.
     passed: set[tuple[type, ...]] = set()
@@ -52,24 +65,63 @@ def _computed(expressions: Expressions, call: Function) -> Read:
             passed.add(types)
         return compute(context.machine, arguments)
 
-    if len(readers) != 1:
-        return run
-    only = readers[0]
-    passed_alone: set[type] = set()
+    return run
 
-    def run_with_one(context: Context) -> Value:
+
+def _of_one(function: Described, only: ReadArgument) -> Read:
+    compute, check, of_real = function.compute, function.check, OF_REAL.get(function.name)
+    passed: set[type] = set()
+
+    def run(context: Context) -> Value:
         argument = only(context)
-        if argument.__class__ not in passed_alone:
+        if argument.__class__ not in passed:
             check((argument,))
-            passed_alone.add(argument.__class__)
+            passed.add(argument.__class__)
         return compute(context.machine, (argument,))
 
-    return run_with_one
+    def run_of_real(context: Context) -> Value:
+        argument = only(context)
+        if argument.__class__ is float:
+            return of_real(argument)  # type: ignore[misc]
+        check((argument,))
+        return compute(context.machine, (argument,))
+
+    return run if of_real is None else run_of_real
 
 
-def _reader(
-    expressions: Expressions, item: Expression | None, *, location: bool
-) -> Callable[[Context], Argument]:
+def _of_two(function: Described, first: ReadArgument, second: ReadArgument) -> Read:
+    compute, check = function.compute, function.check
+    passed: set[tuple[type, type]] = set()
+
+    def run(context: Context) -> Value:
+        a, b = arguments = first(context), second(context)
+        types = a.__class__, b.__class__
+        if types not in passed:
+            check(arguments)
+            passed.add(types)
+        return compute(context.machine, arguments)
+
+    return run
+
+
+def _of_three(
+    function: Described, first: ReadArgument, second: ReadArgument, third: ReadArgument
+) -> Read:
+    compute, check = function.compute, function.check
+    passed: set[tuple[type, type, type]] = set()
+
+    def run(context: Context) -> Value:
+        a, b, c = arguments = first(context), second(context), third(context)
+        types = a.__class__, b.__class__, c.__class__
+        if types not in passed:
+            check(arguments)
+            passed.add(types)
+        return compute(context.machine, arguments)
+
+    return run
+
+
+def _reader(expressions: Expressions, item: Expression | None, *, location: bool) -> ReadArgument:
     if item is None:
         return lambda _: None
     return expressions.value(item, location=location)

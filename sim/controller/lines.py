@@ -2,7 +2,7 @@
 
 import re
 from dataclasses import fields, is_dataclass
-from functools import cache
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import cast
 
@@ -57,8 +57,12 @@ def _lark() -> Lark:
     )
 
 
+@lru_cache(maxsize=2048)
 def parse_line(text: str) -> Line:
-    """Return label and statement of a line of a program; raise `LineError`."""
+    """Return label and statement of a line of a program; raise `LineError`.
+
+    Programs repeat their lines, and versions of a program share most of them: a line is a value.
+    """
     try:
         result = _lark().parse(text, start="line")
     except (UnexpectedInput, VisitError, AsError) as error:

@@ -116,6 +116,8 @@ class MotionQueue:
         `arrived`: the arm stands where it was last commanded to. Raises AsError when a motion
         cannot be followed on; then everything under way is braked or gone.
         """
+        if not self.busy:
+            return self.q_command
         feed = 0.0 if self.held else self.monitor_fraction
         try:
             for segment, _ in self._active:

@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 from sim.controller.machine_api import Context
 from sim.controller.operators import BINARY, UNARY
-from sim.controller.values import Value, single
+from sim.controller.values import Value, single, text
 from sim.controller.variables import Read
 
 FAST_ARITHMETIC: dict[str, Callable[[float, float], float]] = {
@@ -29,6 +29,8 @@ def compile_unary(sign: str, operand: Read) -> Read:
 def compile_binary(sign: str, left: Read, right: Read) -> Read:
     """Compile an operator between its operands; both are always evaluated, left first."""
     apply = BINARY[sign]
+    if sign == "+":
+        return _plus(apply, left, right)
     if sign in FAST_ARITHMETIC:
         return _arithmetic(FAST_ARITHMETIC[sign], apply, left, right)
     if sign in FAST_RELATIONS:
@@ -36,6 +38,28 @@ def compile_binary(sign: str, left: Read, right: Read) -> Read:
     if sign in FAST_LOGIC:
         return _logic(FAST_LOGIC[sign], apply, left, right)
     return lambda context: apply(left(context), right(context))
+
+
+def compile_with_constant(sign: str, left: Read, constant: float) -> Read:
+    """Compile an operator before a number that is written in the program."""
+    apply = BINARY[sign]
+    if sign in FAST_ARITHMETIC:
+        return _constant_arithmetic(FAST_ARITHMETIC[sign], apply, left, constant)
+    if sign in FAST_RELATIONS:
+        return _constant_relation(FAST_RELATIONS[sign], apply, left, constant)
+    return compile_binary(sign, left, lambda _: constant)
+
+
+def _plus(slow: Callable[[Value, Value], Value], left: Read, right: Read) -> Read:
+    def run(context: Context) -> Value:
+        a, b = left(context), right(context)
+        if a.__class__ is float and b.__class__ is float:
+            return single(a + b)
+        if a.__class__ is str and b.__class__ is str:
+            return text(a + b)
+        return slow(a, b)
+
+    return run
 
 
 def _arithmetic(
@@ -60,6 +84,32 @@ def _relation(
         if a.__class__ is float and b.__class__ is float:
             return -1.0 if fast(a, b) else 0.0
         return slow(a, b)
+
+    return run
+
+
+def _constant_arithmetic(
+    fast: Callable[[float, float], float], slow: Callable[[Value, Value], Value],
+    left: Read, constant: float,
+) -> Read:  # fmt: skip
+    def run(context: Context) -> Value:
+        value = left(context)
+        if value.__class__ is float:
+            return single(fast(value, constant))
+        return slow(value, constant)
+
+    return run
+
+
+def _constant_relation(
+    fast: Callable[[float, float], bool], slow: Callable[[Value, Value], Value],
+    left: Read, constant: float,
+) -> Read:  # fmt: skip
+    def run(context: Context) -> Value:
+        value = left(context)
+        if value.__class__ is float:
+            return -1.0 if fast(value, constant) else 0.0
+        return slow(value, constant)
 
     return run
 

@@ -1,5 +1,7 @@
 """From a requested motion to a segment: reach is tested before anything moves."""
 
+from functools import lru_cache
+
 import numpy as np
 import pinocchio as pin
 
@@ -64,6 +66,13 @@ def joint_target(kinematics: ArmKinematics, motion: Motion, q_near: Array) -> Ar
 
 def inverse(kinematics: ArmKinematics, T_base_flange: pin.SE3, q_near: Array) -> IkResult:
     """Return joint angles for a pose: the branch of q_near, else the nearest one that is found."""
+    return _inverse(kinematics, T_base_flange.homogeneous.tobytes(), q_near.tobytes())
+
+
+@lru_cache(maxsize=4)  # INRANGE asks, and then the motion asks the same again
+def _inverse(kinematics: ArmKinematics, pose_bytes: bytes, q_bytes: bytes) -> IkResult:
+    T_base_flange = pin.SE3(np.frombuffer(pose_bytes).reshape(4, 4))
+    q_near = np.frombuffer(q_bytes)
     first = kinematics.solve(T_base_flange, q_near, jump_rad=_WHOLE_TURN_RAD)
     if first.q is not None or "out of reach" in first.reason:
         return first

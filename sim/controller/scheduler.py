@@ -33,6 +33,12 @@ class Scheduler:
         self._step_ns = behaviour.step_ns
         self._next_tick_ns = now_ns + TICK_NS
         self._stalled_until_ns = 0
+        # From whose turn it is on: each task once, with whose turn it is behind it.
+        count = len(tasks)
+        self._orders = tuple(
+            tuple((tasks[(first + k) % count], (first + k + 1) % count) for k in range(count))
+            for first in range(count)
+        )
         self._turn = 0
         self.current = tasks[0]  # whose step is being executed
         self.now_ns = now_ns
@@ -65,10 +71,7 @@ class Scheduler:
         """Give every task that can go on one step; none can: let time pass to the next tick."""
         idle, step_ns = True, self._step_ns
         if self.now_ns >= self._stalled_until_ns:
-            tasks, count = self._tasks, len(self._tasks)
-            for _ in range(count):
-                task = tasks[self._turn]
-                self._turn = (self._turn + 1) % count
+            for task, next_turn in self._orders[self._turn]:
                 if not task.ready:
                     continue
                 idle, self.current = False, task
@@ -78,6 +81,7 @@ class Scheduler:
                 while self.now_ns >= self._next_tick_ns:
                     self._pass_tick()
                 if self.now_ns >= until_ns:
+                    self._turn = next_turn
                     return
         if idle:
             self.now_ns = min(self._next_tick_ns, until_ns)

@@ -15,7 +15,7 @@ from sim.controller.memory import (
     undefined,
 )
 from sim.controller.syntax import Variable
-from sim.controller.values import NUMBER, Value, single
+from sim.controller.values import NUMBER, Joints, Transformation, Value, single
 
 Read = Callable[[Context], Value]
 Store = Callable[[Context, Value], None]
@@ -79,26 +79,33 @@ def locate(variable: Variable, names_of: NamesOf, indices: Indices | None) -> Lo
 
 def store(variable: Variable, names_of: NamesOf, indices: Indices | None) -> Store:
     """Return a writer; refuses other types (P0150, P0132, P0133)."""
-    key, whole = key_of(variable), variable.kind == "@"
+    key = key_of(variable)
+    # What needs no look while the type stays: only integers may have to be converted.
+    plain = () if variable.kind == "@" else (float, str, Transformation, Joints)
 
     def keep(cell: Cell, value: Value) -> None:
-        kind = value.__class__
-        # A value of the type that is there already fits; only integers may have to be converted.
-        if kind is not cell.value.__class__ or kind is int or whole:
-            check_type(variable, cell.value, value)
-            value = converted(variable, value)
-        cell.value = value
+        check_type(variable, cell.value, value)
+        cell.value = converted(variable, value)
 
     def store_scalar(context: Context, value: Value) -> None:
         names_here = names_of(context)
         cell = names_here.get(key)
-        keep(cell if cell.__class__ is Cell else names_here.scalar(key), value)
+        if cell is None or cell.__class__ is not Cell:
+            cell = names_here.scalar(key)
+        if value.__class__ is cell.value.__class__ and value.__class__ in plain:
+            cell.value = value
+        else:
+            keep(cell, value)
 
     def store_element(context: Context, value: Value) -> None:
-        names_here = names_of(context)
-        array = names_here.get(key)
-        found = array if array.__class__ is Array else names_here.array(key)
-        keep(found.cell(indices(context)), value)  # type: ignore[misc]
+        array = names_of(context).get(key)
+        if array is None or array.__class__ is not Array:
+            array = names_of(context).array(key)
+        cell = array.cell(indices(context))  # type: ignore[misc]
+        if value.__class__ is cell.value.__class__ and value.__class__ in plain:
+            cell.value = value
+        else:
+            keep(cell, value)
 
     return store_scalar if indices is None else store_element
 
@@ -118,23 +125,31 @@ def converted(variable: Variable, value: Value) -> Value:
 def indices_of(readers: list[Read]) -> Indices:
     """Return a reader of the index in brackets."""
 
-    def number(reader: Read, context: Context) -> float:
-        value = reader(context)
+    def number(value: Value) -> float:
         if isinstance(value, NUMBER):
             return value
         raise AsError("P0119", "an index is a number")
 
-    if len(readers) > 1:
-        return lambda context: index_of([number(reader, context) for reader in readers])
-    only = readers[0]
+    if len(readers) > 2:
+        return lambda context: index_of([number(reader(context)) for reader in readers])
+    only, *others = readers
 
     def single_index(context: Context) -> Index:
         value = only(context)
         if value.__class__ is float and 0.0 <= value < 10000.0:
             return int(value)
-        return index_of([number(only, context)])
+        return index_of([number(value)])
 
-    return single_index
+    def pair(context: Context) -> Index:
+        a, b = number(only(context)), number(second(context))
+        if 0.0 <= a < 10000.0 and 0.0 <= b < 10000.0:
+            return int(a), int(b)
+        return index_of([a, b])
+
+    if not others:
+        return single_index
+    second = others[0]
+    return pair
 
 
 def missing(variable: Variable, entry: Cell | Array | None, *, location: bool) -> AsError:

@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from common.errors import SimulationError
-from common.frames import Array
+from common.frames import Array, is_finite
 from sim.robot.contact import lift_off_m
 from sim.robot.engine import mujoco
 from sim.robot.ft_sensor import FtSample, FtSensor
@@ -73,15 +73,18 @@ class SimArm:
         if violation:
             raise SimulationError(f"simulated cell: home_deg is out of reach: {violation}")
         self._command = self._taken = home
+        # Views of the state: MuJoCo keeps it in one place for good.
+        self._q: Array = self.data.qpos[:JOINTS]
+        self._speed_rad_s: Array = self.data.qvel[:JOINTS]
+        self._ctrl, self._on_tool = self.data.ctrl, self.data.sensordata[:6]
         self._line = SetPointLine(
             home, delay_ticks=settings.delay_ticks, smoothing_ticks=settings.smoothing_ticks
         )
         self._T_flange_tcp = settings.T_flange_sensor * settings.T_sensor_tcp
-        self._warnings = self.data.warning.number  # a view: how many of each kind so far
+        self._warnings = self.data.warning.number  # how many of each kind so far
         self._tool, self._disc = self.model.body("tool").id, self.model.body("disc").id
         self._tcp = self.model.site("tcp").id
-        self.data.qpos[:JOINTS] = home
-        self.data.ctrl[:] = home
+        self._q[:] = self._ctrl[:] = home
         mujoco.mj_forward(self.model, self.data)
 
     @property
@@ -92,7 +95,7 @@ class SimArm:
     @property
     def q(self) -> Array:
         """Measured joint angles [rad]. Shape (6,)."""
-        return np.array(self.data.qpos[:JOINTS])
+        return self._q.copy()
 
     @property
     def q_command(self) -> Array:
@@ -112,8 +115,7 @@ class SimArm:
     @property
     def moving(self) -> bool:
         """Whether a command is under way or a joint still turns."""
-        fastest = abs(self.data.qvel[:JOINTS]).max()
-        return not self._line.settled or bool(fastest > STILL_RAD_S)
+        return not self._line.settled or max(map(abs, self._speed_rad_s.tolist())) > STILL_RAD_S
 
     @property
     def lift_off_m(self) -> float:
@@ -135,7 +137,7 @@ class SimArm:
         if q is self._taken and not q.flags.writeable:
             return
         command = np.array(q, dtype=float)
-        if command.shape != (JOINTS,) or not np.isfinite(command).all():
+        if command.shape != (JOINTS,) or not is_finite(command.tolist()):
             raise SimulationError(f"joint command must be six finite angles, got {q}")
         violation = self.kinematics.limit_violation(command)
         if violation:
@@ -144,7 +146,7 @@ class SimArm:
 
     def step(self) -> None:
         """Advance one millisecond. Raises SimulationError if the physics diverged."""
-        self.data.ctrl[:] = self._line.push(self._command)
+        self._ctrl[:] = self._line.push(self._command)
         self.advance()
         self.ticks += 1
         self._check()
@@ -157,7 +159,7 @@ class SimArm:
 
     def sample_ft(self) -> FtSample:
         """Return a new reading of the force/torque sensor, for the step just made."""
-        load = -self.data.sensordata[:6]  # MuJoCo: robot on tool; a real sensor: tool on robot
+        load = -self._on_tool  # MuJoCo: robot on tool; a real sensor: tool on robot
         return self.ft_sensor.sample(force_N=load[:3], torque_Nm=load[3:])
 
     def true_wrench(self) -> TrueWrench:

@@ -2,12 +2,13 @@
 
 import math
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 
-from common.frames import Array
+from common.frames import Array, is_finite_pose
 
 MODEL_PATH = Path(__file__).resolve().parent.parent / "models" / "rs007l.xml"
 JOINTS = 6
@@ -19,6 +20,7 @@ _MAX_ITERATIONS = 40
 _MAX_STEP_RAD = 0.3  # of one Newton step, so that a far start does not fly off
 _DAMPING = 0.1  # times the error: fades out towards the solution, which stays quadratic
 _LEAST_DAMPING = 1e-7
+_LOCAL = pin.ReferenceFrame.LOCAL
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,14 +31,21 @@ class IkResult:
     reason: str = ""
 
 
+@cache
+def _model() -> pin.Model:
+    """Return the arm's geometry, read once: nobody changes it."""
+    return pin.buildModelFromMJCF(str(MODEL_PATH))
+
+
 class ArmKinematics:
     """The RS007L's geometry, read from the same file as the physics."""
 
     def __init__(self) -> None:
         """Read the model: limits, frames, reach. Raises only if the file is damaged."""
-        self.model = pin.buildModelFromMJCF(str(MODEL_PATH))
+        self.model = _model()
         self.lower_rad: Array = np.array(self.model.lowerPositionLimit)
         self.upper_rad: Array = np.array(self.model.upperPositionLimit)
+        self._limits = (self.lower_rad.tolist(), self.upper_rad.tolist())
         arm = self.model.jointPlacements
         self.reach_m = float(sum(np.linalg.norm(arm[joint].translation) for joint in (3, 4, 5)))
         self._data = self.model.createData()
@@ -51,9 +60,7 @@ class ArmKinematics:
         """Return the flange's Jacobian at q, in flange axes: rows m/s then rad/s. Shape (6, 6)."""
         pin.computeJointJacobians(self.model, self._data, q)
         pin.updateFramePlacement(self.model, self._data, self._flange)
-        return np.asarray(
-            pin.getFrameJacobian(self.model, self._data, self._flange, pin.ReferenceFrame.LOCAL)
-        )
+        return np.asarray(pin.getFrameJacobian(self.model, self._data, self._flange, _LOCAL))
 
     def solve(self, T_base_flange: pin.SE3, q_start: Array, *, jump_rad: float) -> IkResult:
         """Return the joint angles that reach a pose, on the branch of q_start.
@@ -65,7 +72,7 @@ class ArmKinematics:
             q_start: Where the search starts [rad]. Shape (6,).
             jump_rad: No joint may end farther than this from its start [rad].
         """
-        if not np.isfinite(T_base_flange.homogeneous).all():
+        if not is_finite_pose(T_base_flange):
             return IkResult(None, "the pose holds a number that is not finite")
         q, error = self._newton(T_base_flange, q_start)
         if error > 1e-7:
@@ -74,15 +81,13 @@ class ArmKinematics:
 
     def limit_violation(self, q: Array) -> str:
         """Return a sentence about the first joint beyond its limit, or an empty string."""
-        beyond = (q < self.lower_rad) | (q > self.upper_rad)
-        if not beyond.any():
-            return ""
-        joint = int(np.argmax(beyond))
-        low, high = math.degrees(self.lower_rad[joint]), math.degrees(self.upper_rad[joint])
-        return (
-            f"joint {joint + 1} would be at {math.degrees(q[joint]):.2f} deg,"
-            f" its limits are {low:g} .. {high:g} deg"
-        )
+        for number, (angle, low, high) in enumerate(zip(q.tolist(), *self._limits, strict=True), 1):
+            if angle < low or angle > high:
+                return (
+                    f"joint {number} would be at {math.degrees(angle):.2f} deg,"
+                    f" its limits are {math.degrees(low):g} .. {math.degrees(high):g} deg"
+                )
+        return ""
 
     def _newton(self, goal: pin.SE3, q_start: Array) -> tuple[Array, float]:
         q = np.array(q_start, dtype=float)
@@ -92,15 +97,16 @@ class ArmKinematics:
             pin.computeJointJacobians(model, data, q)
             here = pin.updateFramePlacement(model, data, flange)
             error = pin.log6(here.actInv(goal)).vector
-            size = math.sqrt(error @ error)
+            size = math.sqrt(error.dot(error))  # `dot` has the digits of `@` in a third of its time
             if size < _TOLERANCE:
                 break
-            J = pin.getFrameJacobian(model, data, flange, pin.ReferenceFrame.LOCAL)
+            J = pin.getFrameJacobian(model, data, flange, _LOCAL)
             damping = _LEAST_DAMPING + _DAMPING * size
-            A = J @ J.T
-            A.flat[:: JOINTS + 1] += damping * damping
-            step = J.T @ np.linalg.solve(A, error)
-            longest = abs(step).max()
+            A = J.dot(J.T)
+            diagonal = A.ravel()[:: JOINTS + 1]  # a view
+            diagonal += damping * damping
+            step = J.T.dot(np.linalg.solve(A, error))
+            longest = max(map(abs, step.tolist()))
             q += step if longest <= _MAX_STEP_RAD else step * (_MAX_STEP_RAD / longest)
         return q, size
 
@@ -120,12 +126,13 @@ class ArmKinematics:
         violation = self.limit_violation(q)
         if violation:
             return IkResult(None, violation)
-        moved = abs(q - q_start)
-        joint = int(np.argmax(moved))
-        if moved[joint] > jump_rad:
+        moved = abs(q - q_start).tolist()
+        farthest = max(moved)
+        if farthest > jump_rad:
             return IkResult(
                 None,
-                f"joint {joint + 1} would have to jump by {math.degrees(moved[joint]):.1f} deg,"
+                f"joint {moved.index(farthest) + 1} would have to jump by"
+                f" {math.degrees(farthest):.1f} deg,"
                 f" allowed are {math.degrees(jump_rad):.1f} deg",
             )
         return IkResult(q)

@@ -11,6 +11,7 @@ stream   the newest streamed pose is followed
 
 import math
 from dataclasses import dataclass
+from operator import truediv
 from typing import Literal
 
 import numpy as np
@@ -25,6 +26,7 @@ MotionState = Literal["idle", "running", "braking", "done", "refused", "stream"]
 ACCEL_M_S2 = 2.0  # what 100 percent means
 BRAKE_M_S2 = 2.5  # from 250 mm/s to standstill in 100 ms
 STREAM_JUMP_RAD = 0.35  # one streamed pose may turn no joint farther
+_JOINT_SPEEDS_RAD_S = tuple(MAX_SPEED_RAD_S.tolist())
 _SHRINKS = 8  # attempts to find a step that keeps the joint speed limits
 _BUSY = "a goal is on its way: brake first"
 
@@ -119,18 +121,16 @@ class MotionGenerator:
         if self.busy:
             self._follow(dt_s)
         elif self.state == "stream":
-            way = self._q_stream - self.q_command
-            ticks_needed = max(_time_at_full_speed_s(way), self._stream_s) / dt_s
-            self.q_command = self.q_command + way / max(1.0, ticks_needed)
-            self._stream_s = max(0.0, self._stream_s - dt_s)
+            self._stream_on(dt_s)
         self.q_command.setflags(write=False)
         return self.q_command
 
     def _time_s(self, T_wanted: pin.SE3) -> float:
         """Return how long the flange takes to a streamed pose, turning as on a goal."""
         T = self._kinematics.flange_pose(self.q_command)
-        way_m = float(np.linalg.norm(T_wanted.translation - T.translation))
-        turn_rad = float(np.linalg.norm(rotation_between(T.rotation, T_wanted.rotation)))
+        way = T_wanted.translation - T.translation
+        turn = rotation_between(T.rotation, T_wanted.rotation)
+        way_m, turn_rad = math.sqrt(way.dot(way)), math.sqrt(turn.dot(turn))
         return max(way_m, TURN_RADIUS_M * turn_rad) / self._stream_m_s
 
     def _start(self, path: Path, speed: MotionSpeed) -> str:
@@ -149,6 +149,13 @@ class MotionGenerator:
             self._start(path, self._speed)
             self._share_speed = 1.0 / needed_s
             self.state = "braking"
+
+    def _stream_on(self, dt_s: float) -> None:
+        if self.q_command.tolist() != self._q_stream.tolist():
+            way = self._q_stream - self.q_command
+            ticks_needed = max(_time_at_full_speed_s(way), self._stream_s) / dt_s
+            self.q_command = self.q_command + way / max(1.0, ticks_needed)
+        self._stream_s = max(0.0, self._stream_s - dt_s)
 
     def _follow(self, dt_s: float) -> None:
         assert self._path is not None  # noqa: S101 - busy means that there is one
@@ -200,4 +207,4 @@ class MotionGenerator:
 
 def _time_at_full_speed_s(way_rad: Array) -> float:
     """Return how long a joint motion takes at the joints' speed limits [s]."""
-    return float((abs(way_rad) / MAX_SPEED_RAD_S).max())
+    return float(max(map(truediv, map(abs, way_rad.tolist()), _JOINT_SPEEDS_RAD_S)))

@@ -50,19 +50,18 @@ class LinearPath:
 
     def __init__(self, kinematics: ArmKinematics, q_from: Array, T_goal: pin.SE3) -> None:
         self._kinematics = kinematics
-        self._from = kinematics.flange_pose(q_from)
-        self._way = T_goal.translation - self._from.translation
-        self._turn = rotation_between(self._from.rotation, T_goal.rotation)
+        start = kinematics.flange_pose(q_from)
+        self._R_from, self._from_m = np.array(start.rotation), np.array(start.translation)
+        self._way = T_goal.translation - self._from_m
+        self._turn = rotation_between(self._R_from, T_goal.rotation)
         self.extent_m = max(
             float(np.linalg.norm(self._way)), TURN_RADIUS_M * float(np.linalg.norm(self._turn))
         )
 
     def pose(self, share: float) -> pin.SE3:
         """Return T_base_flange at a share of the way."""
-        return pin.SE3(
-            rotation_from_vector(share * self._turn) @ self._from.rotation,
-            self._from.translation + share * self._way,
-        )
+        R = rotation_from_vector(share * self._turn).dot(self._R_from)
+        return pin.SE3(R, self._from_m + share * self._way)
 
     def at(self, share: float, q_near: Array) -> IkResult:
         """Return the joint angles at a share of the way, on the branch of q_near."""

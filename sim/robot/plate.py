@@ -48,6 +48,12 @@ class Disc(NamedTuple):
     turn_rad_s: Vector3
     radius_m: float
 
+    @property
+    def lift_m(self) -> float:
+        """Gap at the nearest point of the rim to a plate that rests."""
+        bx, by, _ = self.back
+        return self.centre_m[2] - self.radius_m * math.hypot(bx, by)
+
 
 class Push(NamedTuple):
     """What the plate does to the disc, in the plate's frame at rest, about the disc's centre."""
@@ -97,6 +103,8 @@ class SprungPlate:
 
     def step(self, disc: Disc, dt_s: float) -> Push:
         """Let the disc move for `dt_s` [s] to where it is said to be; return what it feels."""
+        if self.rests and disc.lift_m >= 0.0:
+            return Push()
         rule = _Midpoint.of(self, dt_s)
         free_slope = (rule.kept * self.slope[0], rule.kept * self.slope[1])
         squeeze = _Squeeze(disc, rule, rule.kept * self.travel_m, free_slope)
@@ -189,25 +197,26 @@ class _Squeeze(NamedTuple):
 
     def at(self, normal_N: float) -> tuple[float, float, Vector3]:
         """Return gap, its rise with the force, and the centre of pressure [m, m/N, m]."""
-        (x, y, z), (bx, by, bz), r = self.disc.centre_m, self.disc.back, self.disc.radius_m
-        give, (free_x, free_y) = normal_N / self.rule.k_tilt, self.free_slope
+        (x, y, z), (bx, by, bz), _, _, r = self.disc
+        (k, k_tilt, _, _), (free_x, free_y) = self.rule, self.free_slope
+        give, travel_m = normal_N / k_tilt, self.free_m - normal_N / k
         # The relative tilt is q - give bz arm: on an edge the arm is the rim's lowest point, along
         # q; when that would tilt the disc beyond flat, it lies flat with its arm within the rim.
         qx, qy = bx + bz * (free_x - give * x), by + bz * (free_y - give * y)
-        q, rises = math.hypot(qx, qy), 1.0 / self.rule.k
+        q, rises = math.hypot(qx, qy), 1.0 / k
         tilt = q - give * r * bz * bz
         if tilt <= 0.0 < give:
-            gap_m = z - self.travel_m(normal_N) + (bx * x + by * y) / bz
+            gap_m = z - travel_m + (bx * x + by * y) / bz
             arm_x, arm_y = qx / (give * bz), qy / (give * bz)
             return gap_m, rises, (arm_x, arm_y, -(arm_x * bx + arm_y * by) / bz)
         ex, ey = (qx / q, qy / q) if q > 0.0 else (0.0, 0.0)
-        arm = (r * bz * ex, r * bz * ey, -r * (ex * bx + ey * by))
-        sx, sy = self.slope(normal_N, arm)
-        gap_m = z - self.travel_m(normal_N) - sx * x - sy * y - r * tilt
-        rises += ((x + arm[0]) ** 2 + (y + arm[1]) ** 2) / self.rule.k_tilt
+        arm_x, arm_y = r * bz * ex, r * bz * ey
+        sx, sy = free_x - give * (x + arm_x), free_y - give * (y + arm_y)
+        gap_m = z - travel_m - sx * x - sy * y - r * tilt
+        rises += ((x + arm_x) ** 2 + (y + arm_y) ** 2) / k_tilt
         if q > 0.0:
-            rises -= give * r * (bz * (x * ey - y * ex)) ** 2 / (self.rule.k_tilt * q)
-        return gap_m, rises, arm
+            rises -= give * r * (bz * (x * ey - y * ex)) ** 2 / (k_tilt * q)
+        return gap_m, rises, (arm_x, arm_y, -r * (ex * bx + ey * by))
 
     def _flat_N(self) -> float:
         """Return the force on a disc that lies flat: a first guess."""

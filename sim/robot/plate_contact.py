@@ -30,9 +30,11 @@ class PlateContact:
         self._radius_m = settings.disc_radius_m
         self._tcp = model.site("tcp").id
         # Views of the state: MuJoCo keeps it in one place for good.
-        self._p_tcp_m, self._R_tcp = data.site_xpos[self._tcp], data.site_xmat[self._tcp]
-        self._pushed = data.xfrc_applied[model.body("disc").id]
-        self._twist = np.zeros(6)  # MuJoCo's order: rotation, translation
+        self._p_tcp_m, self._z_tcp = data.site_xpos[self._tcp], data.site_xmat[self._tcp][2::3]
+        self._pushed = data.xfrc_applied[model.body("disc").id].reshape(2, 3)
+        self._moves = np.zeros((4, 3))  # of the disc in base, as the next two name its rows
+        self._from_plate, self._back = self._moves[:2]
+        self._twist = self._moves[2:].reshape(6)  # MuJoCo's order: rotation, translation
 
     def act(self) -> None:
         """Push the disc for the model's next time step."""
@@ -41,22 +43,21 @@ class PlateContact:
             return
         dt_s = self._model.opt.timestep
         push = self.springs.step(self._disc_after(dt_s), dt_s)
-        both = np.array((push.force_N, push.torque_Nm)) @ self._R_base_plate.T
-        self._pushed[:] = both.ravel()
+        both = np.array((push.force_N, push.torque_Nm))
+        self._pushed[:] = both.dot(self._R_base_plate.T)  # half the time that `@` takes
 
     def _is_far(self) -> bool:
         """Tell whether no speed that the arm has brings the disc to the plate within the step."""
         from_plate = self._p_tcp_m - self.point_m
-        return float(from_plate @ self.normal) > self._radius_m + FAR_M
+        return float(from_plate.dot(self.normal)) > self._radius_m + FAR_M
 
     def _disc_after(self, dt_s: float) -> Disc:
         """Return the disc where its speed takes it by the end of the step."""
-        twist = self._twist
-        mujoco.mj_objectVelocity(self._model, self._data, _SITE, self._tcp, twist, 0)
-        from_plate = self._p_tcp_m - self.point_m
-        back = -self._R_tcp[2::3]
-        rows = np.array((from_plate, back, twist[3:], twist[:3])) @ self._R_base_plate
-        (x, y, z), (bx, by, bz), (vx, vy, vz), (wx, wy, wz) = rows.tolist()
+        np.subtract(self._p_tcp_m, self.point_m, out=self._from_plate)
+        np.negative(self._z_tcp, out=self._back)
+        mujoco.mj_objectVelocity(self._model, self._data, _SITE, self._tcp, self._twist, 0)
+        rows = self._moves.dot(self._R_base_plate).tolist()
+        (x, y, z), (bx, by, bz), (wx, wy, wz), (vx, vy, vz) = rows
         bx, by, bz = (
             bx + dt_s * (wy * bz - wz * by),
             by + dt_s * (wz * bx - wx * bz),

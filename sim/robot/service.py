@@ -1,5 +1,7 @@
 """The simulated robot on the bus: it takes the gateway's and the sensor's place, key by key."""
 
+from functools import cache
+
 import pinocchio as pin
 
 from common import topics
@@ -21,6 +23,7 @@ from sim.robot.trace import wanted_trace
 
 MOST_TICKS_PER_STEP = 50  # a process that was held up longer loses simulated time instead
 TICK_NS = round(TICK_S * NS_PER_S)
+_LINK = LinkHealth(connected=True, round_trip_s=0.0)
 
 
 class SimRobot:
@@ -122,11 +125,7 @@ class SimRobot:
         T_base_flange = record_of(self.arm.T_base_flange)
         hold_reason = self._verdict.hold_reason
         self._target_refused = self._target_refused and bool(hold_reason)
-        status = RobotStatus(
-            motor_power=True,
-            repeat_mode=True,
-            teach_lock_off=True,
-            program_running=True,
+        status = _status(
             moving=self.arm.moving,
             held=bool(hold_reason),
             target_refused=self._target_refused,
@@ -142,9 +141,23 @@ class SimRobot:
                 sent=None if self._driver.sent is None else record_of(self._driver.sent),
                 hold_reason=hold_reason,
                 hold_code=self._verdict.hold_code,
-                link=LinkHealth(connected=True, round_trip_s=0.0),
+                link=_LINK,
             )
         )
+
+
+@cache
+def _status(*, moving: bool, held: bool, target_refused: bool) -> RobotStatus:
+    """Return the status bits of an arm that is always ready; few of them ever change."""
+    return RobotStatus(
+        motor_power=True,
+        repeat_mode=True,
+        teach_lock_off=True,
+        program_running=True,
+        moving=moving,
+        held=held,
+        target_refused=target_refused,
+    )
 
 
 def sim_settings(cell: Cell, sim: SimSection) -> SimSettings:

@@ -31,9 +31,11 @@ class SetPointLine:
 
         A command is not changed in place afterwards: one that comes again is not looked at again.
         """
-        is_same = command is self._newest or np.array_equal(command, self._newest)
+        is_same = command is self._newest or command.tolist() == self._newest.tolist()
         self._same = self._same + 1 if is_same else 1
         self._newest = command
+        if self._same > len(self._ring):  # it is full of this command already
+            return command
         self._ring[self._head] = command
         self._head = (self._head + 1) % len(self._ring)
         if self.settled:

@@ -123,44 +123,63 @@ def identify(steps: Steps) -> tuple[Fit, ...]:
 
 def _fit(task: _Task, sum_s: float) -> Fit:
     """Return the best of the searches that begin with a sum of delay and lag."""
-    starts = (((1.0 - share) * sum_s, share * sum_s) for share in START_SHARES)
-    ends = [_search(task, *start) for start in starts]
-    best = min(ends, key=lambda point: point.square)
+    ends = [_search(task, *start) for start in _shared(sum_s)]
+    end = min(ends, key=lambda point: point.square)
+    along = [_search(task, *start, lag_too=False) for start in _shared(end.delay_s + end.lag_s)]
+    points = ends + along
+    best = min(points, key=lambda point: point.square)
     count, square = len(best.off_m), max(best.square, LEAST_REST_M**2)
     alike = float(np.clip(best.off_m[1:] @ best.off_m[:-1] / square, 0.0, MOST_ALIKE))
     samples = count * (1.0 - alike) / (1.0 + alike)
     variance = square / (count - 3) * count / samples
     covariance = np.linalg.pinv(best.slopes.T @ best.slopes) * variance
+    unlikely = [sqrt((point.square - best.square) / variance) for point in points]
     return Fit(
         stages=task.stages,
         delay_s=best.delay_s,
         lag_s=best.lag_s,
         rest_m=sqrt(square / count),
-        sum_deviation_s=sqrt(max(float(covariance.sum()), 0.0)),
-        lag_deviation_s=_lag_deviation(
-            ends, best, variance, sqrt(max(float(covariance[1, 1]), 0.0))
+        sum_deviation_s=_deviation(
+            [point.delay_s + point.lag_s for point in points], covariance.sum(), unlikely
         ),
+        lag_deviation_s=_deviation([point.lag_s for point in points], covariance[1, 1], unlikely),
     )
 
 
-def _lag_deviation(ends: list[_Point], best: _Point, variance: float, local_s: float) -> float:
-    """Return how far the lag is known: no better than the other ends of the search are unlikely.
+def _deviation(found_s: list[float], local: float, unlikely: list[float]) -> float:
+    """Return how far a number is known: no better than the other points looked at are unlikely.
 
-    Few poses leave several lags that fit nearly alike, and the slopes at the best see that one
-    only. An end that fits worse by z deviations (likelihood ratio) and lies off by w says w / z.
+    Few poses, or poses that come in step with the commands, leave several delays and lags that fit
+    nearly alike, and the slopes at the best see that one only. So the other ends of the search are
+    looked at, and lags of all sizes with the delay that fits each best. A point that fits worse by
+    z deviations (likelihood ratio) and lies off by w says w / z: no more than the slopes say, where
+    these are all there is.
+
+    Args:
+        found_s: The number at each point [s].
+        local: Its variance by the slopes at the best one [s^2].
+        unlikely: By how many deviations each point fits worse than the best one, which has 0.
     """
-    unlikely = [sqrt((end.square - best.square) / variance) for end in ends]
-    off_s = [abs(end.lag_s - best.lag_s) for end in ends]
-    return max(local_s, *(w / max(1.0, z) for w, z in zip(off_s, unlikely, strict=True)))
+    best_s = found_s[unlikely.index(0.0)]
+    off_s = [abs(each_s - best_s) for each_s in found_s]
+    others = [w / max(1.0, z) for w, z in zip(off_s, unlikely, strict=True)]
+    return max(sqrt(max(float(local), 0.0)), *others)
 
 
-def _search(task: _Task, delay_s: float, lag_s: float) -> _Point:
-    """Return where least squares lead from here (Levenberg and Marquardt)."""
+def _shared(sum_s: float) -> list[tuple[float, float]]:
+    """Return delays and lags of one sum."""
+    return [((1.0 - share) * sum_s, share * sum_s) for share in START_SHARES]
+
+
+def _search(task: _Task, delay_s: float, lag_s: float, *, lag_too: bool = True) -> _Point:
+    """Return where least squares lead from here (Levenberg and Marquardt); by the delay alone?"""
     point, damping = task.at(delay_s, max(lag_s, SHORTEST_LAG_S)), 1e-3
+    moves = np.array([1.0, float(lag_too)])
     for _ in range(SEARCHES):
-        normal = point.slopes.T @ point.slopes
+        slopes = point.slopes * moves
+        normal = slopes.T @ slopes
         normal = normal + np.diag(damping * normal.diagonal() + 1e-12)
-        by_s = np.linalg.solve(normal, point.slopes.T @ point.off_m)
+        by_s = np.linalg.solve(normal, slopes.T @ point.off_m)
         then = task.at(
             point.delay_s + float(by_s[0]),  # below zero too: their sum stays right
             max(point.lag_s + float(by_s[1]), SHORTEST_LAG_S),

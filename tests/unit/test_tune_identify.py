@@ -54,6 +54,7 @@ def record(delay_s, lag_s, noise_m=0.0, *, late_s=0.0, seen_hz=250.0, seed=0, sm
     st.integers(0, 99),
 )
 @example(0.0, 0.0078125, 1.167e-5, 40.0, 1)  # few poses: two lags fit alike
+@example(0.0, 0.00390625, 3e-5, 250.0, 0)  # poses in step with the commands: so do several sums
 def test_delay_and_lag_together_are_found_through_noise(d_s, lag_s, noise_m, seen_hz, seed) -> None:
     """As far as is said, by each number of stages; with the right number the lag, too."""
     fits = identify(record(d_s, lag_s, noise_m, seen_hz=seen_hz, seed=seed))

@@ -50,7 +50,7 @@ HEADER_FIELDS = frozenset(Header.model_fields)
 
 def encode(header: Header, message: Message) -> bytes:
     """Return the bytes of a message under its header."""
-    return pack(header.model_dump() | message.model_dump())
+    return pack(vars(header) | message.model_dump())  # a header is flat
 
 
 @lru_cache(maxsize=64)

@@ -3,7 +3,7 @@
 import numpy as np
 import pinocchio as pin
 
-from common.frames import Array, quaternion_from_R, unit_quaternion
+from common.frames import Array, unit_quaternion
 from common.messages import PoseRecord, RobotState, Vec3, Vec6
 
 
@@ -21,11 +21,12 @@ def vec6(array: Array) -> Vec6:
 
 def record_of(T: pin.SE3) -> PoseRecord:
     """Return a pose as a message carries it."""
-    return PoseRecord(
-        position_m=vec3(T.translation), orientation_xyzw=quaternion_from_R(T.rotation)
-    )
+    px, py, pz, x, y, z, w = pin.SE3ToXYZQUAT(T).tolist()
+    quaternion = (-x, -y, -z, -w) if w < 0.0 else (x, y, z, w)
+    return PoseRecord(position_m=(px, py, pz), orientation_xyzw=quaternion)
 
 
 def pose_of(record: PoseRecord | RobotState) -> pin.SE3:
     """Return the pose that a message carries."""
-    return pin.SE3(unit_quaternion(*record.orientation_xyzw), np.array(record.position_m))
+    quaternion = unit_quaternion(*record.orientation_xyzw)
+    return pin.XYZQUATToSE3(np.array(record.position_m + quaternion))

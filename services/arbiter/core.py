@@ -67,18 +67,19 @@ class Arbiter:
         self._good_since_ns: int | None = None
         self._blind_since_ns: int | None = None  # good but for sensor and wrench
         self._last_ns = 0
-        self._not_ready: list[Trip] = [tripped("not_ready", "starting")]
+        self._seen: Inputs | None = None  # at the last tick
 
     # --- every period ---------------------------------------------------------------------------
 
     def tick(self, inputs: Inputs) -> RobotCommand:
         """Judge the inputs, follow the commander, return what the robot may do."""
         dt_s = (inputs.now_ns - self._last_ns) / NS_PER_S if self._last_ns else 0.0
-        self._last_ns = inputs.now_ns
-        self._watch_readiness(inputs)
+        self._last_ns, self._seen = inputs.now_ns, inputs
+        lost = known.missing(inputs)
+        self._watch_readiness(inputs, lost)
         self._commanders.see(inputs.robot.fresh, inputs.now_ns)
         if self.state in MAY_MOVE:
-            self._watch_motion(inputs)
+            self._watch_motion(inputs, lost)
         command = None
         robot = inputs.robot.fresh
         if self.state in MAY_MOVE and robot is not None:
@@ -89,6 +90,7 @@ class Arbiter:
     def status(self) -> ArbiterStatus:
         """Return what everybody may know."""
         turn, claim = self._commanders.turn, self._commanders.claim
+        not_ready = self._in_the_way()
         return ArbiterStatus(
             state=self.state,
             commander=turn.commander,
@@ -98,12 +100,19 @@ class Arbiter:
             turn=turn.number,
             armed_for=self._armed_for,
             trips=self.trips,
-            not_ready=lines([trip.text for trip in self._not_ready]),
-            clears=what_next(self.state, self._not_ready, self._armed_for),
+            not_ready=lines([trip.text for trip in not_ready]),
+            clears=what_next(self.state, not_ready, self._armed_for),
         )
 
-    def _watch_readiness(self, inputs: Inputs) -> None:
-        lost = known.missing(inputs)
+    def _in_the_way(self) -> list[Trip]:
+        """Return what arming would be refused for, by what was seen last."""
+        if self._seen is None:
+            return [tripped("not_ready", "starting")]
+        good_s = _since_s(self._good_since_ns, self._seen)
+        found = complaints(self._seen, self._terms, good_s, "all")
+        return lasting(found) if self.state in MAY_MOVE else found
+
+    def _watch_readiness(self, inputs: Inputs, lost: list[Trip]) -> None:
         if lost and known.missing(inputs, blind=True):  # which is never more than without
             self._blind_since_ns = None
         else:
@@ -115,12 +124,12 @@ class Arbiter:
             if self.state == "BOOT":
                 self.trips = known.predecessor_trips(inputs)
             self.state = after(self.state, "ready")
-        found = complaints(inputs, self._terms, _since_s(self._good_since_ns, inputs), "all")
-        self._not_ready = lasting(found) if self.state in MAY_MOVE else found
 
-    def _watch_motion(self, inputs: Inputs) -> None:
+    def _watch_motion(self, inputs: Inputs, lost: list[Trip]) -> None:
         blind = self._freeing is not None and self._freeing.blind
-        faults = known.fault_trips(inputs, blind=blind)
+        if blind and lost:
+            lost = known.missing(inputs, blind=True)
+        faults = lost or known.robot_complaints(inputs)
         faults = faults or known.replaced_trips(inputs, self._writers)
         robot, wrench = inputs.robot, inputs.wrench.fresh
         unfelt = wrench is None and not blind
@@ -318,7 +327,7 @@ class Arbiter:
         if isinstance(begun, Trip):
             return refused(begun)
         self._begin_lease("back_off", "back_off", begun.bounds, inputs)
-        unknown = tuple(known.fault_trips(inputs, blind=False)) if blind else ()
+        unknown = tuple(known.fault_trips(inputs)) if blind else ()
         self._freeing, request = replace(begun, unknown=unknown), begun.request
         goal = Goal(id=0, kind=request.kind, pose=request.pose)
         claim = Claim("operator", request, goal, begun.speed, inputs.now_ns)

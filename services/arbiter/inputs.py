@@ -163,9 +163,9 @@ def strangers(inputs: Inputs, config_hash: str, version: str) -> list[Trip]:
     return trips
 
 
-def fault_trips(inputs: Inputs, *, blind: bool = False) -> list[Trip]:
+def fault_trips(inputs: Inputs) -> list[Trip]:
     """Return why motion must end in FAULT: an input is gone or the robot is not fit to move."""
-    return missing(inputs, blind=blind) or robot_complaints(inputs)
+    return missing(inputs) or robot_complaints(inputs)
 
 
 def _lost(reading: Reading[Any], *, is_sensor: bool) -> Trip:

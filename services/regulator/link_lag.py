@@ -62,8 +62,10 @@ class Commanded:
         """Tell whether what left is behind every command of the window; None: nothing is known."""
         if T_sent is None or not len(self.ages_s):
             return False
-        gone = _apart(self.poses - self.poses[-1]).max(axis=0)
         behind = _apart(_row(T_sent) - self.poses[-1:])[0]
+        if (behind <= SAME).all():
+            return False
+        gone = _apart(self.poses - self.poses[-1]).max(axis=0)
         return bool((behind > gone + SAME).any())
 
 

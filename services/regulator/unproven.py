@@ -119,12 +119,14 @@ def update(
         settings: When the tool is idle.
     """
     force, moved_m = R_base_tcp.T @ force_N, R_base_tcp.T @ motion.moved_m
-    size, way_m = np.abs(force), np.abs(moved_m)
-    way_m = np.where(force * moved_m > 0.0, before.way_m + way_m, before.way_m - way_m)
-    way_m = np.maximum(way_m, 0.0)
-    most_N = np.where(way_m > 0.0, np.maximum(before.most_N, size), size)
+    size = np.abs(force)
     if length(force * limited) <= settings.idle_N:
         way_m, most_N = np.zeros(3), size
+    else:
+        step_m = np.abs(moved_m)
+        step_m = np.where(force * moved_m > 0.0, step_m, -step_m)
+        way_m = np.maximum(before.way_m + step_m, 0.0)
+        most_N = np.where(way_m > 0.0, np.maximum(before.most_N, size), size)
     spin_Nm = torque_Nm
     if (square := float(force_N @ force_N)) > settings.idle_N**2:
         spin_Nm = force_N * float(torque_Nm @ force_N) / square
@@ -141,7 +143,9 @@ def trip_of(
     now: Yielding, force_tool_N: Array, limited: "npt.NDArray[np.bool_]", *, turns: bool
 ) -> Trip | None:
     """Return why force feedback must end, if it must; `force_tool_N` in tool axes, shape (3,)."""
-    if not limited.any():
+    too_far = length(now.way_m * limited) > LIMIT_M  # unless it was paid for
+    too_turned = turns and now.turn_rad > LIMIT_RAD and limited.any()
+    if not too_far and not too_turned:
         return None
     paid_m = _fallen_N(now, np.abs(force_tool_N), limited) / SOFTEST_N_M
     unpaid_m = np.where(limited, np.maximum(now.way_m - paid_m, 0.0), 0.0)
@@ -156,7 +160,7 @@ def trip_of(
             f"force did not fall, {rest}"
         )
         return tripped("sensor_sign", text, value=gone_m, limit=LIMIT_M)
-    if turns and now.turn_rad > LIMIT_RAD:
+    if too_turned:
         text = f"the tool gave way to a torque by {np.degrees(now.turn_rad):.1f} degrees, {rest}"
         return tripped("sensor_sign", text, value=now.turn_rad, limit=LIMIT_RAD)
     return None

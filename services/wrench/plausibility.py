@@ -5,13 +5,13 @@ not count is never taken for zero force: a regulator that presses would press ha
 """
 
 from dataclasses import dataclass
-from math import isfinite
+from math import hypot, isfinite
 from typing import NamedTuple
 
 import numpy as np
 
 from common.cell import Cell
-from common.frames import Array, length
+from common.frames import Array
 
 SATURATED_FROM = 0.95  # of the range, on any one axis: near its end a sensor is no longer linear
 FEWEST_REPEATS = 3  # a slow sensor may say its last reading once more
@@ -35,9 +35,9 @@ FINE = Complaint("", "")
 class Bounds:
     """What readings of this sensor, behind this tool, on this arm, can be."""
 
-    range: Array  # N, N, N, N m, N m, N m
-    step: Array  # of force [N] and torque [N m] from one sample to the next. Shape (2,)
-    step_per_s: Array  # more for each second between them. Shape (2,)
+    range: tuple[float, ...]  # N, N, N, N m, N m, N m
+    step: tuple[float, float]  # of force [N] and torque [N m] from one sample to the next
+    step_per_s: tuple[float, float]  # more for each second between them
     frozen_s: float  # the same six numbers for so long; 0: this sensor has no noise
 
     @classmethod
@@ -48,15 +48,18 @@ class Bounds:
         the mass m in front of the sensor within one sample at the soonest: m v / T.
         """
         v, contact, sensor = cell.limits.speed_m_s, cell.contact, cell.sensor
+        sensor_hz = cell.rates.sensor_hz
         T_sensor_tcp = sensor.T_flange_sensor.pose.inverse() * cell.tool.T_flange_tcp.pose
         lever_m = float(np.linalg.norm(T_sensor_tcp.translation)) + LEVER_BEYOND_TCP_M
-        of_force = np.array([1.0, lever_m])
-        ranges = np.array([sensor.force_range_N, sensor.torque_range_Nm])
-        impact_N = contact.inertia_kg * v * cell.rates.sensor_hz
+        range_N, range_Nm = sensor.force_range_N, sensor.torque_range_Nm
+        impact_N, push_N_s = contact.inertia_kg * v * sensor_hz, contact.stiffness_N_m * v
         return cls(
-            range=np.repeat(ranges, 3),
-            step=MARGIN_OF_RANGE * ranges + impact_N * of_force,
-            step_per_s=contact.stiffness_N_m * v * of_force,
+            range=(range_N,) * 3 + (range_Nm,) * 3,
+            step=(
+                MARGIN_OF_RANGE * range_N + impact_N,
+                MARGIN_OF_RANGE * range_Nm + impact_N * lever_m,
+            ),
+            step_per_s=(push_N_s, push_N_s * lever_m),
             frozen_s=sensor.frozen_s,
         )
 
@@ -111,8 +114,7 @@ def judge(
 
 
 def _beyond_range(reading: Array, bounds: Bounds) -> Complaint | None:
-    ranges = bounds.range.tolist()
-    for (axis, unit), value, full in zip(AXES, reading.tolist(), ranges, strict=True):
+    for (axis, unit), value, full in zip(AXES, reading.tolist(), bounds.range, strict=True):
         if not isfinite(value):
             return Complaint("not_finite", f"{axis} of the sensor is not finite")
         if abs(value) >= SATURATED_FROM * full:
@@ -131,10 +133,12 @@ def _frozen(now: History, bounds: Bounds) -> Complaint | None:
 def _jump(now: History, reading: Array, bounds: Bounds) -> Complaint | None:
     if now.taken is None:
         return None
-    change = reading - now.taken
-    changes = length(change[:3]), length(change[3:])
-    largest = (bounds.step + bounds.step_per_s * now.taken_s).tolist()
-    for size, limit, unit in zip(changes, largest, ("N", "N m"), strict=True):
+    change = (reading - now.taken).tolist()
+    sizes = hypot(*change[:3]), hypot(*change[3:])
+    for size, step, per_s, unit in zip(
+        sizes, bounds.step, bounds.step_per_s, ("N", "N m"), strict=True
+    ):
+        limit = step + per_s * now.taken_s
         if size > limit:
             text = f"the reading jumped by {size:.4g} {unit}, no contact here can do more than"
             return Complaint("sensor_jump", f"{text} {limit:.4g} {unit}")

@@ -58,6 +58,12 @@ def test_the_first_word_is_hold() -> None:
     assert world.tick().permission is None
 
 
+def test_one_that_has_seen_nothing_says_that_it_starts() -> None:
+    """Its status can be asked for before its first period."""
+    status = World().core.status()
+    assert (status.state, status.not_ready) == ("BOOT", ("starting",))
+
+
 def test_arming_needs_a_second_of_good_inputs() -> None:
     """Refused with how long they have been good; a gap starts the second anew."""
     world = World()

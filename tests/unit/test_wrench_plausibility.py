@@ -32,7 +32,9 @@ from tests.fakes.wrench_bench import SENSOR_S, TOLD_S, WrenchBench
 
 BOUNDS = Bounds.of(CELL)
 REST = np.array([1.0, -2.0, 12.0, 0.1, 0.2, 0.3])
-LARGEST = BOUNDS.step + BOUNDS.step_per_s * SENSOR_S
+LARGEST = [
+    step + per_s * SENSOR_S for step, per_s in zip(BOUNDS.step, BOUNDS.step_per_s, strict=True)
+]
 FREEZE_AT_MOST_S = 0.1
 
 
@@ -124,7 +126,7 @@ def test_a_step_that_no_contact_can_make_is_a_fault_within_two_samples(way, torq
         return
     unit = np.concatenate((np.zeros(3), way) if torque else (way, np.zeros(3))) / length
     limit = LARGEST[int(torque)]
-    wide = Bounds(1e6 * np.ones(6), BOUNDS.step, BOUNDS.step_per_s, BOUNDS.frozen_s)
+    wide = Bounds((1e6,) * 6, BOUNDS.step, BOUNDS.step_per_s, BOUNDS.frozen_s)
     for share, said in ((1.5, ["", "", "sensor_jump"]), (0.9, ["", "", ""])):
         step = share * limit * unit
         assert codes([REST, REST + step, REST + step + 1e-3], wide) == said
@@ -159,9 +161,9 @@ def test_every_reading_counts_or_is_told_or_is_one_spark(readings) -> None:
 
 PERIOD_S = 2.0**-6  # sums of it are exact
 EXACT = Bounds(
-    range=np.repeat([100.0, 10.0], 3),
-    step=np.array([16.0, 2.0]),
-    step_per_s=np.array([64.0, 8.0]),
+    range=(100.0, 100.0, 100.0, 10.0, 10.0, 10.0),
+    step=(16.0, 2.0),
+    step_per_s=(64.0, 8.0),
     frozen_s=4.0 * PERIOD_S,
 )
 
@@ -181,7 +183,7 @@ def axis(number: int, value: float) -> np.ndarray:
 
 def test_what_the_demo_s_sensor_can_read_follows_from_its_cell() -> None:
     """1.2 kg at 0.25 m/s stop within 2 ms on 20 N/mm, 0.1 m beyond a TCP 0.14 m away; 2 % more."""
-    assert BOUNDS.range.tolist() == [500.0, 500.0, 500.0, 20.0, 20.0, 20.0]
+    assert BOUNDS.range == (500.0, 500.0, 500.0, 20.0, 20.0, 20.0)
     assert BOUNDS.step == pytest.approx([10.0 + 150.0, 0.4 + 0.24 * 150.0])
     assert BOUNDS.step_per_s == pytest.approx([5000.0, 0.24 * 5000.0])
     assert BOUNDS.frozen_s == 0.08
@@ -230,6 +232,16 @@ def test_the_largest_step_grows_with_the_time_since_the_last_reading_that_counte
             history, _ = judge(history, reading, PERIOD_S, EXACT)
         assert history.counts is counts
         assert history.spikes == max(lost, not counts)
+
+
+def test_the_largest_steps_of_force_and_torque_at_once_count() -> None:
+    """Neither adds to the other; in each all three axes do."""
+    force_N, torque_Nm = 16.0 + 64.0 * PERIOD_S, 2.0 + 8.0 * PERIOD_S
+    both = axis(0, force_N) + axis(3, torque_Nm)
+    assert judge(judge(History(), np.zeros(6), PERIOD_S, EXACT)[0], both, PERIOD_S, EXACT)[0].counts
+    for beside in (axis(1, 0.1 * force_N), axis(2, 0.1 * force_N), axis(4, 0.3), axis(5, 0.3)):
+        before = judge(History(), np.zeros(6), PERIOD_S, EXACT)[0]
+        assert not judge(before, both + beside, PERIOD_S, EXACT)[0].counts
 
 
 @pytest.mark.parametrize(("calm", "code"), [(9, "sensor_jump"), (10, "")])

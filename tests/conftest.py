@@ -4,6 +4,7 @@ On a developer's machine each run draws new examples; in CI the same ones are dr
 that a red run is always the change's own doing. What may be repeated: `tests/repeats.py`.
 """
 
+import gc
 import os
 import tempfile
 from collections.abc import Generator
@@ -41,6 +42,12 @@ def pytest_runtest_makereport() -> Generator[None, pytest.TestReport, pytest.Tes
     if os.environ.get("CI") and report.skipped:
         report.outcome = "failed"
     return report
+
+
+def pytest_collection_finish() -> None:
+    """Leave what is there before the first test out of each later collection: it only gets read."""
+    gc.collect()
+    gc.freeze()
 
 
 def pytest_configure(config: pytest.Config) -> None:

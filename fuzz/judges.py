@@ -4,7 +4,9 @@
 A stop may be as hard as it likes; everything else has the cell's limit and the margin beside it.
 """
 
+from bisect import bisect_right
 from collections import Counter, deque
+from itertools import islice
 from math import acos, degrees, radians
 
 import numpy as np
@@ -60,7 +62,9 @@ class Path:
         limits = cell.limits
         self._speed, self._turning = limits.speed_m_s, radians(limits.speed_deg_s)
         self._accel = limits.accel_m_s2
-        self._points: deque[tuple[float, Array, float, float]] = deque()
+        self._times_s: deque[float] = deque()  # of the points of the last 250 ms, oldest first
+        self._ways_m: deque[float] = deque()  # to each of them
+        self._turns_rad: deque[float] = deque()
         self._last: tuple[Array, Array] | None = None
         self.most_m_s = self.most_m = self.most_m_s2 = 0.0
 
@@ -70,36 +74,43 @@ class Path:
 
     def add(self, at_s: float, p_m: Array, R: Array) -> list[str]:
         """Return the limits that this point breaks."""
-        points = self._points
+        times_s, ways_m, turns_rad = self._times_s, self._ways_m, self._turns_rad
         way_m = turn_rad = 0.0
         if self._last is not None:
             way_m = float(np.linalg.norm(p_m - self._last[0]))
             trace = float(np.sum(self._last[1] * R))
             turn_rad = _angle(trace)
         self._last = (p_m, R)
-        points.append((at_s, p_m, way_m, turn_rad))
-        while at_s - points[0][0] > 0.25:
-            points.popleft()
-        window_m, window_rad = sum(point[2] for point in points), sum(p[3] for p in points)
+        times_s.append(at_s)
+        ways_m.append(way_m)
+        turns_rad.append(turn_rad)
+        while at_s - times_s[0] > 0.25:
+            for column in (times_s, ways_m, turns_rad):
+                column.popleft()
+        count, window_m, window_rad = len(times_s), sum(ways_m), sum(turns_rad)
         self.most_m = max(self.most_m, window_m)
         broken = []
-        if window_m > MARGIN * self._speed * (0.25 + BURST_S) + ROUNDING_M * len(points):
+        if window_m > MARGIN * self._speed * (0.25 + BURST_S) + ROUNDING_M * count:
             broken.append("window")
-        if window_rad > MARGIN * self._turning * (0.25 + BURST_S) + TURN_ROUNDING_RAD * len(points):
+        if window_rad > MARGIN * self._turning * (0.25 + BURST_S) + TURN_ROUNDING_RAD * count:
             broken.append("turning")
         return broken + self._sudden(at_s)
 
     def _sudden(self, at_s: float) -> list[str]:
         """Compare the way of the last 60 ms with that of the 60 ms before."""
-        ages = [(round(at_s - then_s, 6), way_m) for then_s, _, way_m, _ in self._points]
-        newer = sum(way_m for age_s, way_m in ages if age_s < HALF_S)
-        older = sum(way_m for age_s, way_m in ages if HALF_S <= age_s < 2 * HALF_S)
+        first, middle = (self._count_older(at_s, age_s) for age_s in (2 * HALF_S, HALF_S))
+        newer = sum(islice(self._ways_m, middle, None))
+        older = sum(islice(self._ways_m, first, middle))
         change = newer - older
         self.most_m_s = max(self.most_m_s, newer / HALF_S)
         self.most_m_s2 = max(self.most_m_s2, change / HALF_S**2)
         if change > SUDDEN * self._accel * HALF_S**2 + self._speed * (SOON_S + BURST_S):
             return ["acceleration"]
         return []
+
+    def _count_older(self, at_s: float, age_s: float) -> int:
+        """Return how many points are at least as old as that, to the microsecond."""
+        return bisect_right(self._times_s, -age_s, key=lambda then_s: -round(at_s - then_s, 6))
 
 
 class ArmJudge:

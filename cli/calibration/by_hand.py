@@ -5,7 +5,7 @@ from typing import Protocol
 
 import numpy as np
 
-from cli.calibration.choice import USUAL_PAYLOAD, conditioning
+from cli.calibration.choice import conditioning
 from cli.calibration.errors import CalibrationError
 from cli.calibration.evidence import evidence_of
 from cli.calibration.finish import Job, conclude, keep_readings
@@ -154,7 +154,7 @@ class Watcher:
         count = len(self._taken(purpose))
         if purpose == "verify" or count == 0:
             return True
-        found = conditioning(_attitudes(self._taken("fit")), USUAL_PAYLOAD)
+        found = conditioning(_attitudes(self._taken("fit")))
         if count < LEAST_POSES or found > WORST_CONDITIONING:
             self._teller.note(
                 f"{count} poses with condition number {found:.0f} cannot carry a fit (at most "
@@ -170,7 +170,7 @@ class Watcher:
             return "; next: any attitude that was not there before"
         if len(taken) < LEAST_POSES:
             return f"; next: {HINT}"
-        found = conditioning(_attitudes(taken), USUAL_PAYLOAD)
+        found = conditioning(_attitudes(taken))
         try:
             advised = identify(samples_of(taken)).next_pose
         except DataError as error:

@@ -8,8 +8,8 @@ determinant grow most, so the directions of gravity spread over the sphere by th
 import numpy as np
 
 from common.frames import Array
-from common.payload import Payload, predict
-from services.wrench.least_squares import solve
+from common.payload import Payload
+from services.wrench.least_squares import plain_conditioning
 from services.wrench.next_pose import LINEAR_SIZES
 from services.wrench.payload_model import LINEAR, USUAL, Model, jacobian, start_state
 from services.wrench.poses import angle
@@ -64,11 +64,10 @@ def fresh_attitudes(R_base_sensor: Array, count: int, taken: tuple[int, ...]) ->
     return chosen
 
 
-def conditioning(R_base_sensor: Array, payload: Payload) -> float:
+def conditioning(R_base_sensor: Array) -> float:
     """Return the condition number that the plain fit of these attitudes has. Shape (n, 3, 3)."""
-    force, torque = predict(payload, R_base_sensor)
-    samples = Samples(R_base_sensor, force, torque)
-    return solve(samples, np.ones(len(samples)), Model(), start_state()).conditioning
+    zeros = np.zeros((len(R_base_sensor), 3))
+    return plain_conditioning(Samples(R_base_sensor, zeros, zeros), np.ones(len(zeros)))
 
 
 def _scaled_jacobians(R_base_sensor: Array, payload: Payload) -> Array:

@@ -110,7 +110,7 @@ def make_plan(cell: Cell, arm: ArmKinematics, q_start: Array, options: Options) 
             f"least: {ADVICE}"
         )
     verify = fresh_attitudes(R, options.verify_poses, tuple(fit))
-    found = conditioning(R[fit], payload)
+    found = conditioning(R[fit])
     route = Route(inner, fence, q_start, hub)
     fit = shortest_order(route, q, fit, hub)
     verify = shortest_order(route, q, verify, q[fit[-1]])

@@ -146,7 +146,7 @@ def _places(solution: Solution) -> dict[str, slice]:
         "bias_F": slice(4, 7),
         "bias_M": slice(7, 10),
     }
-    return linear | solution.model.places
+    return {**linear, **solution.model.places}
 
 
 def vector(v: Array) -> Vector:

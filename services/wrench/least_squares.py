@@ -8,6 +8,7 @@ its unknowns averaged out (MacKay: Bayesian interpolation, Neural Computation 19
 from dataclasses import dataclass, replace
 
 import numpy as np
+import numpy.typing as npt
 
 from common.frames import Array
 from services.wrench.payload_model import (
@@ -19,6 +20,7 @@ from services.wrench.payload_model import (
     jacobian,
     moved,
     residuals,
+    start_state,
     upright,
 )
 from services.wrench.recording import Samples
@@ -77,8 +79,14 @@ class _Task:
 
 @dataclass(frozen=True, slots=True)
 class _Normal:
-    """The normal equations at one state; the covariance is half @ half.T."""
+    """The normal equations at one state; the covariance is half @ half.T.
 
+    `scale` is one over the noise of each reading, shape (2, n, 1); `rows` are the derivatives in
+    units of that noise, shape (2, n, 3, unknowns).
+    """
+
+    scale: Array
+    rows: Array
     squares: tuple[Array, Array]
     slope: Array
     half: Array
@@ -102,34 +110,51 @@ def solve(samples: Samples, weight: Array, model: Model, start: State) -> Soluti
     task = _Task(samples, weight, model)
     state = upright(_fitted_linear(task, start))
     widths = {name: USUAL[name] for name in model.places}
-    noise = _noise(residuals(state, samples), weight, np.array([4.0, 6.0]))
+    left = residuals(state, samples)
+    noise = _noise(left, weight, np.array([4.0, 6.0]))
     converged = False
     for _ in range(ITERATIONS):
-        normal = _normal(state, task, noise, widths)
-        step = normal.covariance @ normal.slope
+        normal = _normal(state, task, noise, widths, left=left)
+        covariance = normal.covariance
+        step = covariance @ normal.slope
         state = upright(moved(state, step, model))
+        left = residuals(state, samples)
         widths = _widened(state, model)
-        borne = [float(np.sum(normal.covariance * square)) for square in normal.squares]
-        before, noise = noise, _noise(residuals(state, samples), weight, np.array(borne))
+        borne = [float(np.sum(covariance * square)) for square in normal.squares]
+        before, noise = noise, _noise(left, weight, np.array(borne))
         # The noise is only waited for roughly: signs and turns settle long before it.
         settled = bool(np.all(np.abs(np.log(noise / before)) < 1e-2))
         if settled and np.linalg.norm(step) < CONVERGED * (1.0 + np.linalg.norm(state.linear)):
             converged = True
             break
-    normal = _normal(state, task, noise, widths)
+    normal = _normal(state, task, noise, widths, left=left)
+    covariance = normal.covariance
     information = np.diag(normal.squares[0] + normal.squares[1]) + 1.0 / _variances(model, widths)
     return Solution(
         model=model,
         state=state,
         noise=Noise(float(noise[0]), float(noise[1])),
         widths=widths,
-        covariance=normal.covariance,
+        covariance=covariance,
         conditioning=normal.conditioning,
-        amplified=np.sqrt(np.diag(normal.covariance) * information),
+        amplified=np.sqrt(np.diag(covariance) * information),
         converged=converged,
-        evidence=_evidence(state, task, noise, widths, log_det=normal.log_det),
-        left_out=_left_out(state, task, noise, normal.half),
+        evidence=_evidence(state, task, noise, widths, left=left, log_det=normal.log_det),
+        left_out=_left_out(normal, left),
     )
+
+
+def plain_conditioning(samples: Samples, weight: Array) -> float:
+    """Return the conditioning of the plain fit, which the attitudes and their weights alone make.
+
+    Force and torque share no unknown there, so the noise of neither changes it, nor do the
+    readings: nothing needs to be solved.
+
+    Args:
+        samples: Readings in sensor axes.
+        weight: Weight of each reading. Shape (n,).
+    """
+    return _plain_normal(_Task(samples, weight, Model()), start_state()).conditioning
 
 
 def _variances(model: Model, widths: dict[str, float]) -> Array:
@@ -146,11 +171,14 @@ def _widened(state: State, model: Model) -> dict[str, float]:
     return {name: max(USUAL[name], size) for name, size in found.items()}
 
 
-def _normal(state: State, task: _Task, noise: Array, widths: dict[str, float]) -> _Normal:
+def _normal(
+    state: State, task: _Task, noise: Array, widths: dict[str, float], *, left: Array
+) -> _Normal:
+    """Set up and factorise the equations; `left` are the residuals at this state."""
     samples, model = task.samples, task.model
     scale = np.sqrt(task.weight)[None, :, None] / noise[:, None, None]
-    A = (jacobian(state, samples, model) * scale[..., None]).reshape(2, -1, model.size)
-    r = (residuals(state, samples) * scale).reshape(2, -1)
+    rows = jacobian(state, samples, model) * scale[..., None]
+    A, r = rows.reshape(2, -1, model.size), (left * scale).reshape(2, -1)
     squares = (A[0].T @ A[0], A[1].T @ A[1])
     prior = 1.0 / _variances(model, widths)
     slope = A[0].T @ r[0] + A[1].T @ r[1]
@@ -166,14 +194,20 @@ def _normal(state: State, task: _Task, noise: Array, widths: dict[str, float]) -
     keep = s > s[-1] * RANK_TOLERANCE
     half = V[:, keep] / s[keep] / length[:, None]
     log_det = 2.0 * float(np.log(s[keep]).sum() + np.log(length).sum())
-    return _Normal(squares, slope, half, conditioning, log_det)
+    return _Normal(scale, rows, squares, slope, half, conditioning, log_det)
 
 
 def _evidence(
-    state: State, task: _Task, noise: Array, widths: dict[str, float], *, log_det: float
+    state: State,
+    task: _Task,
+    noise: Array,
+    widths: dict[str, float],
+    *,
+    left: Array,
+    log_det: float,
 ) -> float:
     """Return the logarithm of the evidence (Laplace's approximation), up to a common constant."""
-    squares = (task.weight[:, None] * residuals(state, task.samples) ** 2).sum(axis=(1, 2))
+    squares = (task.weight[:, None] * left**2).sum(axis=(1, 2))
     equations = 3.0 * len(task.samples) + QUIET_EQUATIONS
     squares = squares + QUIET_EQUATIONS * QUIET**2
     fit = float(np.sum(squares / noise**2 + 2.0 * equations * np.log(noise)))
@@ -183,33 +217,47 @@ def _evidence(
     return -0.5 * (fit + prior + log_det)
 
 
-def _left_out(state: State, task: _Task, noise: Array, half: Array) -> Array:
+def _left_out(normal: _Normal, left: Array) -> Array:
     """Return the residuals of poses under fits without them, by the hat matrix.
 
     Exact for linear models, and close for small turns. Each pose is left out alone; in long
     recordings whole stretches are, as neighbours are alike. Infinite where there is no fit.
     """
-    samples, model, n = task.samples, task.model, len(task.samples)
-    scale = np.sqrt(task.weight)[None, :, None] / noise[:, None, None]
-    A = jacobian(state, samples, model) * scale[..., None]
-    r = residuals(state, samples) * scale
-    left_out = np.full((2, n, 3), np.inf)
-    for fold in np.array_split(np.arange(n), min(n, FOLDS_AT_MOST)):
-        rows = A[:, fold].reshape(-1, model.size) @ half
-        error = r[:, fold].ravel()
+    left_out = np.full_like(left, np.inf)
+    errors = left * normal.scale
+    for folds in _folds(left.shape[1]):
+        count, each = folds.shape
+        rows = normal.rows[:, folds].swapaxes(0, 1).reshape(count, 6 * each, -1) @ normal.half
+        error = errors[:, folds].swapaxes(0, 1).reshape(count, 6 * each, 1)
         # (I - B B^T)^-1 = I + B (I - B^T B)^-1 B^T keeps it small for long recordings.
-        kept = np.eye(rows.shape[1]) - rows.T @ rows
-        if np.linalg.eigvalsh(kept)[0] > 1e-9:
-            error = error + rows @ np.linalg.solve(kept, rows.T @ error)
-            left_out[:, fold] = error.reshape(2, -1, 3) / scale[:, fold]
+        kept = np.eye(rows.shape[2]) - rows.swapaxes(1, 2) @ rows
+        fits = np.linalg.eigvalsh(kept)[:, 0] > 1e-9
+        rows, error, kept = rows[fits], error[fits], kept[fits]
+        error = error + rows @ np.linalg.solve(kept, rows.swapaxes(1, 2) @ error)
+        places = folds[fits]
+        apart = error.reshape(len(places), 2, each, 3).swapaxes(0, 1)
+        left_out[:, places] = apart / normal.scale[:, places]
     return left_out
+
+
+def _folds(n: int) -> list[npt.NDArray[np.intp]]:
+    """Return the poses to leave out together, in one or two tables of folds of one length."""
+    count = min(n, FOLDS_AT_MOST)
+    each, longer = divmod(n, count)
+    poses, split = np.arange(n), longer * (each + 1)
+    tables = [poses[:split].reshape(longer, each + 1), poses[split:].reshape(-1, each)]
+    return tables if longer else tables[1:]
 
 
 def _fitted_linear(task: _Task, start: State) -> State:
     """Return the start with the linear unknowns fitted; the blocks share none of them."""
     still = replace(start, linear=np.zeros(LINEAR))
-    normal = _normal(still, replace(task, model=Model()), np.ones(2), {})
+    normal = _plain_normal(replace(task, model=Model()), still)
     return replace(still, linear=normal.covariance @ normal.slope)
+
+
+def _plain_normal(task: _Task, state: State) -> _Normal:
+    return _normal(state, task, np.ones(2), {}, left=residuals(state, task.samples))
 
 
 def _noise(residual: Array, weight: Array, borne: Array) -> Array:

@@ -81,7 +81,11 @@ def _best(candidates: Sequence[Candidate]) -> Candidate:
 
 
 def _judged(poses: Poses, model: Model, starts: Sequence[State], plain: Candidate) -> Candidate:
-    candidate = _fitted(poses, model, [_allowed(start, model) for start in starts])
+    allowed = [_allowed(start, model) for start in starts]
+    # Without what tells the starts apart they are one start, and one fit.
+    if all(_same_directions(start, allowed[0]) for start in allowed):
+        allowed = allowed[:1]
+    candidate = _fitted(poses, model, allowed)
     return replace(candidate, verdict=_objection(candidate, plain, len(poses)))
 
 
@@ -92,6 +96,10 @@ def _allowed(start: State, model: Model) -> State:
         down_in_base=start.down_in_base if model.tilt else DOWN,
         R_mount=start.R_mount if model.mounting else np.eye(3),
     )
+
+
+def _same_directions(a: State, b: State) -> bool:
+    return np.array_equal(a.R_mount, b.R_mount) and np.array_equal(a.down_in_base, b.down_in_base)
 
 
 def _objection(candidate: Candidate, plain: Candidate, poses: int) -> str:

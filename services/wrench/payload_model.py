@@ -8,7 +8,10 @@ the bias over the recording, d2 the height of its bend.
 """
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cache
+from types import MappingProxyType
 
 import numpy as np
 
@@ -48,23 +51,28 @@ class Model:
         return self.tilt + self.mounting + self.gain + self.drift
 
     @property
-    def places(self) -> dict[str, slice]:
+    def places(self) -> Mapping[str, slice]:
         """Where each group of unknowns stands after the linear ones."""
-        sizes = {"tilt": 2 * self.tilt, "mounting": 3 * self.mounting}
-        sizes |= {"gain_F": 3 * self.gain, "gain_M": 3 * self.gain}
-        for order in range(1, self.drift + 1):
-            sizes |= {f"drift{order}_F": 3, f"drift{order}_M": 3}
-        places, at = {}, LINEAR
-        for name, size in sizes.items():
-            if size:
-                places[name] = slice(at, at + size)
-                at += size
-        return places
+        return _places(self)
 
     @property
     def size(self) -> int:
         """Number of unknowns."""
         return LINEAR + 2 * self.tilt + 3 * self.mounting + 6 * (self.gain + self.drift)
+
+
+@cache
+def _places(model: Model) -> Mapping[str, slice]:
+    sizes = {"tilt": 2 * model.tilt, "mounting": 3 * model.mounting}
+    sizes |= {"gain_F": 3 * model.gain, "gain_M": 3 * model.gain}
+    for order in range(1, model.drift + 1):
+        sizes |= {f"drift{order}_F": 3, f"drift{order}_M": 3}
+    places, at = {}, LINEAR
+    for name, size in sizes.items():
+        if size:
+            places[name] = slice(at, at + size)
+            at += size
+    return MappingProxyType(places)
 
 
 USUAL = {
@@ -128,10 +136,12 @@ def gravity(state: State, samples: Samples) -> Array:
 def residuals(state: State, samples: Samples) -> Array:
     """Return reading minus model: force [N] and torque [Nm]. Shape (2, n, 3)."""
     g_s = gravity(state, samples)
-    m, h, b_F, b_M = np.split(state.linear, [1, 4, 7])
-    load = np.stack([m * g_s, g_s @ skew(h).T])
-    bias = np.stack([b_F, b_M])[:, None, :] + shapes(samples).T @ state.drift.swapaxes(0, 1)
-    read = np.stack([samples.force_N, samples.torque_Nm])
+    m, h = state.linear[0], state.linear[1:4]
+    load = np.array([m * g_s, g_s @ skew(h).T])
+    bias = state.linear[4:].reshape(2, 1, 3)
+    if state.drift.any():
+        bias = bias + shapes(samples).T @ state.drift.swapaxes(0, 1)
+    read = np.array([samples.force_N, samples.torque_Nm])
     return np.asarray(read - (1.0 + state.gain_error[:, None, :]) * load - bias)
 
 
@@ -152,12 +162,11 @@ def jacobian(state: State, samples: Samples, model: Model) -> Array:
         J[:, :, :, places["mounting"]] = m * g_turn, skew(h) @ g_turn
     J *= (1.0 + state.gain_error)[:, None, :, None]
     J[0, :, :, 4:7] = J[1, :, :, 7:10] = np.eye(3)
-    load = np.stack([m * g_s, g_s @ skew(h).T])
-    for block, of in enumerate("FM"):
-        if model.gain:
-            J[block, :, :, places[f"gain_{of}"]] = load[block][:, :, None] * np.eye(3)
-        for order in range(1, model.drift + 1):
-            shape = shapes(samples)[order - 1]
+    if model.gain:
+        J[0, :, :, places["gain_F"]] = (m * g_s)[:, :, None] * np.eye(3)
+        J[1, :, :, places["gain_M"]] = (g_s @ skew(h).T)[:, :, None] * np.eye(3)
+    for order, shape in enumerate(shapes(samples)[: model.drift] if model.drift else (), start=1):
+        for block, of in enumerate("FM"):
             J[block, :, :, places[f"drift{order}_{of}"]] = shape[:, None, None] * np.eye(3)
     return J
 

@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from common.errors import DataError
 from common.frames import Array
-from services.wrench.least_squares import solve
+from services.wrench.least_squares import plain_conditioning, solve
 from services.wrench.payload_model import Model, start_state
 from services.wrench.recording import Samples
 
@@ -82,8 +82,7 @@ def carries_a_fit(poses: Poses) -> bool:
     """Tell whether the poses are so many, and so far apart, that the plain fit is sure."""
     if len(poses) == 0 or _distinct(poses.means.R_base_sensor) < LEAST_POSES:
         return False
-    plain = solve(poses.means, poses.weight, Model(), start_state())
-    return plain.conditioning <= WORST_CONDITIONING
+    return plain_conditioning(poses.means, poses.weight) <= WORST_CONDITIONING
 
 
 def _starts(R: Array) -> npt.NDArray[np.intp]:

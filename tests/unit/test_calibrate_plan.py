@@ -156,7 +156,7 @@ def test_the_choice_is_better_than_attitudes_at_random(plan):
     """Of fifty random choices among the same candidates none is conditioned better by much."""
     rng = np.random.default_rng(3)
     numbers = [
-        conditioning(plan.R_base_sensor[rng.choice(len(plan.q), 10, replace=False)], USUAL_PAYLOAD)
+        conditioning(plan.R_base_sensor[rng.choice(len(plan.q), 10, replace=False)])
         for _ in range(50)
     ]
     assert plan.conditioning < np.median(numbers)
@@ -263,7 +263,7 @@ def test_attitudes_that_differ_about_the_vertical_alone_teach_little():
     R = np.array(
         [[[np.cos(a), -np.sin(a), 0], [np.sin(a), np.cos(a), 0], [0, 0, 1]] for a in turns]
     )
-    assert conditioning(R, USUAL_PAYLOAD) > 30.0
+    assert conditioning(R) > 30.0
     assert best_attitudes(R[:2], USUAL_PAYLOAD, 5) in ([0, 1], [1, 0])
 
 

@@ -95,9 +95,14 @@ def found() -> Findings:
     return findings(touched_N=4.0)
 
 
-def test_the_page_is_whole_and_needs_nothing_from_outside(found):
+@pytest.fixture(scope="module")
+def html(found) -> str:
+    """The page of that calibration."""
+    return page(found)
+
+
+def test_the_page_is_whole_and_needs_nothing_from_outside(html):
     """Well nested, no script, no style sheet or font elsewhere; each picture is within it."""
-    html = page(found)
     seen = Page(html)
     assert seen.open == []
     assert {"html", "head", "body", "title", "style", "table"} <= set(seen.closed)
@@ -115,9 +120,9 @@ def test_the_page_is_whole_and_needs_nothing_from_outside(found):
         assert not [node for node in picture.iter() if node.tag.endswith(("script", "image"))]
 
 
-def test_the_page_says_all_that_is_to_be_said(found):
+def test_the_page_says_all_that_is_to_be_said(found, html):
     """Cell, tool, sensor, revision, verdict, every parameter, what was left out, and remarks."""
-    seen, section = Page(page(found)), found.section
+    seen, section = Page(html), found.section
     for text in (
         "Calibration of demo",
         "gripper <2> & cable",

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 from unittest.mock import patch
 
 import numpy as np
@@ -30,8 +30,8 @@ from services.gateway.link import News
 from sim.controller.machine import Machine
 from sim.controller.network import MemoryNetwork
 from sim.controller.service import ControllerSensor
-from sim.controller.wire import LockStepWire
 from sim.robot.ft_sensor import FtSample
+from tests.fakes.stalling_wire import StallingWire
 
 CELLS = Path(__file__).parents[2] / "cells"
 ORDER = ("sensor", "robot", "hub", "wrench", "regulator", "arbiter")  # of the roles' start
@@ -45,30 +45,25 @@ KEPT_TOPICS = (
 )
 
 
-class KeptWire(LockStepWire[News]):
+class KeptWire(StallingWire):
     """A wire in memory that keeps what went over it, and on which one direction can stall."""
 
-    newest: "KeptWire | None" = None  # the one that was made last
+    made: ClassVar[list["KeptWire"]] = []  # by the cell that is being made
 
     def __init__(self, network: MemoryNetwork, port: int, make_news: type[News]) -> None:
         """Nothing has gone over it yet."""
         super().__init__(network, port, make_news)
-        self.out_until_ns = self.in_until_ns = 0
         self._readers = {"gateway": PacketReader(), "program": PacketReader()}
         self.packets: list[tuple[int, str, Packet]] = []  # when, whose
-        KeptWire.newest = self
+        KeptWire.made.append(self)
 
     def send(self, data: bytes, now_ns: int) -> bool:
         """Keep what the gateway says."""
         self._keep("gateway", data, now_ns)
         return super().send(data, now_ns)
 
-    def _flush(self, now_ns: int) -> None:
-        if now_ns >= self.out_until_ns:
-            super()._flush(now_ns)
-
     def _receive(self, now_ns: int) -> bytes:
-        data = super()._receive(now_ns) if now_ns >= self.in_until_ns else b""
+        data = super()._receive(now_ns)
         self._keep("program", data, now_ns)
         return data
 
@@ -81,11 +76,10 @@ class Player:
 
     def __init__(self, file: str, **changes: Any) -> None:
         """Start every service of a cell file with some values changed."""
-        KeptWire.newest = None
         cell = load_cell(CELLS / file, changes)
         with patch.object(virtual, "LockStepWire", KeptWire):
             self.cell = VirtualCell(cell)
-        self.wire: KeptWire | None = KeptWire.newest
+        self.wire = KeptWire.made.pop() if KeptWire.made else None
         self.taps: dict[str, Source] = {
             topic.key: self.cell.client.tap(topic, ROOM) for topic in KEPT_TOPICS
         }

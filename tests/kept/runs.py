@@ -104,7 +104,7 @@ def spoiled(player: Player, change: Any, for_s: float = 0.15) -> None:
     player.hold()
 
 
-def without_number(sample: Any) -> Any:
+def failed(sample: Any) -> Any:
     """Let the sensor say that it has failed."""
     return type(sample)(sample.force_N, sample.torque_Nm, "fault", sample.counter)
 
@@ -202,7 +202,7 @@ RUNS: dict[str, Run] = {
     "moves-sim": Run(moved, changes={"sim.gap_m": 0.05}, is_short=True),
     "moves-tcp": Run(moved, TCP, {"sim.gap_m": 0.05}),
     "sensor-silent": Run(partial(spoiled, change=lambda _: None)),
-    "sensor-fault": Run(partial(spoiled, change=without_number)),
+    "sensor-fault": Run(partial(spoiled, change=failed)),
     "sensor-saturated": Run(partial(spoiled, change=shifted(0.0, 0.0, 490.0, 0.0, 0.0, 0.0))),
     "sensor-jump": Run(partial(spoiled, change=shifted(400.0, 0.0, 0.0, 0.0, 0.0, 0.0))),
     "back-off": Run(backed_off),

@@ -9,12 +9,17 @@ COPY requirements-run.lock ./
 RUN /venv/bin/pip install -q --require-hashes --only-binary :all: -r requirements-run.lock \
     && rm -rf /venv/lib/python3.11/site-packages/cmeel.prefix/include
 COPY pyproject.toml LICENSE ./
+COPY arms arms
 COPY cells cells
 COPY cli cli
 COPY common common
 COPY controller controller
+COPY forcemesh forcemesh
+COPY identification identification
+COPY launch launch
 COPY services services
 COPY sim sim
+COPY tuning tuning
 # The file system is read-only at run time, so byte code is written now.
 RUN /venv/bin/pip install -q --no-deps --no-build-isolation -e . \
     && /venv/bin/python -m compileall -q cli common services sim

@@ -8,7 +8,7 @@ UV ?= $(firstword $(shell command -v uv 2>/dev/null) $(wildcard .venv/bin/uv))
 BIN := .venv/bin
 STAMP := .venv/.made-from-lock
 FUZZ_SECONDS ?= 60
-CODE := $(wildcard common services sim cli bench chaos examples fuzz tests tools)
+CODE := $(wildcard forcemesh common controller identification tuning services sim launch cli bench examples tests tools)
 LOCK := pip compile -q --universal --generate-hashes --no-emit-index-url \
         --custom-compile-command "make lock" pyproject.toml
 
@@ -72,7 +72,7 @@ format: setup ## let ruff format and fix what it can
 	@$(BIN)/ruff check --fix $(CODE)
 
 readme: setup ## write what is made from the code: the bus table in README.md, and pages in docs
-	@$(BIN)/python -m tools.readme
+	@$(BIN)/python -m tools.bus_page
 	@$(BIN)/python -m tools.faults_page
 	@$(BIN)/python -m tools.arbitration_page
 	@$(BIN)/python -m tools.schema_page
@@ -91,31 +91,31 @@ bench-force: setup ## how well laws release, hold, find and follow a force: ARGS
 	@$(BIN)/python -m bench.force $(ARGS)
 
 chaos: setup ## kill, freeze and starve every process of a moving cell, also two at once, see that it holds: ARGS="--seed 7"
-	@$(BIN)/python -m chaos $(ARGS)
+	@$(BIN)/python -m tests.chaos $(ARGS)
 
 chaos-full: setup ## the same twenty times each, about 90 minutes, goes on where it was interrupted; writes docs/chaos.md
-	@$(BIN)/python -m chaos --each 20 --journal out/chaos-full.jsonl --write $(ARGS)
+	@$(BIN)/python -m tests.chaos --each 20 --journal out/chaos-full.jsonl --write $(ARGS)
 
 chaos-network: setup ## pull, cut and slow the cables of a moving cell, in namespaces (root): ARGS=--write
-	@$(BIN)/python -m chaos.network $(ARGS)
+	@$(BIN)/python -m tests.chaos.network $(ARGS)
 
 chaos-flood: setup ## freeze a viewer and flood the bus while the arm presses: nobody may be late
-	@$(BIN)/python -m chaos.flood $(ARGS)
+	@$(BIN)/python -m tests.chaos.flood $(ARGS)
 
 chaos-clocks: setup ## let wall clocks jump and monotonic clocks differ while the arm presses (root)
-	@$(BIN)/python -m chaos.clocks $(ARGS)
+	@$(BIN)/python -m tests.chaos.clocks $(ARGS)
 
 soak: setup ## ten minutes of rounds at full rate: no growth, no leak, no false hold: ARGS="--minutes 1"
-	@$(BIN)/python -m chaos.soak $(ARGS)
+	@$(BIN)/python -m tests.chaos.soak $(ARGS)
 
 soak-sensor: setup ## a sensor at 1 kHz over UDP for ten minutes: no record lost, few superseded: ARGS="--minutes 1"
 	@$(BIN)/python -m bench.sensor_soak $(ARGS)
 
 fuzz: setup ## look for inputs that break the readers, FUZZ_SECONDS=60 for each: ARGS=receiver
-	@$(BIN)/python -m fuzz --seconds $(FUZZ_SECONDS) $(ARGS)
+	@$(BIN)/python -m tests.fuzz --seconds $(FUZZ_SECONDS) $(ARGS)
 
 fuzz-commands: setup ## let an evil arbiter say a million commands: ARGS="--messages 100000 gateway"
-	@$(BIN)/python -m fuzz.commands $(ARGS)
+	@$(BIN)/python -m tests.fuzz.commands $(ARGS)
 
 hostile: setup ## ten thousand hostile requests and messages to a running cell: ARGS="--count 500"
 	@$(BIN)/python -m tools.hostile --up $(ARGS)
@@ -133,7 +133,7 @@ mutate-program: setup ## the same with steps of the controller's program: ARGS="
 	@$(BIN)/python -m tests.mutate_program $(ARGS)
 
 fuzz-codec: setup ## spoil ten million streams of packets, none may be believed: ARGS="--cases 100000"
-	@$(BIN)/python -m fuzz.codec $(ARGS)
+	@$(BIN)/python -m tests.fuzz.codec $(ARGS)
 
 pki: setup ## make the certificates of the bus and tell docker compose (.env) where they are: ARGS="--host labpc"
 	@$(BIN)/forcemesh pki init --env .env $(ARGS)
@@ -146,7 +146,7 @@ COMPOSE ?= $(shell docker compose version >/dev/null 2>&1 && echo docker compose
 
 up: ## bring the simulated cell up in containers; PROFILE=real CELL=my-cell.yaml yours in its place, PROFILE=emulated
 	@$(UP) up -d --build $(ARGS)
-	@$(UP) exec -T $(KEEPER)-cell python -m common.in_use check $(KEEPER)
+	@$(UP) exec -T $(KEEPER)-cell python -m common.bus.profile_lock check $(KEEPER)
 
 down: ## take the containers down, of whichever profile
 	@$(COMPOSE) $(ALL) down $(ARGS)

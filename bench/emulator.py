@@ -11,10 +11,9 @@ from pathlib import Path
 
 from rich.table import Table
 
-from common.clock import NS_PER_S
-from common.config import load_cell
-from common.packet import ZERO_VEC, Packet, VecInt, encode
-from common.packet_table import (
+from common.config.load import load_cell
+from controller.packet import ZERO_VEC, Packet, VecInt, encode
+from controller.packet_table import (
     ID_LAST,
     Bank,
     Com,
@@ -24,6 +23,7 @@ from common.packet_table import (
     greeting,
     next_id,
 )
+from forcemesh.clock import NS_PER_S
 from sim.controller.behaviour import Behaviour
 from sim.controller.machine import Machine
 from sim.controller.network import MemoryNetwork

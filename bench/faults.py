@@ -15,19 +15,19 @@ from typing import Any, Literal, get_args
 import numpy as np
 from rich.table import Table
 
-from cli.scenario import ScenarioError
-from cli.virtual import VirtualCell
-from common import topics
-from common.cell import Cell
-from common.clock import NS_PER_S
-from common.codec import decode
-from common.config import load_cell
-from common.convert import pose_of, record_of
-from common.frames import Array
-from common.memory import MemoryTransport
-from common.messages import Host, RobotCommand, RobotState, Speed
-from common.requests import Empty, ForceStartRequest, MoveRequest
-from common.topics import Qos
+from cli.demo.scenario import ScenarioError
+from common.bus.memory_bus import MemoryTransport
+from common.config.cell import Cell
+from common.config.load import load_cell
+from common.motion.convert import pose_of, record_of
+from common.motion.frames import Array
+from forcemesh import topics
+from forcemesh.clock import NS_PER_S
+from forcemesh.codec import decode
+from forcemesh.messages import Host, RobotCommand, RobotState, Speed
+from forcemesh.requests import Empty, ForceStartRequest, MoveRequest
+from forcemesh.topics import Qos
+from launch.virtual_cell import VirtualCell
 
 CELLS = Path(__file__).resolve().parent.parent / "cells"
 HZ, FROZEN_S, WATCH_S = 125, 1.0, 1.0

@@ -29,12 +29,12 @@ from bench.installations_stage import (
     true_cell,
 )
 from bench.sensor_faults import PRESSED_N, Eyes
-from common import topics
-from common.errors import ConfigError, ForcemeshError
-from common.requests import ArmRequest, Empty
-from services.wrench.installation import judge_installation
-from services.wrench.installation_fit import SIGNED
-from services.wrench.installation_terms import Belief
+from forcemesh import topics
+from forcemesh.errors import ConfigError, ForcemeshError
+from forcemesh.requests import ArmRequest, Empty
+from identification.installation.axis_fit import SIGNED
+from identification.installation.check import judge_installation
+from identification.installation.terms import Belief
 from tools.figures import whole
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "installations.md"

@@ -11,21 +11,28 @@ from bench.faults import CutTransport, World, cell_for
 from bench.sensor_faults import STIFF_N_M
 from cli.calibration.drive import Drive
 from cli.calibration.gather import Gatherer
-from cli.calibration.plan import Options, Plan, make_plan
-from cli.calibration.rows import Dwell, samples_of
-from cli.virtual import VirtualCell
-from common import topics
-from common.cell import Cell
-from common.codec import decode, encode
-from common.config import cell_from_tree
-from common.convert import vec6
-from common.errors import SimulationError
-from common.frames import Array, Oat, R_from_oat, R_from_quaternion, oat_from_R, quaternion_from_R
-from common.memory import MemoryTransport
-from common.messages import RobotState
-from common.requests import MoveRequest
-from common.topics import Qos
-from services.wrench.recording import Samples
+from common.bus.memory_bus import MemoryTransport
+from common.config.cell import Cell
+from common.config.load import cell_from_tree
+from common.motion.convert import vec6
+from common.motion.frames import (
+    Array,
+    Oat,
+    R_from_oat,
+    R_from_quaternion,
+    oat_from_R,
+    quaternion_from_R,
+)
+from forcemesh import topics
+from forcemesh.codec import decode, encode
+from forcemesh.errors import SimulationError
+from forcemesh.messages import RobotState
+from forcemesh.requests import MoveRequest
+from forcemesh.topics import Qos
+from identification.dwells import Dwell, samples_of
+from identification.excitation.plan import Options, Plan, make_plan
+from identification.recording import Samples
+from launch.virtual_cell import VirtualCell
 from sim.robot.arm import SimArm
 from sim.robot.ft_sensor import FtSample
 from sim.robot.service import SimRobot

@@ -18,14 +18,14 @@ from typer import Option
 from typer import run as run_typer
 
 from bench.settling import MODES, STIFFNESSES_N_M
-from cli.demo_cell import DEFAULT_SETPOINT_N, DEFAULT_TILT_DEG, Trial, demo_cell, surface_of
-from cli.demo_play import play_real, play_virtual
-from cli.measures import Result, measure
-from cli.scenario import Plan, ScenarioError, Trace
-from common.cell import Cell
-from common.messages import Host, Mode
-from services.regulator.tuning import tune
+from cli.demo.cell import DEFAULT_SETPOINT_N, DEFAULT_TILT_DEG, Trial, demo_cell, surface_of
+from cli.demo.measures import Result, measure
+from cli.demo.play import play_real, play_virtual
+from cli.demo.scenario import Plan, ScenarioError, Trace
+from common.config.cell import Cell
+from forcemesh.messages import Host, Mode
 from tools.figures import whole
+from tuning.gain_rule import tune
 
 HOSTS: tuple[Host, ...] = get_args(Host)
 FAST_S, SLOW_S = 0.000125, 0.0003

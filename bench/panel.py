@@ -29,10 +29,10 @@ from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Origin, Subprotocol
 
 from bench.panel_browser import one_browser
-from cli.processes import Supervisor
 from common.client import Cell
-from common.config import dump_cell, load_cell
-from common.errors import ForcemeshError
+from common.config.load import dump_cell, load_cell
+from forcemesh.errors import ForcemeshError
+from launch.processes import Supervisor
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGE = ROOT / "docs" / "panel.md"

@@ -23,16 +23,16 @@ from bench.payload_worlds import (
     recording,
     truth,
 )
-from common.errors import DataError
-from common.frames import Array, rotation_from_vector
-from common.payload import Payload, residual
+from common.config.payload import Payload, residual
+from common.motion.frames import Array, rotation_from_vector
+from forcemesh.errors import DataError
+from identification.estimates import payload_of
+from identification.identify import identify, identify_recording
+from identification.model_selection import choose
+from identification.payload_model import across
+from identification.recording import Samples, read_recording
+from identification.static_poses import sort_into_poses
 from services.wrench.compensation import Wrench, compensate
-from services.wrench.estimates import payload_of
-from services.wrench.identification import identify, identify_recording
-from services.wrench.model_choice import choose
-from services.wrench.payload_model import across
-from services.wrench.poses import sort_into_poses
-from services.wrench.recording import Samples, read_recording
 
 OTHER_POSES = 50
 ORIENTATIONS = 200

@@ -12,11 +12,11 @@ from collections.abc import Callable
 
 import numpy as np
 
-from common.frames import GRAVITY_M_S2, Array, vector_from_rotation
-from common.payload import DOWN, Payload
-from services.wrench.estimates import vector
-from services.wrench.payload_model import skews
-from services.wrench.recording import Samples
+from common.config.payload import DOWN, Payload
+from common.motion.frames import GRAVITY_M_S2, Array, vector_from_rotation
+from identification.estimates import vector
+from identification.payload_model import skews
+from identification.recording import Samples
 
 
 def lsm(samples: Samples) -> Payload:

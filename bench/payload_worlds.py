@@ -4,11 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from common.frames import Array, R_from_quaternion, rotation_from_vector
-from common.payload import DOWN, Drift, Payload, predict
-from services.wrench.estimates import vector
-from services.wrench.poses import carries_a_fit, sort_into_poses
-from services.wrench.recording import Samples
+from common.config.payload import DOWN, Drift, Payload, predict
+from common.motion.frames import Array, R_from_quaternion, rotation_from_vector
+from identification.estimates import vector
+from identification.recording import Samples
+from identification.static_poses import carries_a_fit, sort_into_poses
 
 NOISE_N, NOISE_NM = 0.1, 0.005  # of one sample
 SAMPLES_PER_DWELL = 200  # averaged, as the wizard does

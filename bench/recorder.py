@@ -18,16 +18,16 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from chaos.common_net import free_port
-from cli.processes import Supervisor
-from cli.running import Process, Running, say_on_stderr
-from common import topics
-from common.bus import ENDPOINT_VARIABLE
+from common.bus.zenoh_bus import ENDPOINT_VARIABLE
 from common.client import Cell as Client
-from common.config import dump_cell, load_cell
-from common.requests import Empty, RecordRequest
-from services.recorder.numbering import Numbering
+from common.config.load import dump_cell, load_cell
+from forcemesh import topics
+from forcemesh.requests import Empty, RecordRequest
+from launch.processes import Supervisor
+from launch.started_process import Process, Running, say_on_stderr
 from services.recorder.reading import RecordedFile
+from services.recorder.sequence_gaps import Numbering
+from tests.chaos.common_net import free_port
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGE = ROOT / "docs" / "recordings.md"

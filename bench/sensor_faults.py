@@ -13,9 +13,9 @@ import numpy as np
 from rich.table import Table
 
 from bench.faults import World
-from common import topics
-from common.clock import NS_PER_S
-from common.frames import Array
+from common.motion.frames import Array
+from forcemesh import topics
+from forcemesh.clock import NS_PER_S
 from sim.robot.ft_sensor import FtSample, FtStatus
 
 Disturb = Callable[[FtSample], FtSample | None]

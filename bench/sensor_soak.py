@@ -16,16 +16,16 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from cli.processes import Supervisor
-from cli.running import Process
-from common import topics
-from common.bus import open_bus
-from common.cell import Cell
-from common.config import dump_cell, load_cell
-from common.endpoints import Reader
-from common.errors import BusError
-from common.messages import Health, SensorWrench
-from common.service import spare_the_loop
+from common.bus.zenoh_bus import open_bus
+from common.config.cell import Cell
+from common.config.load import dump_cell, load_cell
+from common.runtime.service import spare_the_loop
+from forcemesh import topics
+from forcemesh.bus import Reader
+from forcemesh.errors import BusError
+from forcemesh.messages import Health, SensorWrench
+from launch.processes import Supervisor
+from launch.started_process import Process
 
 ROOT = Path(__file__).resolve().parent.parent
 RATE_HZ = 1000

@@ -9,13 +9,13 @@ from typing import Literal, get_args
 
 from rich.table import Table
 
-from cli.demo_cell import DEFAULT_SETPOINT_N, DEFAULT_TILT_DEG, Trial, demo_cell, surface_of
-from cli.demo_play import play_virtual
-from cli.measures import Result, measure
-from cli.scenario import Plan
-from common.messages import Mode
-from services.regulator.tuning import tune
+from cli.demo.cell import DEFAULT_SETPOINT_N, DEFAULT_TILT_DEG, Trial, demo_cell, surface_of
+from cli.demo.measures import Result, measure
+from cli.demo.play import play_virtual
+from cli.demo.scenario import Plan
+from forcemesh.messages import Mode
 from tools.figures import put
+from tuning.gain_rule import tune
 
 ROOT = Path(__file__).resolve().parent.parent
 CELL = ROOT / "cells" / "demo.yaml"

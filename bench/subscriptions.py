@@ -25,10 +25,10 @@ import zenoh
 from rich.console import Console
 from rich.table import Table
 
-from common.bus_settings import client_settings, hub_settings
-from common.cell import Cell
-from common.config import load_cell
-from common.topics import TOPICS
+from common.bus.zenoh_settings import client_settings, hub_settings
+from common.config.cell import Cell
+from common.config.load import load_cell
+from forcemesh.topics import TOPICS
 from tools.figures import put
 
 DEMO = Path(__file__).parents[1] / "cells" / "demo.yaml"

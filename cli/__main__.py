@@ -18,20 +18,20 @@ from cli import (
     verbs_run,
     verbs_watch,
 )
-from cli.calibrate import calibrate
-from cli.check_axes import check
+from cli.calibration.verb import calibrate
+from cli.check_axes.verb import check
 from cli.context import EXIT_CODES
-from cli.demo import demo
-from cli.doctor import doctor
+from cli.demo.verb import demo
+from cli.doctor.verb import doctor
 from cli.export import export
 from cli.group import OneSentence
 from cli.numbers import NEGATIVE_NUMBERS
 from cli.panel import panel
 from cli.record import record
 from cli.replay import replay
-from cli.report import report
+from cli.report.verb import report
 from cli.skills import verbs as skills
-from cli.tuning.verb import tune
+from cli.tune.verb import tune
 from cli.verbs_bench import bench
 
 app = typer.Typer(
@@ -79,7 +79,7 @@ app.add_typer(bench, name="bench", rich_help_panel=RUN)
 
 def _print_version(wanted: bool) -> None:
     if wanted:
-        from common.version import forcemesh_version
+        from common.runtime.version import forcemesh_version
 
         typer.echo(f"forcemesh {forcemesh_version()}")
         raise typer.Exit

@@ -2,8 +2,8 @@
 
 from typing import Any
 
-from common.cell import Cell
-from common.topics import REQUESTS, TOPICS
+from common.config.cell import Cell
+from forcemesh.topics import REQUESTS, TOPICS
 
 
 def bus_table(cell: Cell) -> dict[str, Any]:

@@ -10,7 +10,7 @@ import typer
 from cli.context import USAGE, CellOption, JsonOption, fail, find_cell_file, one_line_errors
 
 if TYPE_CHECKING:
-    from common.cell import Cell
+    from common.config.cell import Cell
 
 config = typer.Typer(no_args_is_help=True, help="Cell files.")
 
@@ -25,8 +25,8 @@ def check(
 ) -> None:
     """Check a cell file: all its mistakes at once, each with its path."""
     with one_line_errors():
-        from common.config import cell_hash, load_cell
-        from common.errors import ConfigError
+        from common.config.load import cell_hash, load_cell
+        from forcemesh.errors import ConfigError
 
         try:
             cell = load_cell(file)
@@ -49,7 +49,7 @@ def check(
 def show(as_json: JsonOption = False, cell: CellOption = None) -> None:
     """Show what a cell file comes to: every value, and which of them are defaults."""
     with one_line_errors():
-        from common.config import load_cell
+        from common.config.load import load_cell
 
         path = find_cell_file(cell)
         loaded = load_cell(path)
@@ -77,7 +77,7 @@ def init(
     ] = "real",
 ) -> None:
     """Write a new cell file with comments, to be filled in; never over another file."""
-    from common.patterns import CELL_NAME, WORDS
+    from forcemesh.patterns import CELL_NAME, WORDS
 
     name = out.stem.lower()
     if re.match(CELL_NAME, name) is None:

@@ -21,13 +21,13 @@ from cli.exits import (
 if TYPE_CHECKING:
     from rich.status import Status
 
-    from common.cell import Cell as CellFile
     from common.client import Cell
-    from common.endpoints import Bus
-    from common.errors import ForcemeshError
-    from common.messages import Record
-    from common.requests import Reply
-    from common.topics import Request
+    from common.config.cell import Cell as CellFile
+    from forcemesh.bus import Bus
+    from forcemesh.errors import ForcemeshError
+    from forcemesh.messages import Record
+    from forcemesh.requests import Reply
+    from forcemesh.topics import Request
 
 Q = TypeVar("Q", bound="Record")
 
@@ -85,7 +85,7 @@ def find_cell_file(named: Path | None, *, ended: bool = False) -> Path:
     """
     if named is not None:
         return named
-    from cli.runfile import read_runs
+    from launch.run_file import read_runs
 
     runs = read_runs()
     live = [run for run in runs if run.live]
@@ -111,10 +111,10 @@ def live_cell(named: Path | None, *, ended: bool = False) -> "CellFile":
     """
     from pydantic import ValidationError
 
-    from cli.runfile import read_runs
-    from common.cell import Cell
-    from common.config import load_cell
-    from common.errors import ConfigError
+    from common.config.cell import Cell
+    from common.config.load import load_cell
+    from forcemesh.errors import ConfigError
+    from launch.run_file import read_runs
 
     path = find_cell_file(named, ended=ended)
     for run in read_runs():
@@ -136,7 +136,7 @@ def one_line_errors() -> Iterator[None]:
     """Turn every error that forcemesh raises on purpose into one line and an exit code."""
     from pydantic import ValidationError
 
-    from common.errors import ForcemeshError, first_mistake
+    from forcemesh.errors import ForcemeshError, first_mistake
 
     try:
         yield
@@ -148,7 +148,7 @@ def one_line_errors() -> Iterator[None]:
 
 def sentence_of(error: "ForcemeshError") -> str:
     """Return what a person is told of an error, with the next step where it is always the same."""
-    from common.errors import BusError, LostError, RefusedError
+    from forcemesh.errors import BusError, LostError, RefusedError
 
     if isinstance(error, RefusedError):
         return f"refused ({error.code}): {error}"

@@ -1,6 +1,6 @@
 """Exit codes: one table from exceptions to codes, for every verb."""
 
-from common.errors import (
+from forcemesh.errors import (
     BusError,
     ConfigError,
     DataError,

@@ -13,7 +13,7 @@ from typer.core import TyperGroup
 from typer.exceptions import TyperException
 
 from cli.exits import INTERRUPTED, OK, exit_code_of
-from common.errors import ForcemeshError, first_mistake
+from forcemesh.errors import ForcemeshError, first_mistake
 
 
 class OneSentence(TyperGroup):

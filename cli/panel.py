@@ -5,11 +5,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cli.beside import beside
 from cli.context import CellOption, client_of, find_cell_file, one_line_errors
+from launch.sidecar import beside
 
 if TYPE_CHECKING:
-    from cli.processes import Supervisor
+    from launch.processes import Supervisor
 
 WITHOUT_VARIABLE = "FORCEMESH_NO_PANEL"
 

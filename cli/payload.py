@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 if TYPE_CHECKING:
-    from services.wrench.recording import WrenchAxes
+    from identification.recording import WrenchAxes
 
 app = typer.Typer(no_args_is_help=True, help="Payload and sensor bias from recordings.")
 
@@ -45,12 +45,12 @@ def fit(
     """Fit mass, centre of mass and bias from static poses, free of contact."""
     with _one_line_errors():
         from cli.payload_tables import print_fit
-        from common.payload import save
-        from services.wrench.identification import identify_recording
-        from services.wrench.installation import judge_recording
-        from services.wrench.installation_terms import Belief
-        from services.wrench.recording import read_recording
-        from services.wrench.report import fit_report
+        from common.config.payload import save
+        from identification.identify import identify_recording
+        from identification.installation.check import judge_recording
+        from identification.installation.terms import Belief
+        from identification.recording import read_recording
+        from identification.report import fit_report
 
         data = read_recording(recording)
         axes, found, reason = identify_recording(data, named_axes(wrench_axes))
@@ -81,14 +81,14 @@ def check(
 ) -> None:
     """Print the force and torque that a payload leaves unexplained in a recording."""
     with _one_line_errors():
-        from common.payload import load
-        from services.wrench.recording import read_recording
-        from services.wrench.report import check_report
+        from common.config.payload import load
+        from identification.recording import read_recording
+        from identification.report import check_report
 
         data, known = read_recording(recording), load(payload)
         axes = named_axes(wrench_axes)
         if axes is None:
-            from services.wrench.identification import axes_of
+            from identification.identify import axes_of
 
             axes, reason = axes_of(data, known)
             _say(reason)
@@ -111,7 +111,7 @@ def named_axes(option: AxesOption) -> "WrenchAxes | None":
 @contextmanager
 def _one_line_errors() -> Iterator[None]:
     """Turn an error of the user's data into one line on standard error and exit code 2."""
-    from common.errors import DataError
+    from forcemesh.errors import DataError
 
     try:
         yield

@@ -15,8 +15,8 @@ from cli.context import NOT_WELL, USAGE, CellOption, fail, find_cell_file, one_l
 if TYPE_CHECKING:
     import datetime as dt
 
-    from common.cell import Cell
-    from common.pki import Pair
+    from common.config.cell import Cell
+    from common.security.pki import Pair
 
 app = typer.Typer(no_args_is_help=True, help="Certificates of a bus that leaves this machine.")
 
@@ -64,9 +64,9 @@ def init(
     cell: CellOption = None,
 ) -> None:
     """Make the authority and a certificate for every role and person of a cell."""
-    from common.pki import make_authority, read_authority, write_pair
-    from common.tls import AUTHORITY, NAMES
-    from services.panel.door import TOKEN_VARIABLE
+    from common.security.pki import make_authority, read_authority, write_pair
+    from common.security.tls import AUTHORITY, NAMES
+    from services.panel.access import TOKEN_VARIABLE
 
     with one_line_errors():
         loaded, where = _cell_and_folder(cell, folder)
@@ -115,8 +115,8 @@ def issue(
     cell: CellOption = None,
 ) -> None:
     """Make one certificate: a new one before the old one expires, or one for another machine."""
-    from common.pki import read_authority
-    from common.tls import HUB, NAMES, PAGE
+    from common.security.pki import read_authority
+    from common.security.tls import HUB, NAMES, PAGE
 
     with one_line_errors():
         loaded, where = _cell_and_folder(cell, folder)
@@ -139,7 +139,7 @@ def issue(
 @app.command()
 def check(folder: FolderOption = None, cell: CellOption = None) -> None:
     """Say of every certificate whether it is good, and what to do when it is not."""
-    from common.pki_check import check_folder
+    from common.security.pki_check import check_folder
 
     with one_line_errors():
         loaded, where = _cell_and_folder(cell, folder)
@@ -154,8 +154,8 @@ def check(folder: FolderOption = None, cell: CellOption = None) -> None:
 
 
 def _cell_and_folder(cell: Path | None, folder: Path | None) -> tuple[Cell, Path]:
-    from common.config import load_cell
-    from common.tls import folder_of
+    from common.config.load import load_cell
+    from common.security.tls import folder_of
 
     loaded = load_cell(find_cell_file(cell))
     return loaded, folder_of(loaded) if folder is None else folder.expanduser().resolve()
@@ -164,8 +164,8 @@ def _cell_and_folder(cell: Path | None, folder: Path | None) -> tuple[Cell, Path
 def _issue(
     authority: Pair, name: str, cell: Cell, folder: Path, *, hosts: list[str], days: int
 ) -> None:
-    from common.pki import make_certificate, write_pair
-    from common.tls import HUB
+    from common.security.pki import make_certificate, write_pair
+    from common.security.tls import HUB
 
     names = dict.fromkeys([HUB, "localhost", "127.0.0.1", "::1", socket.gethostname(), *hosts])
     pair = make_certificate(authority, name, cell.cell, hosts=[*names], days=days, now=_now())
@@ -182,8 +182,13 @@ def _issue_page(
     again: bool = False,
 ) -> None:
     """Make the certificate of the panel's page, and its authority where there is none yet."""
-    from common.pki import make_page_authority, make_page_certificate, read_authority, write_pair
-    from common.tls import PAGE, PAGE_AUTHORITY
+    from common.security.pki import (
+        make_page_authority,
+        make_page_certificate,
+        read_authority,
+        write_pair,
+    )
+    from common.security.tls import PAGE, PAGE_AUTHORITY
 
     if again or not (folder / f"{PAGE_AUTHORITY}.pem").exists():
         write_pair(folder, PAGE_AUTHORITY, make_page_authority(cell.cell, _now()), owner=None)
@@ -195,8 +200,8 @@ def _issue_page(
 
 def _copy_authority(source: Path, target: Path) -> None:
     """Put the authority's certificate, never its key, beside others."""
-    from common.pki import copy_certificate
-    from common.tls import AUTHORITY
+    from common.security.pki import copy_certificate
+    from common.security.tls import AUTHORITY
 
     copy_certificate(source, target, AUTHORITY, owner=_owner())
 

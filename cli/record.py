@@ -5,12 +5,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cli.beside import beside
 from cli.context import NOT_WELL, OK, CellOption, JsonOption, cell_of, tell
+from launch.sidecar import beside
 
 if TYPE_CHECKING:
-    from cli.processes import Supervisor
-    from common.messages import RecorderStatus
+    from forcemesh.messages import RecorderStatus
+    from launch.processes import Supervisor
 
 WITHOUT_VARIABLE = "FORCEMESH_NO_RECORDER"
 ANSWER_S = 15.0  # it first writes what waits, on a busy machine
@@ -42,8 +42,8 @@ def record_start(
     cell: CellOption = None,
 ) -> None:
     """Record until `record stop`; a file that is long enough is followed by the next one."""
-    from common import topics
-    from common.requests import RecordRequest
+    from forcemesh import topics
+    from forcemesh.requests import RecordRequest
 
     with cell_of(cell) as client:
         request = RecordRequest(label=label[:100], past=past)
@@ -53,8 +53,8 @@ def record_start(
 @record.command("stop")
 def record_stop(cell: CellOption = None) -> None:
     """End the recording; say what is in it and what was lost."""
-    from common import topics
-    from common.requests import Empty
+    from forcemesh import topics
+    from forcemesh.requests import Empty
 
     with cell_of(cell) as client:
         tell(client.ask(topics.RECORD_STOP, Empty(), answer_s=ANSWER_S))
@@ -63,8 +63,8 @@ def record_stop(cell: CellOption = None) -> None:
 @record.command("status")
 def record_status(as_json: JsonOption = False, cell: CellOption = None) -> None:
     """Show what is recorded, how much was lost, and how far back memory reaches."""
-    from common import topics
-    from common.errors import NotValidError
+    from forcemesh import topics
+    from forcemesh.errors import NotValidError
 
     with cell_of(cell) as client:
         feed = client.feed(topics.RECORDER_STATUS)

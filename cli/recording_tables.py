@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING, Any
 
-from common.errors import DataError
+from forcemesh.errors import DataError
 
 if TYPE_CHECKING:
     from services.recorder.reading import RecordedFile, Said

@@ -11,8 +11,8 @@ import typer
 from cli.context import REFUSED, USAGE, fail, one_line_errors
 
 if TYPE_CHECKING:
-    from common.cell import Cell
-    from common.endpoints import Bus
+    from common.config.cell import Cell
+    from forcemesh.bus import Bus
     from services.recorder.reading import RecordedFile
 
 LISTEN_S = 1.5  # the slowest topic of a cell that is alive comes four times a second
@@ -104,7 +104,7 @@ def cell_in(read: "RecordedFile") -> "Cell":
 
 
 def _called(cell: "Cell", name: str) -> "Cell":
-    from common.config import cell_from_tree
+    from common.config.load import cell_from_tree
 
     return cell_from_tree(cell.model_dump() | {"cell": name}, "--as")
 
@@ -116,10 +116,10 @@ def _bus_of(
     """Open a hub of one's own, or one that somebody else runs, if nobody is alive there."""
     import typer
 
-    from common.bus import open_bus, open_hub
-    from common.bus_settings import ENDPOINT_VARIABLE
-    from common.config import dump_cell, load_cell
-    from common.topics import CLIENT
+    from common.bus.zenoh_bus import open_bus, open_hub
+    from common.bus.zenoh_settings import ENDPOINT_VARIABLE
+    from common.config.load import dump_cell, load_cell
+    from forcemesh.topics import CLIENT
 
     if onto is not None:
         there = load_cell(onto)
@@ -128,7 +128,7 @@ def _bus_of(
             _refuse_if_alive(bus, topics)
             yield bus
         return
-    from cli.runfile import writable_folder, write_whole
+    from launch.run_file import writable_folder, write_whole
 
     endpoint = f"tcp/127.0.0.1:{port or _free_port()}"
     own = cell.bus.model_copy(update={"endpoint": endpoint, "upstream": None, "tls": None})
@@ -148,7 +148,7 @@ def _refuse_if_alive(bus: "Bus", topics: frozenset[str]) -> None:
     """End the verb when anybody says what is about to be said: two writers are a fault."""
     import time
 
-    from common.topics import TOPICS
+    from forcemesh.topics import TOPICS
 
     taps = {
         topic.key: bus.tap(topic, ROOM) for topic in TOPICS if not topics or topic.key in topics
@@ -168,7 +168,7 @@ def _play(
     from rich.console import Console
     from rich.progress import Progress, TextColumn, TimeElapsedColumn
 
-    from services.recorder.playing import chosen, play
+    from services.recorder.playback import chosen, play
 
     bus.clock.sleep_s(wait_s)
     columns = (TextColumn("{task.description}"), TimeElapsedColumn())

@@ -10,16 +10,16 @@ from typing import TYPE_CHECKING, Any
 
 from cli.context import USAGE, fail, waiting
 from cli.recording_tables import flat
-from common.clock import NS_PER_S, ManualClock
-from common.codec import Header, decode_recorded, readdressed
-from common.endpoints import Bus
-from common.memory import MemoryTransport
-from common.messages import Message
-from common.service import Runner, Service, reporter_of
-from common.topics import TOPICS, Topic
+from common.bus.memory_bus import MemoryTransport
+from common.runtime.service import Runner, Service, reporter_of
+from forcemesh.bus import Bus
+from forcemesh.clock import NS_PER_S, ManualClock
+from forcemesh.codec import Header, decode_recorded, readdressed
+from forcemesh.messages import Message
+from forcemesh.topics import TOPICS, Topic
 
 if TYPE_CHECKING:
-    from common.cell import Cell
+    from common.config.cell import Cell
     from services.recorder.reading import Heard, RecordedFile
 
 TICK_NS = 1_000_000

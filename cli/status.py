@@ -4,15 +4,15 @@ import time
 from datetime import UTC, datetime
 from typing import TypedDict
 
-from cli.cellview import CellView
 from cli.exits import NO_ANSWER, NOT_WELL, OK
-from cli.runfile import Run
-from common import topics
-from common.bus import open_bus
-from common.cell import Cell
-from common.errors import BusError, SetupError
-from common.messages import Health
-from common.tls import folder_of, is_encrypted
+from common.bus.zenoh_bus import open_bus
+from common.config.cell import Cell
+from common.security.tls import folder_of, is_encrypted
+from forcemesh import topics
+from forcemesh.errors import BusError, SetupError
+from forcemesh.messages import Health
+from launch.cell_view import CellView
+from launch.run_file import Run
 
 DOWN = "DOWN"
 STOPPED, ASKED = ("STOPPING", "HOLDING"), "hold"
@@ -143,7 +143,7 @@ def _name_certificates(cell: Cell, silent: list[ServiceStatus]) -> None:
     """Add what is wrong with the certificate of who is not heard, where it is on this machine."""
     if not silent or not is_encrypted(cell.bus.endpoint):
         return
-    from common.pki_check import check_folder
+    from common.security.pki_check import check_folder
 
     found = {
         f.name: f

@@ -69,7 +69,7 @@ def force_start(
     cell: CellOption = None,
 ) -> None:
     """Start force feedback; in free space it approaches along the tool's axis until it touches."""
-    from common.requests import ForceStartRequest
+    from forcemesh.requests import ForceStartRequest
 
     request = ForceStartRequest(
         mode=mode,
@@ -107,7 +107,7 @@ def force_gains(
     What is left out keeps its value, or takes the preset's; without options the present gains are
     printed, as this verb takes them back. Where force feedback runs, gains change on a ramp.
     """
-    from common.requests import GainsRequest
+    from forcemesh.requests import GainsRequest
 
     request = GainsRequest(
         preset=preset,

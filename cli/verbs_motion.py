@@ -18,7 +18,7 @@ from cli.context import (
 
 if TYPE_CHECKING:
     from common.client import Cell
-    from common.messages import Trip
+    from forcemesh.messages import Trip
 
 BACK_OFF_QUESTION = "the arm moves up to 20 mm at 5 mm/s, away from what it presses on: may it?"
 BLIND_QUESTION = (
@@ -61,7 +61,7 @@ def back_off(
     turn, until the load is below half of its ceiling; the arbiter computes the way. It stops when
     the force rises by 3 N. This is not a safety function.
     """
-    from common.errors import RefusedError
+    from forcemesh.errors import RefusedError
 
     with cell_of(cell) as client:
         confirmed(BACK_OFF_QUESTION, yes=yes)

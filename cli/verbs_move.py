@@ -20,8 +20,8 @@ from cli.numbers import JOINTS, NEGATIVE_NUMBERS, POSE, check_angle, parse_numbe
 
 if TYPE_CHECKING:
     from common.client import Cell, Move
-    from common.messages import Asker, RobotState, Vec3, Vec6
-    from common.requests import MoveRequest
+    from forcemesh.messages import Asker, RobotState, Vec3, Vec6
+    from forcemesh.requests import MoveRequest
 
 move = typer.Typer(
     no_args_is_help=True, help="Move the flange or the joints; waits until it is there."
@@ -54,8 +54,8 @@ def move_to(
     """Move the flange to a pose in base: position [mm], Kawasaki's O, A, T [degrees]."""
     x, y, z, o, a, t = parse_vector(pose, POSE)
     from common.client.turning import of_oat_deg
-    from common.messages import PoseRecord
-    from common.requests import MoveRequest
+    from forcemesh.messages import PoseRecord
+    from forcemesh.requests import MoveRequest
 
     record = PoseRecord(
         position_m=(x / 1e3, y / 1e3, z / 1e3), orientation_xyzw=of_oat_deg((o, a, t))
@@ -97,7 +97,7 @@ def _of_joints(
     kind: Literal["joints", "by"], joints: str, speed: float | None, asker: "Asker"
 ) -> "MoveRequest":
     joint_rad = _radians(joints)
-    from common.requests import MoveRequest
+    from forcemesh.requests import MoveRequest
 
     return MoveRequest(kind=kind, joint_rad=joint_rad, speed_m_s=_m_s(speed), commander=asker)
 
@@ -124,8 +124,8 @@ def jog(
     far = parse_number(by, "BY")
     if axis not in "xyz":
         check_angle(far, "BY")
-    from common.messages import ZERO3
-    from common.requests import MoveRequest
+    from forcemesh.messages import ZERO3
+    from forcemesh.requests import MoveRequest
 
     with cell_of(cell) as client:
         _ask_when_loaded(client, yes=yes)
@@ -175,8 +175,8 @@ def retract(
     cell: CellOption = None,
 ) -> None:
     """Leave a contact: end force feedback, and go straight back along the tool's axis."""
-    from common.messages import MAY_MOVE
-    from common.requests import MoveRequest
+    from forcemesh.messages import MAY_MOVE
+    from forcemesh.requests import MoveRequest
 
     with cell_of(cell) as client:
         if client.target.reading().fresh is not None and client.status().state in MAY_MOVE:

@@ -37,9 +37,9 @@ def status(
     The recorder is listed, and must be well, where it is heard or was started by `up`.
     """
     with one_line_errors():
-        from cli.runfile import read_run
         from cli.status import cell_status, exit_code
-        from common.topics import HELPERS, ROLES
+        from forcemesh.topics import HELPERS, ROLES
+        from launch.run_file import read_run
 
         names = (*ROLES, *HELPERS)
         if service is not None and service not in names:
@@ -67,13 +67,13 @@ def topics(
 ) -> None:
     """Show the bus: every topic and request, who says it, how often, when it is stale."""
     if schema:
-        from common.describe import describe
+        from forcemesh.schema import describe
 
         print(json.dumps(describe(), indent=2))
         return
     with one_line_errors():
         from cli.bus_table import bus_table, print_bus_table
-        from common.config import load_cell
+        from common.config.load import load_cell
 
         loaded = load_cell(find_cell_file(cell))
     if as_json:

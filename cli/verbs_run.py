@@ -21,8 +21,8 @@ from cli.panel import NoPanel, panel_beside
 from cli.record import NoRecorder, recorder_beside
 
 if TYPE_CHECKING:
-    from cli.processes import Supervisor
-    from common.cell import Cell
+    from common.config.cell import Cell
+    from launch.processes import Supervisor
 
 POLL_S = 0.05
 SLOW_S = 15.0
@@ -58,12 +58,12 @@ def up(
     """
     stop = threading.Event()
     with one_line_errors():
-        from cli.processes import Supervisor
-        from common.config import load_cell
+        from common.config.load import load_cell
+        from launch.processes import Supervisor
 
         path = cell or default_cell_file()
         loaded = load_cell(path)
-    from common.errors import ForcemeshError
+    from forcemesh.errors import ForcemeshError
 
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, lambda *_: stop.set())

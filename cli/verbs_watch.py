@@ -12,8 +12,8 @@ from cli.context import USAGE, CellOption, cell_of, fail
 
 if TYPE_CHECKING:
     from common.client import Cell, Feed, Heard
-    from common.messages import Message
-    from common.topics import Topic
+    from forcemesh.messages import Message
+    from forcemesh.topics import Topic
 
 SILENCE_S = 3.0  # the slowest topic comes four times a second
 REFRESH_HZ = 10
@@ -23,7 +23,7 @@ FIRST_S = 1.0  # until the first one: a rate needs some messages
 
 def _topics(typed: str) -> list[str]:
     """Return the topics that begin so, for the shell's completion."""
-    from common.topics import TOPICS
+    from forcemesh.topics import TOPICS
 
     return [topic.key for topic in TOPICS if topic.key.startswith(typed)]
 
@@ -68,7 +68,7 @@ def find_topic(name: str) -> "Topic[Message]":
     """Return a row of the bus; an unknown name ends the verb with the nearest one."""
     import difflib
 
-    from common.topics import TOPICS
+    from forcemesh.topics import TOPICS
 
     rows = {topic.key: topic for topic in TOPICS}
     if name not in rows:
@@ -134,7 +134,7 @@ def _watch_all(client: "Cell", count: int | None, as_json: bool) -> None:
     from rich.console import Console
     from rich.live import Live
 
-    from common.topics import TOPICS
+    from forcemesh.topics import TOPICS
 
     feeds = [client.feed(topic) for topic in TOPICS]
     _look(client, feeds, FIRST_S)

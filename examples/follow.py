@@ -4,8 +4,8 @@ import sys
 
 from common.client import Cell, ForcemeshError, NotReachedError
 from common.client.turning import of_oat_deg, plus, turned, unit
-from common.messages import Vec3
-from common.requests import ForceStartRequest
+from forcemesh.messages import Vec3
+from forcemesh.requests import ForceStartRequest
 
 FORCE_N = 8.0
 SIDE_M = 0.015

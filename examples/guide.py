@@ -8,7 +8,7 @@ import math
 import sys
 
 from common.client import ArmStoppedError, Cell, ForcemeshError
-from common.messages import PoseRecord
+from forcemesh.messages import PoseRecord
 
 SECONDS = 10.0
 EVERY_M = 0.01  # apart: the places that are remembered

@@ -18,26 +18,26 @@ PLAIN = (ast.Name, ast.Attribute, ast.Call)  # conditions that are no comparison
 
 # Which tests judge a module, those most likely to see a change first.
 JUDGES = {
-    "common.permission": "unit/test_permission unit/test_two_arbiters",
-    "common.guard": "unit/test_guard unit/test_guard_rules unit/test_pure_corners"
+    "common.motion.permission": "unit/test_permission unit/test_two_arbiters",
+    "common.motion.last_check": "unit/test_guard unit/test_guard_rules unit/test_pure_corners"
     " unit/test_back_off unit/test_guard_evil",
-    "common.limits": "unit/test_limits unit/test_limits_windows unit/test_guard"
+    "common.motion.limits": "unit/test_limits unit/test_limits_windows unit/test_guard"
     " unit/test_pure_corners unit/test_arbiter_core",
-    "common.motion_limits": "unit/test_limits_motion unit/test_limits_windows"
+    "common.motion.rate_limiter": "unit/test_limits_motion unit/test_limits_windows"
     " unit/test_arbiter_limits unit/test_pure_corners",
-    "common.stream_budget": "unit/test_stream_budget unit/test_guard unit/test_guard_rules"
-    " unit/test_pure_corners unit/test_guard_evil",
-    "common.tracking": "unit/test_guard_tracking unit/test_faults_reached",
-    "common.packet": "unit/test_packet unit/test_fuzz_codec",
-    "common.packet_table": "unit/test_packet unit/test_controller_file unit/test_gateway_commands"
-    " unit/test_gateway_limits",
-    "common.reader": "unit/test_reader_bounds unit/test_endpoints unit/test_endpoints_rivals"
+    "common.motion.setpoint_monitor": "unit/test_stream_budget unit/test_guard"
+    " unit/test_guard_rules unit/test_pure_corners unit/test_guard_evil",
+    "common.motion.tracking": "unit/test_guard_tracking unit/test_faults_reached",
+    "controller.packet": "unit/test_packet unit/test_fuzz_codec",
+    "controller.packet_table": "unit/test_packet unit/test_controller_file"
+    " unit/test_gateway_commands unit/test_gateway_limits",
+    "forcemesh.reader": "unit/test_reader_bounds unit/test_endpoints unit/test_endpoints_rivals"
     " unit/test_misrouted unit/test_two_arbiters unit/test_pure_corners",
-    "common.acl": "unit/test_acl",
+    "common.security.access_control": "unit/test_acl",
     "services.regulator.guards": "unit/test_regulator_guards_exact unit/test_regulator_guards"
     " unit/test_pure_corners unit/test_regulator_service",
     "services.regulator.oscillation": "unit/test_regulator_oscillation unit/test_regulator_guards",
-    "services.regulator.tuning": "unit/test_regulator_tuning unit/test_regulator_service"
+    "tuning.gain_rule": "unit/test_regulator_tuning unit/test_regulator_service"
     " unit/test_tune_advice",
     "services.arbiter.preflight": "unit/test_arbiter_preflight unit/test_arbiter_controller"
     " unit/test_arbiter_core",

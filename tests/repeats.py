@@ -1,8 +1,8 @@
 """A test that failed while the machine itself stood still is tried once more; no other one is.
 
-Idle witnesses (`chaos.witness`), one process for each processor, note how late they are woken. A
-failure of a test in real time is repeated once where one of them was late by more than the deadline
-of the cell, within that very test. Never repeated:
+Idle witnesses (`tests.chaos.witness`), one process for each processor, note how late they are
+woken. A failure of a test in real time is repeated once where one of them was late by more than
+the deadline of the cell, within that test. Never repeated:
 what is marked `judged_once` (attacks, misreads, movement), and every test that is not in real time.
 """
 
@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from chaos.witness import Witness, witness
+from tests.chaos.witness import Witness, witness
 
 DEADLINE_S = 0.1  # of commands and sensor data in the demo's cells; a marker may say another one
 MOST_REPEATS = 3  # more fail the run: that machine is no place for a verdict

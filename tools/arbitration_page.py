@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from common.back_off import (
+from common.motion.back_off import (
     BLIND_M,
     FARTHEST_M,
     LEAST_FORCE_N,
@@ -11,12 +11,12 @@ from common.back_off import (
     SPEED_M_S,
     RISE_Nm,
 )
-from common.faults import FAULTS
-from common.messages import MAY_MOVE
+from forcemesh.faults import FAULTS
+from forcemesh.messages import MAY_MOVE
+from services.arbiter.ownership import REST_S, SETTLE_WITHIN_S
 from services.arbiter.ranks import RANKS
 from services.arbiter.states import CLEARS, MEANS, TABLE
 from services.arbiter.stops import REACTIONS, RETREAT_FROM
-from services.arbiter.turns import REST_S, SETTLE_WITHIN_S
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "arbitration.md"
 WHO = {
@@ -76,7 +76,7 @@ REACTIONS_TEXT = f"""| every other one | | hold |
 - A code of kind FAULT is a hold at once, latched until its cause is mended.
 
 An arm that holds above the ceiling of force or torque, or outside the workspace, is not armed, for jog
-neither. A person frees it with `forcemesh back-off` (`request/back_off`, common/back_off.py): the arbiter
+neither. A person frees it with `forcemesh back-off` (`request/back_off`, common/motion/back_off.py): the arbiter
 arms it for one goal of its own, and the robot's process takes no other than the one that it computes
 itself, from its own readings.
 
@@ -94,8 +94,8 @@ A move may add `limits.move_rise_N` to the least force since it began, where the
 ## Limits
 
 All in the section `limits` of the cell file, each with a ceiling in the code above which a cell file
-is not loaded; the rules are pure functions in `common/limits.py` and `common/motion_limits.py`. The
-robot's own process keeps them again (`common/guard.py`).
+is not loaded; the rules are pure functions in `common/motion/limits.py` and `common/motion/rate_limiter.py`. The
+robot's own process keeps them again (`common/motion/last_check.py`).
 
 | limit | what it is about | when it is met |
 |---|---|---|

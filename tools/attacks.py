@@ -22,24 +22,24 @@ from typing import Any, NamedTuple
 
 import zenoh
 
-from common import topics
-from common.bus import endpoint_of, open_bus
-from common.bus_settings import client_settings
-from common.cell import Cell
-from common.clock import MonotonicClock
-from common.codec import Header, decode, encode
-from common.config import load_cell
-from common.endpoints import Bus
-from common.messages import Goal, Permission, RobotCommand, RobotState
-from common.pki import (
+from common.bus.zenoh_bus import endpoint_of, open_bus
+from common.bus.zenoh_settings import client_settings
+from common.config.cell import Cell
+from common.config.load import load_cell
+from common.security.pki import (
     copy_certificate,
     make_authority,
     make_certificate,
     read_authority,
     write_pair,
 )
-from common.requests import ArmRequest, Empty, HoldRequest, MoveRequest
-from common.tls import AUTHORITY, Identity, folder_of
+from common.security.tls import AUTHORITY, Identity, folder_of
+from forcemesh import topics
+from forcemesh.bus import Bus
+from forcemesh.clock import MonotonicClock
+from forcemesh.codec import Header, decode, encode
+from forcemesh.messages import Goal, Permission, RobotCommand, RobotState
+from forcemesh.requests import ArmRequest, Empty, HoldRequest, MoveRequest
 
 SECONDS = 1.0  # of each attack
 EVERY_S = 0.02

@@ -10,16 +10,16 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.image import imread, imsave
 
-from cli.calibration.evidence import Findings, evidence_of, findings_of
 from cli.calibration.pictures import attitudes, before_after, residual_bars
-from cli.calibration.plan import Options, make_plan
-from cli.calibration.verdict import Bounds
 from cli.calibration.wizard import Pace, Wizard
-from cli.virtual import VirtualCell
-from common.cell import Cell
-from common.config import load_cell
-from common.frames import Array
-from sim.robot.kinematics import ArmKinematics
+from common.config.cell import Cell
+from common.config.load import load_cell
+from common.motion.frames import Array
+from common.motion.kinematics import ArmKinematics
+from identification.evidence import Findings, evidence_of, findings_of
+from identification.excitation.plan import Options, make_plan
+from identification.verification import Bounds
+from launch.virtual_cell import VirtualCell
 
 ROOT = Path(__file__).resolve().parents[1]
 OUT = ROOT / "docs" / "pictures" / "calibration.png"

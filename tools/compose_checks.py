@@ -15,17 +15,17 @@ from http.client import HTTPConnection
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from chaos.witness import witness
-from cli.scenario import Plan, Scenario, Trace
-from common import topics
-from common.bus import open_bus
-from common.cell import Cell
+from cli.demo.scenario import Plan, Scenario, Trace
+from common.bus.zenoh_bus import open_bus
 from common.client import Cell as Client
-from common.config import load_cell
-from common.messages import MAY_MOVE
-from common.requests import Empty, RecordRequest
-from common.topics import TOPICS
-from services.panel.door import TOKEN_VARIABLE
+from common.config.cell import Cell
+from common.config.load import load_cell
+from forcemesh import topics
+from forcemesh.messages import MAY_MOVE
+from forcemesh.requests import Empty, RecordRequest
+from forcemesh.topics import TOPICS
+from services.panel.access import TOKEN_VARIABLE
+from tests.chaos.witness import witness
 from tools.attacks import ATTACKS
 from tools.compose_profiles import another_profile
 from tools.compose_rig import (

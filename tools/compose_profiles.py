@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import partial
 
-from common.cell import Cell
+from common.config.cell import Cell
 from tools.compose_rig import Compose, Operator, PromiseError, in_namespace, run, told
 
 HEALTHY_S = 60.0

@@ -12,14 +12,14 @@ from typing import Any, TypeVar
 
 import yaml
 
-from chaos.witness import Witness
-from common import topics
-from common.cell import Cell
-from common.endpoints import Bus
-from common.errors import ForcemeshError
-from common.messages import MAY_MOVE, ArbiterStatus, RobotState
-from common.requests import ArmRequest, Empty, ForceStartRequest, HoldRequest, MoveRequest
-from common.topics import HEALTH, TOPICS
+from common.config.cell import Cell
+from forcemesh import topics
+from forcemesh.bus import Bus
+from forcemesh.errors import ForcemeshError
+from forcemesh.messages import MAY_MOVE, ArbiterStatus, RobotState
+from forcemesh.requests import ArmRequest, Empty, ForceStartRequest, HoldRequest, MoveRequest
+from forcemesh.topics import HEALTH, TOPICS
+from tests.chaos.witness import Witness
 
 T = TypeVar("T")
 

@@ -1,13 +1,13 @@
-"""Writes docs/faults.md from common/faults.py: `python -m tools.faults_page`."""
+"""Writes docs/faults.md from forcemesh/faults.py: `python -m tools.faults_page`."""
 
 from pathlib import Path
 
-from common.faults import FAULTS, Fault
+from forcemesh.faults import FAULTS, Fault
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "faults.md"
 HEAD = """# Faults
 
-Every reason why the arm was stopped or a request refused, from `common/faults.py`; this page is made by
+Every reason why the arm was stopped or a request refused, from `forcemesh/faults.py`; this page is made by
 `make readme`. A code and a rule number stand in `arbiter/status`, in `robot/state` and in every refusal,
 together with what was found and the number that broke the rule. `forcemesh status` shows them.
 

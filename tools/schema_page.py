@@ -3,7 +3,7 @@
 import json
 from pathlib import Path
 
-from common.describe import describe
+from forcemesh.schema import describe
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "schema.json"
 

@@ -10,8 +10,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parent.parent
-FOLDERS = ("common", "services", "sim", "cli", "bench", "chaos", "fuzz", "tests", "tools")
+from tools.tree import FOLDERS, ROOT
+
 FILE_LIMIT = 450
 TEST_FILE_LIMIT = 450
 FUNCTION_LIMIT = 60

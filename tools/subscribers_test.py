@@ -14,10 +14,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from common import topics
-from common.bus import open_hub
-from common.config import load_cell
-from common.messages import WrenchAtTcp
+from common.bus.zenoh_bus import open_hub
+from common.config.load import load_cell
+from forcemesh import topics
+from forcemesh.messages import WrenchAtTcp
 
 ROOT = Path(__file__).resolve().parent.parent
 EXAMPLES = ROOT / "examples" / "subscribers"

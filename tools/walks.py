@@ -24,18 +24,18 @@ from pathlib import Path
 from types import CodeType, FrameType
 from typing import Any
 
-from cli.virtual import VirtualCell
-from common import topics
 from common.client import Cell
-from common.config import load_cell
-from common.messages import RobotState
-from common.requests import MoveRequest
+from common.config.load import load_cell
+from forcemesh import topics
+from forcemesh.messages import RobotState
+from forcemesh.requests import MoveRequest
+from launch.virtual_cell import VirtualCell
+from tools.tree import PRODUCTION, ROOT
 
-ROOT = Path(__file__).resolve().parents[1]
 CELLS = ROOT / "cells"
 READY_S = 1.8  # until a cell may be armed
-OURS = ("common", "services", "sim", "forcemesh", "controller", "launch")
-LEFT_OUT = ("services/hub/", "common/memory.py", "common/overruns.py")
+OURS = tuple(room for room in PRODUCTION if room not in ("launch", "cli"))
+LEFT_OUT = ("services/hub/", "common/bus/memory_bus.py", "common/runtime/overruns.py")
 MOVE_M = 0.01
 
 

@@ -21,12 +21,12 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from tests.mutations import JUDGES, files_of
+from tools.tree import PRODUCTION, ROOT
 
-ROOT = Path(__file__).resolve().parent.parent
 FOLDER = Path("docs/runs")
 MOST_COMMITS = 40  # that touch what a run is about, before it has to be done again
 KEPT_LINES = 80
-CELL = ("common", "services", "sim", "controller", "cells")
+CELL = (*(room for room in PRODUCTION if room != "cli"), "cells")
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,12 +39,12 @@ class WholeRun:
 
 
 RUNS = {
-    "chaos-network": WholeRun("make chaos-network ARGS=--write", (*CELL, "chaos")),
-    "chaos-clocks": WholeRun("make chaos-clocks", (*CELL, "chaos")),
+    "chaos-network": WholeRun("make chaos-network ARGS=--write", (*CELL, "tests/chaos")),
+    "chaos-clocks": WholeRun("make chaos-clocks", (*CELL, "tests/chaos")),
     "chaos-flood": WholeRun(
-        "make chaos-flood", (*CELL, "chaos"), "a cell needs less than one of two processors"
+        "make chaos-flood", (*CELL, "tests/chaos"), "a cell needs less than one of two processors"
     ),
-    "soak": WholeRun("make soak", (*CELL, "chaos")),
+    "soak": WholeRun("make soak", (*CELL, "tests/chaos")),
     "mutate": WholeRun(
         "make mutate", tuple(dict.fromkeys(name for each in JUDGES for name in files_of(each)))
     ),

@@ -8,7 +8,7 @@ import numpy as np
 from bench.force.measures import means
 from bench.force.rig import Rig, World
 from bench.force.stage import Make, Measures
-from common.frames import Array
+from common.motion.frames import Array
 from sim.robot.settings import TICK_S
 
 GRIP_N_M, GRIP_NS_M, HAND_M_S = 500.0, 20.0, 0.03

@@ -7,7 +7,7 @@ shows up as force.
 import numpy as np
 
 from bench.force.rig import Trace
-from common.frames import Array
+from common.motion.frames import Array
 
 MEAN_S = 0.008
 IGNORED_S = 0.015

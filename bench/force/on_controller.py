@@ -10,11 +10,11 @@ from itertools import product
 from typing import Any
 
 from bench.over_tcp import CELL, in_lock_step
-from cli.demo_cell import Trial, demo_cell, surface_of
-from cli.measures import measure
-from cli.scenario import Plan, ScenarioError
-from common.cell import Cell
-from services.regulator.tuning import tune
+from cli.demo.cell import Trial, demo_cell, surface_of
+from cli.demo.measures import measure
+from cli.demo.scenario import Plan, ScenarioError
+from common.config.cell import Cell
+from tuning.gain_rule import tune
 
 STEPS_S = (0.0001, 0.0002, 0.0004)  # about 60, 30 and 15 turns of the loop a second
 STIFFNESSES_N_M = (5e3, 2e4, 1e5)

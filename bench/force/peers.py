@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from bench.force.rig import Heard
-from common.frames import Array
+from common.motion.frames import Array
 
 KEPT_SPEED = 0.9  # of the virtual model at each step
 

@@ -6,15 +6,16 @@ import numpy as np
 import pinocchio as pin
 
 from bench.force.rig import Heard
-from common.cell import Cell
-from common.frames import Array
-from common.messages import Mode
-from services.regulator import adaptive, guiding
+from common.config.cell import Cell
+from common.motion.frames import Array
+from forcemesh.messages import Mode
+from services.regulator import adaptive
+from services.regulator import admittance as guiding
 from services.regulator.adaptive import AdaptiveSettings
-from services.regulator.guiding import GuideSettings
+from services.regulator.admittance import GuideSettings
 from services.regulator.law import LawInput, LawState, PiGains, put_back, start_at, step
 from services.regulator.settings import law_settings, pi_gains
-from services.regulator.tuning import tune
+from tuning.gain_rule import tune
 
 
 class Ours:

@@ -12,13 +12,13 @@ from typing import Protocol
 import numpy as np
 import pinocchio as pin
 
-from common.cell import Cell
-from common.config import load_cell
-from common.frames import Array
-from common.limits import Limits
-from common.motion_limits import Pace, limit_motion, still
-from common.payload import Payload
-from common.stream_budget import SPEED_MARGIN
+from common.config.cell import Cell
+from common.config.load import load_cell
+from common.config.payload import Payload
+from common.motion.frames import Array
+from common.motion.limits import Limits
+from common.motion.rate_limiter import Pace, limit_motion, still
+from common.motion.setpoint_monitor import SPEED_MARGIN
 from services.wrench.compensation import Wrench, compensate
 from services.wrench.plausibility import Bounds, History, judge
 from services.wrench.smoothing import Filter, feed

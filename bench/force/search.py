@@ -15,7 +15,7 @@ from bench.force import settle
 from bench.force.peers import Admittance, Fdcc
 from bench.force.pilots import Plain
 from bench.force.rig import Rig, World
-from common.frames import Array
+from common.motion.frames import Array
 
 LAWS = ("plain PI", "admittance", "FDCC-like")
 GAINS_M_PER_NS = tuple(np.geomspace(2e-5, 1e-2, 10).tolist())

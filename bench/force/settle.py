@@ -9,7 +9,7 @@ import pinocchio as pin
 from bench.force.measures import IGNORED_S, means, settling_s
 from bench.force.pilots import Ours, Plain
 from bench.force.rig import Heard, Rig, Trace, World
-from common.cell import Cell
+from common.config.cell import Cell
 
 PRESS_N, BAND_N = 30.0, 1.0
 STIFFNESSES_N_M = (1e3, 2e3, 5e3, 1e4, 2e4, 5e4, 1e5, 2e5)

@@ -11,25 +11,25 @@ import typer
 
 from cli.calibration.contact import refuse_loaded_tool
 from cli.calibration.drive import Drive
-from cli.calibration.errors import CalibrationError, InContactError, NotBegunError, StoppedError
-from cli.calibration.evidence import Evidence, evidence_of
 from cli.calibration.finish import Job, conclude, keep_readings
 from cli.calibration.installed import refuse_wrong_axes
-from cli.calibration.plan import Options, Plan, make_plan, spread_deg
 from cli.calibration.screen import screen
 from cli.calibration.tell import Teller
-from cli.calibration.verdict import judge, left_in_use
 from cli.calibration.wizard import BOTH, Pace, Wizard, expected_s
 from cli.context import INTERRUPTED, NOT_WELL, OK, answers_yes, exit_code_of
-from cli.doctor_pose import Frames, check_pose, model_of
-from common.cell import Cell
-from common.convert import pose_of
-from common.endpoints import Bus
-from common.errors import ForcemeshError
-from common.messages import RobotState
+from cli.doctor.pose import Frames, check_pose, model_of
+from common.config.cell import Cell
+from common.motion.convert import pose_of
+from common.motion.kinematics import ArmKinematics
+from forcemesh.bus import Bus
+from forcemesh.errors import ForcemeshError
+from forcemesh.messages import RobotState
+from identification.errors import CalibrationError, InContactError, NotBegunError, StoppedError
+from identification.evidence import Evidence, evidence_of
+from identification.excitation.plan import Options, Plan, make_plan, spread_deg
+from identification.verification import judge, left_in_use
 from services.gateway.scales import Scales
 from services.gateway.service import scales_of
-from sim.robot.kinematics import ArmKinematics
 
 BY_HAND = "calibrate with --manual, which needs no model of the arm"
 

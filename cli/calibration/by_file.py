@@ -4,15 +4,15 @@ from pathlib import Path
 
 import typer
 
-from cli.calibration.evidence import Evidence
 from cli.calibration.finish import Job, conclude
 from cli.calibration.installed import refuse_wrong
-from common.bus import open_bus
-from common.errors import BusError
-from common.topics import CLIENT
-from services.wrench.identification import identify_recording
-from services.wrench.poses import sort_into_poses
-from services.wrench.recording import Samples, WrenchAxes, read_recording
+from common.bus.zenoh_bus import open_bus
+from forcemesh.errors import BusError
+from forcemesh.topics import CLIENT
+from identification.evidence import Evidence
+from identification.identify import identify_recording
+from identification.recording import Samples, WrenchAxes, read_recording
+from identification.static_poses import sort_into_poses
 
 PATIENCE_S = 0.5
 

@@ -5,23 +5,23 @@ from typing import Protocol
 
 import numpy as np
 
-from cli.calibration.choice import conditioning
-from cli.calibration.errors import CalibrationError
-from cli.calibration.evidence import evidence_of
 from cli.calibration.finish import Job, conclude, keep_readings
 from cli.calibration.gather import POLL_S, Gatherer, ReadingLostError
 from cli.calibration.installed import refuse_wrong_axes
-from cli.calibration.rows import Dwell, Purpose, of_purpose, samples_of
 from cli.calibration.screen import screen
 from cli.calibration.tell import Teller
 from cli.context import INTERRUPTED, NOT_WELL
-from common.cell import Cell
-from common.clock import NS_PER_S
-from common.endpoints import Bus
-from common.errors import DataError, ForcemeshError
-from common.frames import Array
-from services.wrench.identification import identify
-from services.wrench.poses import LEAST_POSES, WORST_CONDITIONING, angle
+from common.config.cell import Cell
+from common.motion.frames import Array
+from forcemesh.bus import Bus
+from forcemesh.clock import NS_PER_S
+from forcemesh.errors import DataError, ForcemeshError
+from identification.dwells import Dwell, Purpose, of_purpose, samples_of
+from identification.errors import CalibrationError
+from identification.evidence import evidence_of
+from identification.excitation.pose_choice import conditioning
+from identification.identify import identify
+from identification.static_poses import LEAST_POSES, WORST_CONDITIONING, angle
 
 NEW_RAD = np.radians(15.0)  # an attitude nearer to one that was taken is not taken by itself
 STILL_S = 1.0  # so long all must be still before a pose is taken by itself

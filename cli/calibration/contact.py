@@ -4,12 +4,12 @@ from math import hypot
 
 import numpy as np
 
-from cli.calibration.errors import InContactError, NotBegunError
-from common import topics
-from common.cell import Cell
-from common.clock import NS_PER_S
-from common.endpoints import Bus
-from common.frames import Array
+from common.config.cell import Cell
+from common.motion.frames import Array
+from forcemesh import topics
+from forcemesh.bus import Bus
+from forcemesh.clock import NS_PER_S
+from identification.errors import InContactError, NotBegunError
 
 HEARD_WITHIN_S = 1.0
 POLL_S = 0.01

@@ -4,20 +4,20 @@ from collections.abc import Callable
 
 import numpy as np
 
-from cli.calibration.errors import (
+from common.motion.convert import vec6
+from common.motion.frames import Array
+from forcemesh import topics
+from forcemesh.bus import Bus
+from forcemesh.clock import NS_PER_S
+from forcemesh.errors import BusError, RefusedError
+from forcemesh.messages import ArbiterStatus, RobotState
+from forcemesh.requests import ArmRequest, Empty, HoldRequest, MoveRequest, Reply
+from identification.errors import (
     CalibrationError,
     NotBegunError,
     PoseRefusedError,
     StoppedError,
 )
-from common import topics
-from common.clock import NS_PER_S
-from common.convert import vec6
-from common.endpoints import Bus
-from common.errors import BusError, RefusedError
-from common.frames import Array
-from common.messages import ArbiterStatus, RobotState
-from common.requests import ArmRequest, Empty, HoldRequest, MoveRequest, Reply
 
 POLL_S = 0.01
 HEARD_WITHIN_S = 2.0

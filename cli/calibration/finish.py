@@ -7,19 +7,19 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from cli.calibration.evidence import Evidence, Findings, findings_of
 from cli.calibration.page import save_page
 from cli.calibration.places import Places, keep_before
-from cli.calibration.rows import Dwell, save
-from cli.calibration.verdict import Bounds
 from cli.context import NO_ANSWER, NOT_WELL, OK, REFUSED
 from cli.payload_tables import print_fit
-from common.cell import Cell
-from common.errors import BusError
-from services.wrench.calibrated import of_calibration
+from common.config.cell import Cell
+from forcemesh.errors import BusError
+from identification.dwells import Dwell, save
+from identification.evidence import Evidence, Findings, findings_of
+from identification.verification import Bounds
+from services.wrench.active_calibration import of_calibration
 
 if TYPE_CHECKING:
-    from common.endpoints import Bus
+    from forcemesh.bus import Bus
 
 
 @dataclass(frozen=True, slots=True)

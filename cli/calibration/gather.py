@@ -6,16 +6,16 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from cli.calibration.errors import CalibrationError
-from cli.calibration.rows import Dwell, Purpose
-from cli.calibration.stillness import Sample, Stillness
-from common import topics
-from common.cell import Cell
-from common.clock import NS_PER_S
-from common.convert import pose_of
-from common.endpoints import Bus
-from common.errors import ForcemeshError
-from common.frames import Array
+from common.config.cell import Cell
+from common.motion.convert import pose_of
+from common.motion.frames import Array
+from forcemesh import topics
+from forcemesh.bus import Bus
+from forcemesh.clock import NS_PER_S
+from forcemesh.errors import ForcemeshError
+from identification.dwells import Dwell, Purpose
+from identification.errors import CalibrationError
+from identification.excitation.stillness import Sample, Stillness
 
 POLL_S = 0.001
 STILL_WITHIN_S = 10.0

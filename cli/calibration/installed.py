@@ -8,13 +8,13 @@ from collections.abc import Sequence
 
 import typer
 
-from cli.calibration.errors import CalibrationError
 from cli.calibration.finish import Job
-from cli.calibration.rows import Dwell, of_purpose, recording_of
-from common.cell import Cell
-from services.wrench.installation import judge_recording
-from services.wrench.installation_terms import Belief
-from services.wrench.recording import Recording, WrenchAxes
+from common.config.cell import Cell
+from identification.dwells import Dwell, of_purpose, recording_of
+from identification.errors import CalibrationError
+from identification.installation.check import judge_recording
+from identification.installation.terms import Belief
+from identification.recording import Recording, WrenchAxes
 
 
 def refuse_wrong_axes(job: Job, dwells: Sequence[Dwell]) -> None:

@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import Any
 
 from cli.calibration import pictures
-from cli.calibration.evidence import Findings
-from cli.calibration.verdict import Verdict
 from cli.payload_tables import is_worth_it
-from common.errors import DataError
+from forcemesh.errors import DataError
+from identification.evidence import Findings
+from identification.verification import Verdict
 
 MODELS_SHOWN = 7
 LEFT = ["", "poses", "force mean (N)", "max (N)", "torque mean (N m)", "max (N m)"]

@@ -10,9 +10,9 @@ from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from cli.calibration.evidence import Findings
-from common.frames import Array
-from common.payload import residual
+from common.config.payload import residual
+from common.motion.frames import Array
+from identification.evidence import Findings
 
 FIT, VERIFY, LIMIT = "#4878a8", "#e08a3c", "#b03030"
 AXES_COLOURS = ("#c0504d", "#5a9a4a", "#4878a8")

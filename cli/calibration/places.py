@@ -5,9 +5,9 @@ import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
-from common.cell import Cell
-from common.config import calibration_file
-from common.errors import DataError
+from common.config.cell import Cell
+from common.config.load import calibration_file
+from forcemesh.errors import DataError
 
 
 @dataclass(frozen=True, slots=True)

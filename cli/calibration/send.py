@@ -1,10 +1,10 @@
 """Gives a calibration to the running cell."""
 
-from common import topics
-from common.calibration import CalibrationSection
-from common.clock import NS_PER_S
-from common.endpoints import Bus
-from common.requests import CalibrationRequest, Reply
+from common.config.calibration import CalibrationSection
+from forcemesh import topics
+from forcemesh.bus import Bus
+from forcemesh.clock import NS_PER_S
+from forcemesh.requests import CalibrationRequest, Reply
 
 WITHIN_S = 3.0
 AGAIN_S = 0.1

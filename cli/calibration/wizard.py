@@ -11,17 +11,17 @@ import numpy as np
 
 from cli.calibration.contact import refuse_relieved
 from cli.calibration.drive import Drive
-from cli.calibration.errors import InContactError, PoseRefusedError, StoppedError
 from cli.calibration.gather import Gatherer
-from cli.calibration.plan import Plan
-from cli.calibration.rows import Dwell, Purpose
-from cli.calibration.stillness import WINDOW_S
 from cli.calibration.tell import Teller
-from common.cell import Cell
-from common.clock import NS_PER_S
-from common.endpoints import Bus
-from common.errors import RefusedError
-from common.frames import Array
+from common.config.cell import Cell
+from common.motion.frames import Array
+from forcemesh.bus import Bus
+from forcemesh.clock import NS_PER_S
+from forcemesh.errors import RefusedError
+from identification.dwells import Dwell, Purpose
+from identification.errors import InContactError, PoseRefusedError, StoppedError
+from identification.excitation.plan import Plan
+from identification.excitation.stillness import WINDOW_S
 
 BOTH: tuple[Purpose, ...] = ("fit", "verify")
 FREE_READ_S = 0.2  # enough to tell a touch from the sensor's noise

@@ -7,15 +7,15 @@ from itertools import pairwise
 import numpy as np
 import pinocchio as pin
 
-from cli.skills.feel import Feeler, Felt, Steady, Tell, force_ends, silent
+from cli.skills.contact_monitor import Feeler, Felt, Steady, Tell, force_ends, silent
 from cli.skills.pressing import BAND_N, STEADY_S, How
-from common import topics
 from common.client import Cell
-from common.errors import DataError
-from common.frames import Array
-from common.limits import Limits, check_workspace
-from common.messages import Vec3
-from common.requests import ForceStartRequest, PathRequest
+from common.motion.frames import Array
+from common.motion.limits import Limits, check_workspace
+from forcemesh import topics
+from forcemesh.errors import DataError
+from forcemesh.messages import Vec3
+from forcemesh.requests import ForceStartRequest, PathRequest
 
 CHUNK = 50  # points in one request
 AHEAD = 250  # points that the regulator has at most, beside those of one request

@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-from cli.skills.feel import Feeler, Felt, Tell, force_ends, silent
+from cli.skills.contact_monitor import Feeler, Felt, Tell, force_ends, silent
 from cli.skills.path_file import thinned, write_poses
 from common.client import Cell
-from common.convert import record_of
-from common.messages import Mode
-from common.requests import ForceStartRequest, MoveRequest
+from common.motion.convert import record_of
+from forcemesh.messages import Mode
+from forcemesh.requests import ForceStartRequest, MoveRequest
 
 RECORD_S = 0.02
 

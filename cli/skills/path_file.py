@@ -14,8 +14,8 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-from common.errors import DataError
-from common.frames import Array, Oat, R_from_oat, oat_from_R, pose, rotation_between
+from common.motion.frames import Array, Oat, R_from_oat, oat_from_R, pose, rotation_between
+from forcemesh.errors import DataError
 
 POINT = ("x_mm", "y_mm", "z_mm")
 POSE = (*POINT, "o_deg", "a_deg", "t_deg")

@@ -6,12 +6,12 @@ from math import degrees
 import numpy as np
 import pinocchio as pin
 
-from cli.skills.feel import Feeler, Felt, Steady, Tell, force_ends, silent
+from cli.skills.contact_monitor import Feeler, Felt, Steady, Tell, force_ends, silent
 from common.client import Cell
-from common.errors import NotReachedError
-from common.frames import rotation_between
-from common.messages import Mode, Preset, StartLaw, Vec3
-from common.requests import ForceStartRequest
+from common.motion.frames import rotation_between
+from forcemesh.errors import NotReachedError
+from forcemesh.messages import Mode, Preset, StartLaw, Vec3
+from forcemesh.requests import ForceStartRequest
 
 BAND_N, BAND_NM = 1.0, 0.1
 STOPPED_WITHIN_S = 0.2  # an approach goes on for its loop's delay, and presses meanwhile

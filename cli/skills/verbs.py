@@ -12,7 +12,7 @@ import typer
 
 from cli.context import USAGE, CellOption, JsonOption, fail
 from cli.numbers import NEGATIVE_NUMBERS
-from cli.skills.at_work import at_work
+from cli.skills.force_session import at_work
 from cli.verbs_force import PresetOption
 
 NO_HAND = 600.0
@@ -239,7 +239,7 @@ def _enter_pressed() -> Callable[[], bool]:
 
 def _of_the_file(read: Callable[[Path], Any], path: Path) -> Any:
     """Return what is in a file; a wrong file is wrong usage."""
-    from common.errors import DataError
+    from forcemesh.errors import DataError
 
     try:
         return read(path)

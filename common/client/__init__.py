@@ -1,7 +1,7 @@
 """A cell from Python: `with Cell("cells/demo.yaml") as cell: cell.arm(); cell.force.press(15.0)`.
 
-Every verb waits until it is done, up to a time, and raises an exception of `common.errors` when it
-is not: a refusal with code and remedy, an arm that was stopped, a service that fell silent.
+Every verb waits until it is done, up to a time, and raises an exception of `forcemesh.errors` when
+it is not: a refusal with code and remedy, an arm that was stopped, a service that fell silent.
 Command line, panel and notebooks use it; it imports neither physics nor plots.
 """
 
@@ -9,7 +9,7 @@ from common.client.cell import Cell
 from common.client.feed import Feed, Heard
 from common.client.force import Force, Pressed
 from common.client.moves import Move, Moves
-from common.errors import (
+from forcemesh.errors import (
     ArmStoppedError,
     BusError,
     DataError,

@@ -6,13 +6,13 @@ from typing import TypeVar
 
 from pydantic import ValidationError
 
-from common.clock import NS_PER_S
-from common.endpoints import Bus
-from common.errors import ArmStoppedError, DataError, RefusedError, first_mistake
-from common.faults import FAULTS
-from common.messages import ArbiterStatus, Record
-from common.requests import Reply
-from common.topics import Request
+from forcemesh.bus import Bus
+from forcemesh.clock import NS_PER_S
+from forcemesh.errors import ArmStoppedError, DataError, RefusedError, first_mistake
+from forcemesh.faults import FAULTS
+from forcemesh.messages import ArbiterStatus, Record
+from forcemesh.requests import Reply
+from forcemesh.topics import Request
 
 Q = TypeVar("Q", bound=Record)
 

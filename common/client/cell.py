@@ -7,21 +7,20 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, TypeVar
 
-from common import topics
-from common.bus import open_bus
-from common.calibration import CalibrationSection
-from common.cell import Cell as CellFile
+from common.bus.zenoh_bus import open_bus
 from common.client.asking import stopped, well_formed
 from common.client.feed import Feed
 from common.client.force import Force
 from common.client.moves import Moves
 from common.client.session import Session
-from common.clock import NS_PER_S
-from common.config import load_cell
-from common.describe import ask_for_description
-from common.endpoints import Bus
-from common.errors import NotReachedError
-from common.messages import (
+from common.config.calibration import CalibrationSection
+from common.config.cell import Cell as CellFile
+from common.config.load import load_cell
+from forcemesh import topics
+from forcemesh.bus import Bus
+from forcemesh.clock import NS_PER_S
+from forcemesh.errors import NotReachedError
+from forcemesh.messages import (
     ArbiterStatus,
     ArmPurpose,
     Asker,
@@ -36,7 +35,7 @@ from common.messages import (
     Trip,
     WrenchAtTcp,
 )
-from common.requests import (
+from forcemesh.requests import (
     ArmRequest,
     BackOffRequest,
     CalibrationRequest,
@@ -44,7 +43,8 @@ from common.requests import (
     HoldRequest,
     Reply,
 )
-from common.topics import CLIENT, Request, Topic
+from forcemesh.schema import ask_for_description
+from forcemesh.topics import CLIENT, Request, Topic
 
 M = TypeVar("M", bound=Message)
 Q = TypeVar("Q", bound=Record)

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
 from common.client.asking import remedy_of
-from common.clock import NS_PER_S, Clock
-from common.codec import Header
-from common.endpoints import Bus, Reader, Reading
-from common.errors import LostError, NotValidError
-from common.messages import Message
-from common.topics import Topic
+from forcemesh.bus import Bus, Reader, Reading
+from forcemesh.clock import NS_PER_S, Clock
+from forcemesh.codec import Header
+from forcemesh.errors import LostError, NotValidError
+from forcemesh.messages import Message
+from forcemesh.topics import Topic
 
 M = TypeVar("M", bound=Message)
 

@@ -3,13 +3,13 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from common import topics
 from common.client import turning
 from common.client.asking import stopped, well_formed
 from common.client.session import Session
-from common.clock import NS_PER_S
-from common.errors import ForcemeshError, NotReachedError
-from common.messages import (
+from forcemesh import topics
+from forcemesh.clock import NS_PER_S
+from forcemesh.errors import ForcemeshError, NotReachedError
+from forcemesh.messages import (
     Gain3,
     Gains,
     Host,
@@ -20,7 +20,7 @@ from common.messages import (
     Vec3,
     WrenchAtTcp,
 )
-from common.requests import Empty, ForceStartRequest, GainsRequest, PathRequest, Reply
+from forcemesh.requests import Empty, ForceStartRequest, GainsRequest, PathRequest, Reply
 
 POLL_S = 0.01
 STARTED_WITHIN_S = 0.5  # a mode that the regulator names after that is the one that was asked for

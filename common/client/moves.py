@@ -3,14 +3,14 @@
 from collections.abc import Callable
 from typing import Literal, NoReturn
 
-from common import topics
 from common.client import turning
 from common.client.asking import remedy_of, stopped, well_formed
 from common.client.session import Session
-from common.clock import NS_PER_S
-from common.errors import ArmStoppedError, LostError, NotReachedError, RefusedError
-from common.messages import ZERO3, PoseRecord, Quaternion, RobotState, Vec3, Vec6
-from common.requests import HoldRequest, MoveRequest
+from forcemesh import topics
+from forcemesh.clock import NS_PER_S
+from forcemesh.errors import ArmStoppedError, LostError, NotReachedError, RefusedError
+from forcemesh.messages import ZERO3, PoseRecord, Quaternion, RobotState, Vec3, Vec6
+from forcemesh.requests import HoldRequest, MoveRequest
 
 POLL_S = 0.02
 TAKEN_S = 0.5  # so long the arbiter must have named another goal, or none, before it is believed

@@ -1,12 +1,12 @@
 """Who of a cell is heard: the health of its roles, as seen by a client."""
 
-from common import topics
-from common.cell import Cell as CellFile
 from common.client.feed import Feed
-from common.clock import NS_PER_S
-from common.endpoints import Bus, Reading
-from common.errors import LostError
-from common.messages import Health, SensorWrench
+from common.config.cell import Cell as CellFile
+from forcemesh import topics
+from forcemesh.bus import Bus, Reading
+from forcemesh.clock import NS_PER_S
+from forcemesh.errors import LostError
+from forcemesh.messages import Health, SensorWrench
 
 POLL_S = 0.02
 

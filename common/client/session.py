@@ -3,16 +3,16 @@
 import threading
 from typing import Any, TypeVar
 
-from common.cell import Cell as CellFile
 from common.client import asking
 from common.client.feed import Feed
 from common.client.roles import Roles
-from common.clock import Clock
-from common.endpoints import Bus
-from common.errors import BusError, LostError
-from common.messages import Asker, Message, Record
-from common.requests import Reply
-from common.topics import ROLES, Request, Topic
+from common.config.cell import Cell as CellFile
+from forcemesh.bus import Bus
+from forcemesh.clock import Clock
+from forcemesh.errors import BusError, LostError
+from forcemesh.messages import Asker, Message, Record
+from forcemesh.requests import Reply
+from forcemesh.topics import ROLES, Request, Topic
 
 M = TypeVar("M", bound=Message)
 Q = TypeVar("Q", bound=Record)
@@ -46,7 +46,7 @@ class Session:
         """Ask a service for something.
 
         Args:
-            request: The row of common/topics.py.
+            request: The row of forcemesh/topics.py.
             message: What is asked for.
             within_s: So long to ask again while the refusal is one that time alone mends.
             answer_s: Longest wait for an answer [s].

@@ -5,7 +5,7 @@
 
 import math
 
-from common.messages import PoseRecord, Quaternion, Vec3
+from forcemesh.messages import PoseRecord, Quaternion, Vec3
 
 IDENTITY: Quaternion = (0.0, 0.0, 0.0, 1.0)
 

@@ -5,8 +5,8 @@ from math import radians
 
 import pinocchio as pin
 
-from common.convert import pose_of
-from common.limits import (
+from common.motion.convert import pose_of
+from common.motion.limits import (
     Limits,
     check_joint_speed,
     check_joints,
@@ -14,8 +14,8 @@ from common.limits import (
     check_workspace,
     check_wrench,
 )
-from common.messages import RobotState, Trip, WrenchAtTcp
-from common.motion_limits import JointTrack
+from common.motion.rate_limiter import JointTrack
+from forcemesh.messages import RobotState, Trip, WrenchAtTcp
 
 MEASURED_SLACK_RAD = radians(0.5)  # an arm that rests on a joint's limit is measured beside it
 

@@ -7,16 +7,16 @@ start from there, and set points at the measured pose at zero speed. So no hand-
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
-from common.clock import NS_PER_S
-from common.convert import pose_of, record_of
-from common.faults import refusal, refused, tripped
-from common.messages import Commander, Goal, RegulatorTarget, RobotState, Trip
-from common.requests import MoveRequest, Reply
+from common.motion.convert import pose_of, record_of
+from forcemesh.clock import NS_PER_S
+from forcemesh.faults import refusal, refused, tripped
+from forcemesh.messages import Commander, Goal, RegulatorTarget, RobotState, Trip
+from forcemesh.requests import MoveRequest, Reply
 from services.arbiter.bounds import Bounds
 from services.arbiter.goals import goal_trip, speed_trip
+from services.arbiter.ownership import SETTLE_WITHIN_S, Claim, Rest, Turn
 from services.arbiter.ranks import goes_before
 from services.arbiter.stream import Moment, Stream, begin, faded, follow
-from services.arbiter.turns import SETTLE_WITHIN_S, Claim, Rest, Turn
 
 NOTHING_TO_DO = "the target holds nothing to do"
 

@@ -5,9 +5,9 @@ in the controller, and `streamed_round_trip_p50_s`, from sending a set point to 
 robot program has taken it. A robot that has no such numbers is not judged.
 """
 
-from common.cell import Cell
-from common.faults import tripped
-from common.messages import Trip
+from common.config.cell import Cell
+from forcemesh.faults import tripped
+from forcemesh.messages import Trip
 from services.arbiter.inputs import Inputs
 
 # A loop that runs is stopped later than one is refused: the gain rule leaves room for half the

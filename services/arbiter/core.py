@@ -5,13 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 
-from common.back_off import Load, in_move
-from common.cell import Cell
-from common.clock import NS_PER_S
-from common.convert import pose_of, record_of
-from common.faults import FAULTS, clipped, refusal, refused, tripped
-from common.limits import Limits
-from common.messages import (
+from common.config.cell import Cell
+from common.motion.back_off import Load, in_move
+from common.motion.convert import pose_of, record_of
+from common.motion.limits import Limits
+from common.motion.rate_limiter import JointTrack
+from forcemesh.clock import NS_PER_S
+from forcemesh.faults import FAULTS, clipped, refusal, refused, tripped
+from forcemesh.messages import (
     MAY_MOVE,
     ArbiterState,
     ArbiterStatus,
@@ -23,8 +24,7 @@ from common.messages import (
     Speed,
     Trip,
 )
-from common.motion_limits import JointTrack
-from common.requests import MoveRequest, Reply
+from forcemesh.requests import MoveRequest, Reply
 from services.arbiter import freeing, stops
 from services.arbiter import inputs as known
 from services.arbiter.bounds import Bounds
@@ -32,11 +32,11 @@ from services.arbiter.commanders import Commanders, Step
 from services.arbiter.freeing import Freeing
 from services.arbiter.goals import real_speed_m_s, speed_of, speed_trip
 from services.arbiter.inputs import Inputs
+from services.arbiter.ownership import REST_S, Claim
 from services.arbiter.preflight import Terms, complaints, lasting, load_text
 from services.arbiter.reports import lines, recent, what_next
 from services.arbiter.states import CLEARS, TABLE, after
 from services.arbiter.stream import Moment
-from services.arbiter.turns import REST_S, Claim
 
 LONGEST_GAP_PERIODS = 3.0  # after a longer one, set points go on as if it had been so long
 LEAST_REPORTS = 3.0  # of the robot, in which it must have been at rest

@@ -1,6 +1,6 @@
 """Backing off under the arbiter: which goal frees the arm, and when it has done so. Pure.
 
-The rules are those of common/back_off.py, which the robot's process keeps again by itself.
+The rules are those of common/motion/back_off.py, which the robot's process keeps again by itself.
 """
 
 from dataclasses import dataclass, replace
@@ -8,14 +8,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pinocchio as pin
 
-from common import back_off
-from common.back_off import BackOff, Plan
-from common.convert import pose_of, record_of
-from common.faults import tripped
-from common.guard import MEASURED_SLACK_M
-from common.limits import Limits
-from common.messages import RobotState, Speed, Trip, WrenchAtTcp
-from common.requests import MoveRequest
+from common.motion import back_off
+from common.motion.back_off import BackOff, Plan
+from common.motion.convert import pose_of, record_of
+from common.motion.last_check import MEASURED_SLACK_M
+from common.motion.limits import Limits
+from forcemesh.faults import tripped
+from forcemesh.messages import RobotState, Speed, Trip, WrenchAtTcp
+from forcemesh.requests import MoveRequest
 from services.arbiter.bounds import Bounds
 from services.arbiter.inputs import Inputs
 

@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from common.convert import pose_of
-from common.faults import tripped
-from common.limits import Limits, check_joints
-from common.messages import RobotState, Speed, Trip
-from common.requests import MoveRequest
+from common.motion.convert import pose_of
+from common.motion.limits import Limits, check_joints
+from forcemesh.faults import tripped
+from forcemesh.messages import RobotState, Speed, Trip
+from forcemesh.requests import MoveRequest
 from services.arbiter.bounds import Bounds
 
 

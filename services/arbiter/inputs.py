@@ -5,12 +5,13 @@ from typing import Any
 
 import numpy as np
 
-from common.clock import NS_PER_S
-from common.convert import pose_of
-from common.endpoints import Reading
-from common.faults import FAULTS, tripped
-from common.limits import Limits, check_workspace, check_wrench
-from common.messages import (
+from common.motion.convert import pose_of
+from common.motion.limits import Limits, check_workspace, check_wrench
+from common.runtime.overruns import MOST_OVERRUNS
+from forcemesh.bus import Reading
+from forcemesh.clock import NS_PER_S
+from forcemesh.faults import FAULTS, tripped
+from forcemesh.messages import (
     Health,
     RegulatorTarget,
     RobotState,
@@ -19,7 +20,6 @@ from common.messages import (
     Vec3,
     WrenchAtTcp,
 )
-from common.overruns import MOST_OVERRUNS
 
 Writers = dict[str, int]  # topic: epoch of the process that writes it
 

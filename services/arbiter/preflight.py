@@ -12,13 +12,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from common.cell import Cell
-from common.config import cell_hash
-from common.convert import vec3
-from common.faults import tripped
-from common.limits import Limits
-from common.messages import Purpose, Trip, Vec3
-from common.version import forcemesh_version
+from common.config.cell import Cell
+from common.config.load import cell_hash
+from common.motion.convert import vec3
+from common.motion.limits import Limits
+from common.runtime.version import forcemesh_version
+from forcemesh.faults import tripped
+from forcemesh.messages import Purpose, Trip, Vec3
 from services.arbiter.inputs import Inputs, limit_trip, missing, robot_complaints, strangers
 
 PREFLIGHT_S = 1.0  # inputs must have been good for so long

@@ -3,7 +3,7 @@
 Rule: a higher rank takes the arm from a lower one; the same or a lower rank is refused as busy.
 """
 
-from common.messages import Commander
+from forcemesh.messages import Commander
 
 # fmt: off
 RANKS: dict[Commander, int] = {

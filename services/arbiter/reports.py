@@ -1,7 +1,7 @@
 """Makes what the arbiter says fit into its message, whatever was said to it. Pure."""
 
-from common.faults import FAULTS, clipped
-from common.messages import MAY_MOVE, ArbiterState, Purpose, Trip
+from forcemesh.faults import FAULTS, clipped
+from forcemesh.messages import MAY_MOVE, ArbiterState, Purpose, Trip
 from services.arbiter.states import CLEARS, TABLE
 
 MOST_TRIPS = 4

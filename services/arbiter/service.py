@@ -3,12 +3,12 @@
 from collections.abc import Iterator
 from typing import Any
 
-from common import topics
-from common.cell import Cell
-from common.clock import NS_PER_S
-from common.endpoints import Bus, Incoming
-from common.messages import ArbiterState, Trip
-from common.requests import Reply
+from common.config.cell import Cell
+from forcemesh import topics
+from forcemesh.bus import Bus, Incoming
+from forcemesh.clock import NS_PER_S
+from forcemesh.messages import ArbiterState, Trip
+from forcemesh.requests import Reply
 from services.arbiter.core import Arbiter
 from services.arbiter.inputs import Inputs
 from services.arbiter.watch import Watch

@@ -6,7 +6,7 @@ Rule 2: only a person's `arm` and `back_off` lead towards motion, and no other e
 Rule 3: whoever takes the arm begins when it is at rest: from ARMED, or by way of SETTLING.
 """
 
-from common.messages import ArbiterState
+from forcemesh.messages import ArbiterState
 
 # fmt: off
 TABLE: dict[ArbiterState, dict[str, ArbiterState]] = {

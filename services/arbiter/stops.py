@@ -13,11 +13,11 @@ from typing import Literal
 import numpy as np
 import pinocchio as pin
 
-from common.cell import Cell
-from common.faults import clipped
-from common.limits import Limits
-from common.messages import Trip, WrenchAtTcp
-from common.motion_limits import NS_PER_S, Pace, brake, limit_motion
+from common.config.cell import Cell
+from common.motion.limits import Limits
+from common.motion.rate_limiter import NS_PER_S, Pace, brake, limit_motion
+from forcemesh.faults import clipped
+from forcemesh.messages import Trip, WrenchAtTcp
 from services.arbiter.bounds import Bounds
 from services.arbiter.stream import Moment, Stream
 

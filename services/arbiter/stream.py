@@ -4,10 +4,9 @@ from dataclasses import dataclass, replace
 
 import pinocchio as pin
 
-from common.frames import is_finite_pose
-from common.limits import check_step, check_workspace
-from common.messages import Trip
-from common.motion_limits import (
+from common.motion.frames import is_finite_pose
+from common.motion.limits import check_step, check_workspace
+from common.motion.rate_limiter import (
     Pace,
     Window,
     brake,
@@ -16,6 +15,7 @@ from common.motion_limits import (
     resting_place,
     still,
 )
+from forcemesh.messages import Trip
 from services.arbiter.bounds import Bounds
 
 

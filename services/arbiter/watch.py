@@ -8,14 +8,14 @@ from math import hypot
 
 import pinocchio as pin
 
-from common import topics
-from common.cell import Cell
-from common.clock import NS_PER_S
-from common.convert import pose_of
-from common.faults import tripped
-from common.frames import is_finite_pose, length, rotation_between
-from common.messages import Trip
-from common.overruns import ALLOWED_SHARE, MOST_OVERRUNS, Overruns, allowed_gap_s
+from common.config.cell import Cell
+from common.motion.convert import pose_of
+from common.motion.frames import is_finite_pose, length, rotation_between
+from common.runtime.overruns import ALLOWED_SHARE, MOST_OVERRUNS, Overruns, allowed_gap_s
+from forcemesh import topics
+from forcemesh.clock import NS_PER_S
+from forcemesh.faults import tripped
+from forcemesh.messages import Trip
 from services.arbiter.controller_watch import ControllerWatch
 from services.arbiter.inputs import Inputs, Watched, overrun_trip
 

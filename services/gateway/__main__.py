@@ -1,6 +1,6 @@
 """Gateway: plays the robot with a Kawasaki controller."""
 
-from common.service import main
+from common.runtime.service import main
 from services.gateway.service import Gateway
 
 if __name__ == "__main__":

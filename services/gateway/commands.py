@@ -10,11 +10,9 @@ from math import degrees
 import numpy as np
 import pinocchio as pin
 
-from common.errors import LocalProtocolError
-from common.frames import Array, Oat, is_finite_pose, oat_from_R
-from common.messages import Gains, Mode, Speed, Vec3, Vec6
-from common.packet import VALUE_MAX, VALUE_MIN, ZERO_VEC, Packet, VecInt
-from common.packet_table import (
+from common.motion.frames import Array, Oat, is_finite_pose, oat_from_R
+from controller.packet import VALUE_MAX, VALUE_MIN, ZERO_VEC, Packet, VecInt
+from controller.packet_table import (
     FEEDBACK_BITS,
     GAIN_I,
     GAIN_P,
@@ -27,6 +25,8 @@ from common.packet_table import (
     Status,
     greeting,
 )
+from forcemesh.errors import LocalProtocolError
+from forcemesh.messages import Gains, Mode, Speed, Vec3, Vec6
 from services.gateway.scales import Scales, to_units, to_vec
 
 MM_PER_M = 1e3

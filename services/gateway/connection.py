@@ -2,11 +2,11 @@
 
 from typing import Protocol
 
-from common.clock import NS_PER_S
-from common.errors import RemoteProtocolError
-from common.faults import FAULTS, tripped
-from common.messages import Trip
-from common.packet_table import Status
+from controller.packet_table import Status
+from forcemesh.clock import NS_PER_S
+from forcemesh.errors import RemoteProtocolError
+from forcemesh.faults import FAULTS, tripped
+from forcemesh.messages import Trip
 from services.gateway.commands import ControllerLimits
 from services.gateway.dialogue import Dialogue
 from services.gateway.goals import REPORTS_TO_BELIEVE, Measured

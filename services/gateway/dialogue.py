@@ -12,14 +12,14 @@ from collections import deque
 
 import pinocchio as pin
 
-from common.errors import LocalProtocolError
-from common.messages import Gains, Mode, Speed, Vec3, Vec6
-from common.packet import Packet, PacketReader, encode
-from common.packet_table import FEEDBACK_BITS, NO_ID, Com, Point, Status
+from controller.packet import Packet, PacketReader, encode
+from controller.packet_table import FEEDBACK_BITS, NO_ID, Com, Point, Status
+from forcemesh.errors import LocalProtocolError
+from forcemesh.messages import Gains, Mode, Speed, Vec3, Vec6
 from services.gateway import commands
 from services.gateway.commands import Command, ControllerLimits, Pacing, PoseCarry
 from services.gateway.numbering import NONE_YET, EchoMark, id_of, number_of
-from services.gateway.offers import Offers
+from services.gateway.pending_commands import Offers
 from services.gateway.reports import Event, JointReport, PoseReport, parse_hello, parse_report
 from services.gateway.round_trips import Echoes, is_taken
 from services.gateway.scales import Scales

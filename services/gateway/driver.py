@@ -10,12 +10,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pinocchio as pin
 
-from common.clock import NS_PER_S
-from common.convert import pose_of
-from common.endpoints import Reading
-from common.errors import RefusedError
-from common.guard import Guard
-from common.messages import (
+from common.motion.convert import pose_of
+from common.motion.last_check import Guard
+from common.motion.tracking import Tracking
+from controller.packet_table import FEEDBACK_BITS, Status
+from forcemesh.bus import Reading
+from forcemesh.clock import NS_PER_S
+from forcemesh.errors import RefusedError
+from forcemesh.messages import (
     Feedback,
     Goal,
     GoalReport,
@@ -25,12 +27,10 @@ from common.messages import (
     Vec3,
     WrenchAtTcp,
 )
-from common.packet_table import FEEDBACK_BITS, Status
-from common.tracking import Tracking
 from services.gateway import goals
-from services.gateway.departures import Departures
 from services.gateway.dialogue import Dialogue
 from services.gateway.goals import Measured, Track
+from services.gateway.setpoint_shaper import Departures
 
 FEEDBACK_STARTS_WITHIN_S = 1.0
 CENTRE_STEP_M = 3e-3  # a smaller way of the point of contact is not worth a command

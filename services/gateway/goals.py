@@ -5,10 +5,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pinocchio as pin
 
-from common.convert import pose_of
-from common.frames import rotation_between
-from common.messages import Goal, GoalReport, GoalState, Vec6
-from common.packet_table import Status
+from common.motion.convert import pose_of
+from common.motion.frames import rotation_between
+from controller.packet_table import Status
+from forcemesh.messages import Goal, GoalReport, GoalState, Vec6
 from services.gateway.numbering import NONE_YET
 
 NO_GOAL = GoalReport()

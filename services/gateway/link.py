@@ -13,8 +13,8 @@ import termios
 from collections import deque
 from dataclasses import dataclass
 
-from common.clock import NS_PER_S
-from common.packet import PACKET_CHARS
+from controller.packet import PACKET_CHARS
+from forcemesh.clock import NS_PER_S
 
 RECEIVE_BYTES = 16_384
 RECEIVES_PER_POLL = 4  # a peer that floods us cannot keep the loop

@@ -5,8 +5,8 @@ gateway counts its packets, sends the number as an ID, and turns the ID of a rep
 number of the newest packet that it can mean.
 """
 
-from common import packet_table
-from common.packet_table import ID_FIRST, ids_since
+from controller import packet_table
+from controller.packet_table import ID_FIRST, ids_since
 
 NONE_YET = -1  # less than the number of any packet
 

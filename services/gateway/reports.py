@@ -6,11 +6,9 @@ from math import radians
 import numpy as np
 import pinocchio as pin
 
-from common.errors import RemoteProtocolError
-from common.frames import Oat, R_from_oat
-from common.messages import Vec6
-from common.packet import Packet
-from common.packet_table import (
+from common.motion.frames import Oat, R_from_oat
+from controller.packet import Packet
+from controller.packet_table import (
     ID_FIRST,
     PERCENT,
     PROTOCOL_VERSION,
@@ -21,6 +19,8 @@ from common.packet_table import (
     known,
     unpack_status,
 )
+from forcemesh.errors import RemoteProtocolError
+from forcemesh.messages import Vec6
 from services.gateway.scales import Scales, differences, scales_from_hello
 
 

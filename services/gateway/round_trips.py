@@ -8,8 +8,8 @@ from collections import deque
 from dataclasses import dataclass
 from math import ceil
 
-from common.packet import Packet
-from common.packet_table import Com, FeedbackSwitch
+from controller.packet import Packet
+from controller.packet_table import Com, FeedbackSwitch
 
 NS_PER_S = 1_000_000_000
 # What the robot program takes from its ring, and 101 names then; the receiver does the rest alone.

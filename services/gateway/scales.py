@@ -3,9 +3,9 @@
 from dataclasses import dataclass, fields
 from math import isfinite
 
-from common.errors import LocalProtocolError, RemoteProtocolError
-from common.messages import Vec6
-from common.packet import VALUE_MAX, VALUE_MIN, VecInt
+from controller.packet import VALUE_MAX, VALUE_MIN, VecInt
+from forcemesh.errors import LocalProtocolError, RemoteProtocolError
+from forcemesh.messages import Vec6
 
 # Each scale must carry what it is for: 180 degrees of O, A, T and 360 of a joint into the negative
 # side (-99999), 1 m, 100 N, 10 N m and 250 mm/s; 499999 to the other side is five times as much.

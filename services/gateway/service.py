@@ -5,25 +5,25 @@ from math import radians
 
 import numpy as np
 
-from common import topics
-from common.cell import Cell, GatewaySection
-from common.clock import NS_PER_S
-from common.convert import record_of, vec3
-from common.endpoints import Bus
-from common.errors import ConfigError, LocalProtocolError, RefusedError
-from common.guard import MEASURED_SLACK_M, Guard
-from common.messages import LinkHealth, RobotState, RobotStatus
-from common.packet_table import ID_COUNT, ID_FIRST, Status
-from common.permission import NO_COMMAND_YET, CommandGate, Verdict
-from common.tracking import Tracking
+from common.config.cell import Cell, GatewaySection
+from common.motion.convert import record_of, vec3
+from common.motion.last_check import MEASURED_SLACK_M, Guard
+from common.motion.permission import NO_COMMAND_YET, CommandGate, Verdict
+from common.motion.tracking import Tracking
+from controller.packet_table import ID_COUNT, ID_FIRST, Status
+from forcemesh import topics
+from forcemesh.bus import Bus
+from forcemesh.clock import NS_PER_S
+from forcemesh.errors import ConfigError, LocalProtocolError, RefusedError
+from forcemesh.messages import LinkHealth, RobotState, RobotStatus
 from services.gateway.commands import ControllerLimits, Pacing
 from services.gateway.connection import Connection, Wire
-from services.gateway.departures import CatchUp, Departures
 from services.gateway.dialogue import Dialogue
 from services.gateway.driver import Driver
 from services.gateway.goals import Measured
 from services.gateway.link import Link, LinkSettings
 from services.gateway.scales import Scales
+from services.gateway.setpoint_shaper import CatchUp, Departures
 
 STEP_S = 0.002  # how long a report of the controller may wait in the socket
 # Of what the controller keeps, beyond what this process lets through.

@@ -4,12 +4,12 @@ import os
 from contextlib import AbstractContextManager
 from functools import partial
 
-from common.acl import names_of
-from common.bus import endpoint_of, log_refusals, open_hub
-from common.cell import Cell
-from common.endpoints import Bus
-from common.service import main
-from common.tls import is_encrypted
+from common.bus.zenoh_bus import endpoint_of, log_refusals, open_hub
+from common.config.cell import Cell
+from common.runtime.service import main
+from common.security.access_control import names_of
+from common.security.tls import is_encrypted
+from forcemesh.bus import Bus
 from services.hub.refusals import Refusals
 from services.hub.service import Hub
 

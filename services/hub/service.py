@@ -3,9 +3,9 @@
 from collections import Counter
 from typing import Protocol, runtime_checkable
 
-from common.cell import Cell
-from common.describe import Describer
-from common.endpoints import Bus
+from common.config.cell import Cell
+from forcemesh.bus import Bus
+from forcemesh.schema import Describer
 from services.hub.refusals import Refusals
 
 STEPS_PER_REPORT = 5

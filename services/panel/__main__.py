@@ -6,9 +6,9 @@ import sys
 import webbrowser
 from pathlib import Path
 
-from common.config import load_cell
-from common.service import exit_on_error, stop_on_signals
-from services.panel.door import door_of
+from common.config.load import load_cell
+from common.runtime.service import exit_on_error, stop_on_signals
+from services.panel.access import door_of
 from services.panel.encrypted import context_of
 
 NICE = 10  # whatever it draws may come late; what moves the arm may not

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from common.cell import Cell
-from common.frames import Array, quaternion_from_R
+from common.config.cell import Cell
+from common.motion.frames import Array, quaternion_from_R
 
 _ASKED = os.environ.get("MUJOCO_GL")
 os.environ["MUJOCO_GL"] = (
@@ -24,7 +24,7 @@ else:
     os.environ["MUJOCO_GL"] = _ASKED
 
 # Read as data, not imported: a service knows nothing of the simulation.
-MODEL = Path(__file__).resolve().parents[2] / "sim" / "models" / "rs007l.xml"
+MODEL = Path(__file__).resolve().parents[2] / "arms" / "rs007l" / "rs007l.xml"
 JOINTS = 6
 HOME_DEG = (0.0, 0.0, -90.0, 0.0, -90.0, 0.0)  # where the simulated arm begins, above its plate
 FLOOR_Z_M = -0.36

@@ -8,8 +8,8 @@ import threading
 import viser
 
 from common.client import Cell, RefusedError
-from common.errors import NotReachedError
-from common.markup import html
+from forcemesh.errors import NotReachedError
+from services.panel.markup import html
 from services.panel.viewer import Viewer
 
 WHAT = "Back off"

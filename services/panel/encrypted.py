@@ -7,10 +7,10 @@ Nobody on the bus trusts it, and it can be given to every phone of a lab.
 import ssl
 from pathlib import Path
 
-from common.cell import Cell
-from common.errors import ForcemeshError
-from common.tls import PAGE, folder_of
-from services.panel.door import Door
+from common.config.cell import Cell
+from common.security.tls import PAGE, folder_of
+from forcemesh.errors import ForcemeshError
+from services.panel.access import Door
 
 
 def context_of(cell: Cell, door: Door) -> ssl.SSLContext | None:

@@ -4,8 +4,8 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from common.faults import FAULTS
-from common.messages import ArbiterStatus, Trip
+from forcemesh.faults import FAULTS
+from forcemesh.messages import ArbiterStatus, Trip
 
 KEPT = 50
 

@@ -10,10 +10,10 @@ from typing import Any
 
 import viser
 
-from common.cell import Cell
-from common.clock import NS_PER_S
-from common.heartbeat import heartbeat_of_this_process
-from services.panel.door import Door
+from common.config.cell import Cell
+from common.runtime.heartbeat import heartbeat_of_this_process
+from forcemesh.clock import NS_PER_S
+from services.panel.access import Door
 from services.panel.encrypted import context_of
 from services.panel.faultlog import FaultLog
 from services.panel.history import History
@@ -24,8 +24,8 @@ from services.panel.readout import NAMES, Readout
 from services.panel.scene import Scene
 from services.panel.server import RIGHTS, Gate, close_server, open_server
 from services.panel.sessions import Rights
+from services.panel.status_bar import may_stop, strip
 from services.panel.stopping import UNANSWERED, stop_text
-from services.panel.strip import may_stop, strip
 from services.panel.tabs import Refresh, all_tabs
 from services.panel.viewer import Answer, Viewer, ask, put
 from services.panel.watch import Snapshot, Watch

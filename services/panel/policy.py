@@ -1,13 +1,14 @@
 """What a browser may let the page do: run its own scripts, call this panel, and nothing else. Pure.
 
-The second lock behind `common.markup`: were foreign text ever to become an element, it could run
-nothing, frame nothing and send nothing. Every script of ours carries a number that is drawn anew
+The second lock behind `services.panel.markup`: were foreign text ever to become an element, it
+could run nothing, frame nothing and send nothing. Every script of ours carries a number that is
+drawn anew
 for each answer; a script that came in with a text cannot know it.
 """
 
 import re
 
-from common.errors import ForcemeshError
+from forcemesh.errors import ForcemeshError
 
 NONCE = "nonce-of-this-answer"  # stands in a page until it is sent
 # viser's front end unpacks its code, its workers and its styles from the page, and evaluates some.

@@ -6,7 +6,7 @@ reads pictures off this machine's disk; nothing of that is wanted of a text from
 
 import viser
 
-from common.markup import Html, html, joined
+from services.panel.markup import Html, html, joined
 
 NOTHING = html("")
 

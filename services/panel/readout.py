@@ -4,10 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from common.cell import Cell
-from common.convert import pose_of
-from common.frames import Array, R_from_quaternion
-from common.messages import RobotCommand, RobotState, WrenchAtTcp
+from common.config.cell import Cell
+from common.motion.convert import pose_of
+from common.motion.frames import Array, R_from_quaternion
+from forcemesh.messages import RobotCommand, RobotState, WrenchAtTcp
 from services.panel.watch import Snapshot
 
 FORCES = ("press", "set point", "Fx", "Fy", "Fz")

@@ -9,9 +9,9 @@ import numpy as np
 import viser
 from mjviser import ViserMujocoScene
 
-from common.cell import Cell
-from common.frames import Array, quaternion_from_R
-from common.messages import RobotState
+from common.config.cell import Cell
+from common.motion.frames import Array, quaternion_from_R
+from forcemesh.messages import RobotState
 from services.panel.arm_model import FLOOR_Z_M, ArmModel, is_known
 from services.panel.readout import Readout, Tool
 from services.panel.watch import Snapshot

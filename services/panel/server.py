@@ -29,10 +29,10 @@ from websockets.asyncio.server import ServerConnection
 from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 
-from common.clock import Clock, MonotonicClock
-from common.errors import ForcemeshError
-from common.markup import html
-from services.panel.door import ASKED_BY_US, Door, cookie_in, token_in
+from forcemesh.clock import Clock, MonotonicClock
+from forcemesh.errors import ForcemeshError
+from services.panel.access import ASKED_BY_US, Door, cookie_in, token_in
+from services.panel.markup import html
 from services.panel.policy import NONCE, policy, with_nonce_unpacked, with_nonces
 from services.panel.sessions import Rights, Sessions
 

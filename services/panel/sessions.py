@@ -10,7 +10,7 @@ from collections import OrderedDict
 from dataclasses import dataclass
 from typing import Literal
 
-from common.clock import NS_PER_S
+from forcemesh.clock import NS_PER_S
 
 Rights = Literal["operate", "view"]
 

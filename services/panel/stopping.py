@@ -4,7 +4,7 @@ An answer can be lost or late while the request was obeyed. A bar that says HOLD
 that says NO ANSWER teaches people to believe neither.
 """
 
-from services.panel.strip import held_as
+from services.panel.status_bar import held_as
 from services.panel.viewer import Answer
 from services.panel.watch import Snapshot
 

@@ -11,11 +11,11 @@ from typing import Any, Literal
 
 import viser
 
-from common.cell import Cell as CellFile
 from common.client import Cell, RefusedError
-from common.errors import BusError, ForcemeshError
-from common.markup import Html, html
+from common.config.cell import Cell as CellFile
+from forcemesh.errors import BusError, ForcemeshError
 from services.panel.faultlog import FaultLog
+from services.panel.markup import Html, html
 from services.panel.prose import Prose
 from services.panel.watch import Watch
 from services.panel.wizard import Wizard

@@ -4,13 +4,13 @@ import threading
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
-from common import topics
-from common.cell import Cell as CellFile
 from common.client import Cell
-from common.clock import NS_PER_S, Clock, MonotonicClock
-from common.endpoints import Reading
-from common.errors import BusError
-from common.messages import (
+from common.config.cell import Cell as CellFile
+from forcemesh import topics
+from forcemesh.bus import Reading
+from forcemesh.clock import NS_PER_S, Clock, MonotonicClock
+from forcemesh.errors import BusError
+from forcemesh.messages import (
     ArbiterStatus,
     Health,
     Message,
@@ -20,7 +20,7 @@ from common.messages import (
     SensorWrench,
     WrenchAtTcp,
 )
-from common.topics import Topic
+from forcemesh.topics import Topic
 
 M = TypeVar("M", bound=Message)
 

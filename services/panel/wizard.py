@@ -10,7 +10,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-MODULE = "cli.panel_wizard"  # named, not imported: a service knows nothing of the command line
+# Named, not imported: a service knows nothing of the command line.
+MODULE = "cli.calibration.panel_wizard"
 ROOT = Path(__file__).resolve().parents[2]
 ENDS_WITHIN_S = 5.0
 NOTES = 40

@@ -17,10 +17,10 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 import msgspec
 from pydantic import BaseModel
 
-from common.codec import Header
-from common.errors import MessageError
-from common.messages import Gain, Message
-from common.topics import Topic
+from forcemesh.codec import Header
+from forcemesh.errors import MessageError
+from forcemesh.messages import Gain, Message
+from forcemesh.topics import Topic
 
 SCALARS = {bool: "boolean", int: "integer", float: "number", str: "string"}
 # UnicodeDecodeError is a ValueError; what is nested too deep ends in a RecursionError.

@@ -15,10 +15,10 @@ from mcap.opcode import Opcode
 from mcap.stream_reader import StreamReader
 from pydantic_core import from_json
 
-from common.cell import Cell
-from common.clock import NS_PER_S
-from common.config import cell_from_tree
-from common.errors import ConfigError, DataError
+from common.config.cell import Cell
+from common.config.load import cell_from_tree
+from forcemesh.clock import NS_PER_S
+from forcemesh.errors import ConfigError, DataError
 from services.recorder.frames import Frame, frames_of
 from services.recorder.mcap_writer import MESSAGE, MESSAGE_HEAD_B
 from services.recorder.protobuf import unwrap
@@ -33,7 +33,7 @@ class Event(NamedTuple):
     """Something that happened."""
 
     at_ns: int
-    what: str  # a code of common/faults.py
+    what: str  # a code of forcemesh/faults.py
 
 
 class Said(NamedTuple):

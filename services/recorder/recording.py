@@ -4,21 +4,21 @@ import json
 from pathlib import Path
 from typing import Any
 
-from common.cell import Cell
-from common.cell_panel import PanelSection
-from common.clock import NS_PER_S
-from common.codec import Header
-from common.config import cell_hash, dump_cell
-from common.errors import MessageError
-from common.topics import TOPICS
-from common.version import forcemesh_version
+from common.config.cell import Cell
+from common.config.cell_panel import PanelSection
+from common.config.load import cell_hash, dump_cell
+from common.runtime.version import forcemesh_version
+from forcemesh.clock import NS_PER_S
+from forcemesh.codec import Header
+from forcemesh.errors import MessageError
+from forcemesh.topics import TOPICS
 from services.recorder import protobuf
 from services.recorder.folder import new_file
 from services.recorder.frames import HEAD, Frame
 from services.recorder.layout import Layout, layout_of, schema_of
 from services.recorder.mcap_writer import McapWriter
-from services.recorder.numbering import Numbering
-from services.recorder.wall import Wall
+from services.recorder.sequence_gaps import Numbering
+from services.recorder.wall_clock import Wall
 
 FRAMES_TOPIC = "frames"
 METADATA = "forcemesh"

@@ -4,21 +4,21 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 
-from common import topics
-from common.cell import Cell
-from common.clock import NS_PER_S
-from common.codec import decode
-from common.endpoints import Bus
-from common.errors import MessageError
-from common.faults import clipped, refusal
-from common.messages import ArbiterStatus, RecorderStatus
-from common.requests import RecordRequest, Reply
-from common.topics import TOPICS
-from common.wakes import Wakes
+from common.bus.receive_batching import Wakes
+from common.config.cell import Cell
+from forcemesh import topics
+from forcemesh.bus import Bus
+from forcemesh.clock import NS_PER_S
+from forcemesh.codec import decode
+from forcemesh.errors import MessageError
+from forcemesh.faults import clipped, refusal
+from forcemesh.messages import ArbiterStatus, RecorderStatus
+from forcemesh.requests import RecordRequest, Reply
+from forcemesh.topics import TOPICS
 from services.recorder.folder import safe_label
 from services.recorder.frames import Frame
-from services.recorder.past import Past
-from services.recorder.tape import Tape, fault_label
+from services.recorder.recording_writer import Tape, fault_label
+from services.recorder.ring_buffer import Past
 
 STEPS_HZ = 10.0
 ROOM = 4096  # messages of one topic that may wait: eight seconds of the fastest one

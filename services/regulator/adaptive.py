@@ -19,20 +19,21 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pinocchio as pin
 
-from common.cell import Cell
-from common.frames import Array, length
-from services.regulator import response, ways
+from common.config.cell import Cell
+from common.motion.frames import Array, length
+from services.regulator import contact_travel as ways
+from services.regulator import response
 from services.regulator import stiffness as stiff
-from services.regulator.adaptive_map import softest_N_m
-from services.regulator.follow import NOT_FOLLOWED, Felt, Follow, followed, worth
-from services.regulator.heat import Heat, braked, heat_of
+from services.regulator.contact_travel import Reports, Way
+from services.regulator.delay_model import PathSettings
+from services.regulator.gain_schedule import Heat, braked, heat_of
 from services.regulator.law import LawInput, LawSettings, LawState, PiGains, step
-from services.regulator.path import PathSettings
 from services.regulator.response import Answer, Response
 from services.regulator.stiffness import Stiffness, StiffnessSettings
-from services.regulator.tuning import INERTIA_MARGIN as PLAIN_MARGIN
-from services.regulator.tuning import LOOP_GAIN, tune
-from services.regulator.ways import Reports, Way
+from services.regulator.surface_tracking import NOT_FOLLOWED, Felt, Follow, followed, worth
+from tuning.adaptive_map import softest_N_m
+from tuning.gain_rule import INERTIA_MARGIN as PLAIN_MARGIN
+from tuning.gain_rule import LOOP_GAIN, tune
 
 INERTIA_SHARE = 0.7  # of the tool's inertia that the model takes out of the readings
 INERTIA_HEARD = 0.9  # of it, where it is asked how stiff a contact is: that closes no loop

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from common.cell import Cell
-from common.convert import vec3
-from common.frames import Array, rotation_between
-from common.messages import Gains, WrenchAtTcp
-from common.requests import ForceStartRequest
+from common.config.cell import Cell
+from common.motion.convert import vec3
+from common.motion.frames import Array, rotation_between
+from forcemesh.messages import Gains, WrenchAtTcp
+from forcemesh.requests import ForceStartRequest
 from services.regulator import adaptive
 from services.regulator.adaptive import Adaptive, AdaptiveSettings
 from services.regulator.law import LawInput, LawSettings, LawState, PiGains, step

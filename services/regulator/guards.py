@@ -15,14 +15,14 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
-from common.cell import Cell
-from common.faults import tripped
-from common.frames import Array, length, rotation_between
-from common.messages import Trip
-from services.regulator import unproven
+from common.config.cell import Cell
+from common.motion.frames import Array, length, rotation_between
+from forcemesh.faults import tripped
+from forcemesh.messages import Trip
+from services.regulator import unverified_axes as unproven
 from services.regulator.law import Contact
 from services.regulator.oscillation import Swing, SwingSettings, follow
-from services.regulator.unproven import Motion, Yielding, YieldSettings
+from services.regulator.unverified_axes import Motion, Yielding, YieldSettings
 
 WORK_STEP_M, WORK_STEP_RAD = 2e-5, 2e-4  # less is the pose's own noise
 SWUNG_PART = 0.5  # of the work got: a force that is told late seems to give so much back

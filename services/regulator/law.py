@@ -17,8 +17,8 @@ from typing import Literal
 import numpy as np
 import pinocchio as pin
 
-from common.frames import Array, cross, length, rotate_about_base_axes
-from common.messages import Mode
+from common.motion.frames import Array, cross, length, rotate_about_base_axes
+from forcemesh.messages import Mode
 
 Contact = Literal["free", "approach", "contact"]
 RELEASE_FRACTION = 0.5  # contact ends below this part of the touch force

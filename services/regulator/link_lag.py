@@ -15,8 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from common.cell import Cell
-from common.frames import Array
+from common.config.cell import Cell
+from common.motion.frames import Array
 
 REPORTS, SAMPLES = 2.0, 2.0
 SAME = np.array([1e-5, 1e-4])  # m, rad: a pose that left is the one that was commanded

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from common.cell import Cell
-from common.frames import Array
+from common.config.cell import Cell
+from common.motion.frames import Array
 
 HALF_WAVES = 10  # five periods
 KEPT = 0.9  # a half wave that is smaller than this part of the last one on its side dies out

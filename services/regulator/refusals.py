@@ -5,15 +5,15 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from common.cell import Cell
-from common.endpoints import Reading
-from common.faults import refusal, refused
-from common.frames import Array
-from common.limits import Limits, check_workspace
-from common.messages import ArbiterStatus, WrenchAtTcp
-from common.requests import ForceStartRequest, PathRequest, Reply
-from services.regulator.route import MOST_POINTS, across
+from common.config.cell import Cell
+from common.motion.frames import Array
+from common.motion.limits import Limits, check_workspace
+from forcemesh.bus import Reading
+from forcemesh.faults import refusal, refused
+from forcemesh.messages import ArbiterStatus, WrenchAtTcp
+from forcemesh.requests import ForceStartRequest, PathRequest, Reply
 from services.regulator.session import Session, mover
+from services.regulator.tcp_path import MOST_POINTS, across
 
 LEAST_PRESS_SHARE = 0.7  # of the tool's axis, left by the axes that may move: 45 degrees
 AXIS_NAMES = ("x", "y", "z", "rx", "ry", "rz")  # as the command line says them

@@ -15,7 +15,7 @@ from math import exp
 
 import numpy as np
 
-from common.frames import Array
+from common.motion.frames import Array
 
 MARGIN, SIGMAS = 1.03, 2.0  # too stiff is slow, too soft overshoots
 SURE = 0.03  # sigma below this part of k

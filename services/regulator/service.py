@@ -7,14 +7,14 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from common import topics
-from common.cell import Cell
-from common.clock import NS_PER_S
-from common.convert import pose_of, record_of, vec3
-from common.endpoints import Bus, Reading
-from common.faults import refusal
-from common.frames import Array
-from common.messages import (
+from common.config.cell import Cell
+from common.motion.convert import pose_of, record_of, vec3
+from common.motion.frames import Array
+from forcemesh import topics
+from forcemesh.bus import Bus, Reading
+from forcemesh.clock import NS_PER_S
+from forcemesh.faults import refusal
+from forcemesh.messages import (
     ZERO3,
     Feedback,
     Gains,
@@ -25,10 +25,11 @@ from common.messages import (
     Trip,
     WrenchAtTcp,
 )
-from common.requests import ForceStartRequest, PathRequest, Reply
-from services.regulator import adaptive, guiding
+from forcemesh.requests import ForceStartRequest, PathRequest, Reply
+from services.regulator import adaptive
+from services.regulator import admittance as guiding
 from services.regulator.adaptive import Adaptive
-from services.regulator.adaptive_map import remark, softest_N_m
+from services.regulator.admittance import Guide, GuideSettings
 from services.regulator.control import (
     LawTools,
     Met,
@@ -41,7 +42,6 @@ from services.regulator.control import (
     task_frame,
 )
 from services.regulator.guards import GuardSettings, Watch, carried, proof_of, watch
-from services.regulator.guiding import Guide, GuideSettings
 from services.regulator.law import LawInput, LawState, put_back, start_at
 from services.regulator.link_lag import Commanded
 from services.regulator.refusals import (
@@ -63,8 +63,16 @@ from services.regulator.session import (
     way_left,
 )
 from services.regulator.settings import merged_gains, pi_gains
-from services.regulator.tuning import instability, tune
-from services.regulator.unproven import Motion, Proof, Yielding, checked_by, motion_between, origin
+from services.regulator.unverified_axes import (
+    Motion,
+    Proof,
+    Yielding,
+    checked_by,
+    motion_between,
+    origin,
+)
+from tuning.adaptive_map import remark, softest_N_m
+from tuning.gain_rule import instability, tune
 
 STOPPED = "stopped"
 LONGEST_GAP_PERIODS = 3.0  # a longer gap between samples is not integrated over

@@ -6,23 +6,23 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from common.endpoints import Reading
-from common.frames import Array
-from common.messages import ArbiterStatus, Gains, StartLaw
-from common.requests import ForceStartRequest, PathRequest
+from common.motion.frames import Array
+from forcemesh.bus import Reading
+from forcemesh.messages import ArbiterStatus, Gains, StartLaw
+from forcemesh.requests import ForceStartRequest, PathRequest
 from services.regulator.adaptive import Adaptive
+from services.regulator.admittance import Guide
 from services.regulator.guards import Flags, Seen, Watch
-from services.regulator.guiding import Guide
 from services.regulator.law import LawInput, LawState
 from services.regulator.link_lag import Commanded
-from services.regulator.route import Route, go, left_m, routed
-from services.regulator.unproven import Motion
+from services.regulator.tcp_path import Route, go, left_m, routed
+from services.regulator.unverified_axes import Motion
 
 MOVERS = ("operator", "program")  # while one of them moves the arm, nothing is proposed
 
 
 class Failure(NamedTuple):
-    """Why the regulator gave up, as a code of common/faults.py and in words."""
+    """Why the regulator gave up, as a code of forcemesh/faults.py and in words."""
 
     code: str
     text: str

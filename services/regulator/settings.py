@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from common.cell import Cell
-from common.messages import Gains
-from common.requests import GainsRequest
+from common.config.cell import Cell
+from forcemesh.messages import Gains
+from forcemesh.requests import GainsRequest
 from services.regulator.law import LawSettings, PiGains
-from services.regulator.tuning import tune
+from tuning.gain_rule import tune
 
 PROBE_N = 5.0  # the first touch shows whether the signs are right: it must stay gentle
 INERTIA_SHARE = 0.1  # of the touch force, at most, comes from speeding the tool up

@@ -16,7 +16,7 @@ from math import exp
 import numpy as np
 import numpy.typing as npt
 
-from common.frames import Array
+from common.motion.frames import Array
 
 Flags = npt.NDArray[np.bool_]
 

@@ -10,10 +10,10 @@ from collections.abc import Sequence
 from contextlib import suppress
 from typing import Any, Protocol
 
-from common.cell import SensorSection
-from common.clock import NS_PER_S
-from common.errors import ConfigError
-from common.messages import Vec3
+from common.config.cell import SensorSection
+from forcemesh.clock import NS_PER_S
+from forcemesh.errors import ConfigError
+from forcemesh.messages import Vec3
 from services.sensor.driver import Complaint, Info, Sample, fault_sample, saturation
 
 WRAP_US = 1 << 32  # of the sensor's stamps

@@ -7,14 +7,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, NamedTuple, Protocol
 
-from common.messages import ZERO3, Vec3
+from forcemesh.messages import ZERO3, Vec3
 
 SATURATED_FROM = 0.95  # of the range, on any one axis
 AXES = (("Fx", "N"), ("Fy", "N"), ("Fz", "N"), ("Tx", "N m"), ("Ty", "N m"), ("Tz", "N m"))
 
 
 class Complaint(NamedTuple):
-    """What is wrong, as a code of common/faults.py and in words; both empty: nothing is."""
+    """What is wrong, as a code of forcemesh/faults.py and in words; both empty: nothing is."""
 
     code: str
     text: str
@@ -31,7 +31,7 @@ class Sample:
     torque_Nm: Vec3
     status: Literal["ok", "saturated", "fault"] = "ok"
     reason: str = ""
-    code: str = ""  # of common/faults.py
+    code: str = ""  # of forcemesh/faults.py
     counter: int = 0  # of samples since the driver started; those known to be lost are counted
     stamp_ns: int = 0  # when it was taken from the line, monotonic clock
 

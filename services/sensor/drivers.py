@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from common.cell import SensorSection
+from common.config.cell import SensorSection
 from services.sensor.bota import bota_driver
 from services.sensor.driver import Driver
 from services.sensor.rdt_driver import rdt_driver

@@ -8,7 +8,7 @@ import socket
 from contextlib import suppress
 from dataclasses import dataclass
 
-from common.clock import NS_PER_S
+from forcemesh.clock import NS_PER_S
 
 RECEIVE_BYTES = 2048
 BUFFER_BYTES = 1 << 20  # as far as the system grants it: a held-up process shall lose nothing here

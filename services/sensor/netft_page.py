@@ -9,8 +9,8 @@ import math
 import re
 from dataclasses import dataclass
 
-from common.cell import SensorSection
-from common.errors import DataError
+from common.config.cell import SensorSection
+from forcemesh.errors import DataError
 from services.sensor.driver import FINE, Complaint, Info
 from services.sensor.rdt import Scale
 

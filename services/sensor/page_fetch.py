@@ -4,8 +4,8 @@ import http.client
 import threading
 from typing import Protocol
 
-from common.clock import NS_PER_S
-from common.errors import DataError
+from forcemesh.clock import NS_PER_S
+from forcemesh.errors import DataError
 from services.sensor.netft_page import PATH, Page, parse
 
 TIMEOUT_S = 2.0

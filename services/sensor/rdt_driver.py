@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from dataclasses import asdict, replace
 from typing import Protocol
 
-from common.cell import SensorSection
-from common.clock import NS_PER_S
+from common.config.cell import SensorSection
+from forcemesh.clock import NS_PER_S
 from services.sensor.driver import FINE, Complaint, Info, Sample, fault_sample
 from services.sensor.link import Heard, Link, LinkSettings
 from services.sensor.netft_page import disagreement, info_of, scale_of

@@ -8,7 +8,7 @@ Source: Robotiq, FT 300-S instruction manual, sections on Modbus RTU and the dat
 import struct
 from dataclasses import dataclass
 
-from common.messages import Vec3
+from forcemesh.messages import Vec3
 
 HEAD = b"\x20\x4e"
 FRAME_BYTES = 16

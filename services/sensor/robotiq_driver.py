@@ -8,9 +8,9 @@ from contextlib import suppress
 from dataclasses import replace
 from typing import Protocol
 
-from common.cell import SensorSection
-from common.clock import NS_PER_S
-from common.errors import ConfigError
+from common.config.cell import SensorSection
+from forcemesh.clock import NS_PER_S
+from forcemesh.errors import ConfigError
 from services.sensor.driver import Complaint, Info, Sample, fault_sample, saturation
 from services.sensor.robotiq import (
     BAUD,

@@ -2,14 +2,14 @@
 
 import sys
 
-from common import topics
-from common.cell import Cell
-from common.clock import NS_PER_S
-from common.endpoints import Bus
-from common.messages import SensorWrench
+from common.config.cell import Cell
+from forcemesh import topics
+from forcemesh.bus import Bus
+from forcemesh.clock import NS_PER_S
+from forcemesh.messages import SensorWrench
+from services.sensor.decimation import Thinning, pause, thin
 from services.sensor.driver import Driver, Sample, fault_sample
 from services.sensor.drivers import driver_of
-from services.sensor.thinning import Thinning, pause, thin
 
 LONGEST_STEP_S = 0.001  # how long a record may wait in the socket
 STEPS_PER_SAMPLE = 2  # fewer, and two samples come at once: the first is superseded

@@ -1,6 +1,6 @@
 """Wrench: sensor reading and robot pose in, wrench of the environment at the TCP out."""
 
-from common.service import main
+from common.runtime.service import main
 from services.wrench.service import WrenchService
 
 if __name__ == "__main__":

@@ -19,8 +19,8 @@ from functools import lru_cache
 import numpy as np
 import pinocchio as pin
 
-from common.frames import GRAVITY_M_S2, Array, rotation_from_vector
-from common.payload import Payload
+from common.config.payload import Payload
+from common.motion.frames import GRAVITY_M_S2, Array, rotation_from_vector
 
 
 @dataclass(frozen=True, slots=True)

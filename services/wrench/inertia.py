@@ -13,13 +13,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from common.cell import Cell
-from common.clock import NS_PER_S
-from common.convert import pose_of
-from common.endpoints import Reading
-from common.frames import Array, rotation_from_vector
-from common.messages import RobotState
-from common.payload import Payload
+from common.config.cell import Cell
+from common.config.payload import Payload
+from common.motion.convert import pose_of
+from common.motion.frames import Array, rotation_from_vector
+from forcemesh.bus import Reading
+from forcemesh.clock import NS_PER_S
+from forcemesh.messages import RobotState
 from services.wrench.compensation import Mounting
 
 AT_REST = np.zeros(3)

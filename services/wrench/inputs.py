@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 from typing import Any
 
-from common.clock import NS_PER_S
-from common.endpoints import Reading
-from common.messages import SensorWrench
+from forcemesh.bus import Reading
+from forcemesh.clock import NS_PER_S
+from forcemesh.messages import SensorWrench
 from services.wrench.plausibility import Complaint
 
 LONGEST_TEXT = 400

@@ -1,6 +1,6 @@
 """Tells a measurement from what no sensor in good order says. Pure: state in, state out.
 
-Not finite, saturated, frozen, jumped: each has its code in common/faults.py. A reading that does
+Not finite, saturated, frozen, jumped: each has its code in forcemesh/faults.py. A reading that does
 not count is never taken for zero force: a regulator that presses would press harder.
 """
 
@@ -10,8 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from common.cell import Cell
-from common.frames import Array
+from common.config.cell import Cell
+from common.motion.frames import Array
 
 SATURATED_FROM = 0.95  # of the range, on any one axis: near its end a sensor is no longer linear
 FEWEST_REPEATS = 3  # a slow sensor may say its last reading once more
@@ -22,7 +22,7 @@ AXES = (("Fx", "N"), ("Fy", "N"), ("Fz", "N"), ("Mx", "N m"), ("My", "N m"), ("M
 
 
 class Complaint(NamedTuple):
-    """What is wrong, as a code of common/faults.py and in words; both empty: nothing is."""
+    """What is wrong, as a code of forcemesh/faults.py and in words; both empty: nothing is."""
 
     code: str
     text: str

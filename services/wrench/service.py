@@ -3,15 +3,15 @@
 import numpy as np
 import pinocchio as pin
 
-from common import topics
-from common.cell import Cell
-from common.clock import NS_PER_S
-from common.convert import pose_of, vec3
-from common.endpoints import Bus, Origin, Reading
-from common.frames import is_finite_pose
-from common.messages import RobotState, SensorWrench, WrenchAtTcp
+from common.config.cell import Cell
+from common.motion.convert import pose_of, vec3
+from common.motion.frames import is_finite_pose
+from forcemesh import topics
+from forcemesh.bus import Bus, Origin, Reading
+from forcemesh.clock import NS_PER_S
+from forcemesh.messages import RobotState, SensorWrench, WrenchAtTcp
+from services.wrench.calibration_manager import Desk, Moment
 from services.wrench.compensation import Mounting, Wrench, compensate
-from services.wrench.desk import Desk, Moment
 from services.wrench.inertia import Acceleration
 from services.wrench.inputs import Pairing, heard, pair
 from services.wrench.plausibility import FINE, Bounds, Complaint, History, judge

@@ -5,7 +5,7 @@ from math import exp
 
 import numpy as np
 
-from common.frames import Array
+from common.motion.frames import Array
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,11 +5,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from common.convert import vec3
-from common.faults import refusal
-from common.frames import GRAVITY_M_S2, Array
-from common.payload import Payload, residual
-from common.requests import Reply
+from common.config.payload import Payload, residual
+from common.motion.convert import vec3
+from common.motion.frames import GRAVITY_M_S2, Array
+from forcemesh.faults import refusal
+from forcemesh.requests import Reply
 
 WEIGHT_SHARE = 0.6  # a wrong unit or sign takes away 0.78 (pounds), 0.9 (kgf), 1.4 or 2 weights
 LEAST_WEIGHT_N = 2.0  # of a tool that weighs less, drift may be that much

@@ -5,7 +5,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from common.errors import ForcemeshError
+from forcemesh.errors import ForcemeshError
 from sim.controller.lint import check_file
 
 

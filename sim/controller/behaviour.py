@@ -7,8 +7,8 @@ Every field is one open question. The defaults take the reading that public AS p
 import math
 from dataclasses import dataclass
 
-from common.cell_sim import SimSection
-from common.clock import NS_PER_S
+from common.config.cell_sim import SimSection
+from forcemesh.clock import NS_PER_S
 
 SHORTEST_STEP_S = 1e-6
 DEFAULT_STEP_S = 0.0005

@@ -5,7 +5,7 @@ Texts follow appendix 4 of the AS Language Reference Manual.
 
 from dataclasses import dataclass
 
-from common.errors import ForcemeshError
+from forcemesh.errors import ForcemeshError
 from sim.controller.syntax import Position
 
 # fmt: off

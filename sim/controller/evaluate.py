@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from common.frames import Array
+from common.motion.frames import Array
 from sim.controller.errors import AsError
 from sim.controller.expressions import Expressions
 from sim.controller.machine_api import Context

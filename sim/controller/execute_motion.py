@@ -6,7 +6,8 @@ from typing import Literal
 import numpy as np
 import pinocchio as pin
 
-from common.frames import Array
+from common.motion.frames import Array
+from common.motion.kinematics import JOINTS
 from sim.controller.compiled import Op
 from sim.controller.errors import AsError
 from sim.controller.evaluate import Evaluate, Target
@@ -14,7 +15,6 @@ from sim.controller.motion_requests import Motion, Speed
 from sim.controller.speeds import checked, percent, speed_of
 from sim.controller.syntax import Instruction
 from sim.controller.task import Task
-from sim.robot.kinematics import JOINTS
 
 Kind = Literal["linear", "joint"]
 Make = Callable[[Task], Motion]

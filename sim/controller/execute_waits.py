@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from common.clock import NS_PER_S
+from forcemesh.clock import NS_PER_S
 from sim.controller.compiled import Op
 from sim.controller.errors import AsError
 from sim.controller.evaluate import Evaluate

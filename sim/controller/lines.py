@@ -12,8 +12,8 @@ from lark.exceptions import UnexpectedCharacters, UnexpectedInput, UnexpectedTok
 from sim.controller import keywords, syntax
 from sim.controller.builder import Line
 from sim.controller.errors import AsError
-from sim.controller.lexis import Lexis
 from sim.controller.statements import LineBuilder
+from sim.controller.token_classifier import Lexis
 
 GRAMMAR = Path(__file__).with_name("grammar.lark")
 DEEPEST = 100

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from common.errors import DataError
+from forcemesh.errors import DataError
 from sim.controller.errors import Mistake
 from sim.controller.findings import Finding
 from sim.controller.lint_lines import line_traps

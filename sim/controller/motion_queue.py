@@ -9,12 +9,12 @@ from typing import Literal
 
 import numpy as np
 
-from common.frames import Array
+from common.motion.frames import Array
+from common.motion.kinematics import ArmKinematics
 from sim.controller.errors import AsError
 from sim.controller.motion_requests import Motion
 from sim.controller.planner import joint_target, plan
 from sim.controller.segment import Segment
-from sim.robot.kinematics import ArmKinematics
 
 TicketState = Literal["waiting", "under way", "finished", "dropped", "failed"]
 

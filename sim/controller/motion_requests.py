@@ -5,7 +5,7 @@ from typing import Literal
 
 import pinocchio as pin
 
-from common.frames import Array
+from common.motion.frames import Array
 
 # What 100 % of SPEED means for a linear motion. Assumed: the manuals give it per arm.
 LINEAR_MAX_M_S = 2.0

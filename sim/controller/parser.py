@@ -9,7 +9,7 @@ import re
 from functools import lru_cache
 from pathlib import Path
 
-from common.errors import DataError
+from forcemesh.errors import DataError
 from sim.controller import syntax
 from sim.controller.builder import short_name
 from sim.controller.errors import AsSyntaxError, Mistake

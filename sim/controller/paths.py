@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pinocchio as pin
 
-from common.frames import rotation_between, rotation_from_vector
-from sim.robot.kinematics import ArmKinematics, IkResult
-from sim.robot.paths import TURN_RADIUS_M
+from common.motion.frames import rotation_between, rotation_from_vector
+from common.motion.kinematics import ArmKinematics, IkResult
+from common.motion.paths import TURN_RADIUS_M
 
 JUMP_RAD = 0.6  # between two points of the check; more means another branch of the kinematics
 _SAMPLE_M = 0.01

@@ -1,6 +1,6 @@
 """What a person does at the controller: motor power, REPEAT and TEACH, teach lock, HOLD and RUN."""
 
-from sim.controller.control import Control
+from sim.controller.program_control import Control
 
 
 class Pendant:

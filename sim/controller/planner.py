@@ -5,7 +5,9 @@ from functools import lru_cache
 import numpy as np
 import pinocchio as pin
 
-from common.frames import Array
+from common.motion.frames import Array
+from common.motion.kinematics import JOINTS, MAX_SPEED_RAD_S, ArmKinematics, IkResult
+from common.motion.paths import JointPath
 from sim.controller.errors import AsError
 from sim.controller.motion_requests import (
     BRAKE_FACTOR,
@@ -16,8 +18,6 @@ from sim.controller.motion_requests import (
 )
 from sim.controller.paths import TcpLine
 from sim.controller.segment import Ramp, Segment
-from sim.robot.kinematics import JOINTS, MAX_SPEED_RAD_S, ArmKinematics, IkResult
-from sim.robot.paths import JointPath
 
 _LEAST_EXTENT = 1e-9
 _NO_WAY = Ramp(1.0, 1.0, 1.0, 1.0)  # of a motion to where the arm is

@@ -7,13 +7,13 @@ programs call a pose is the TOOL's frame in the BASE frame, T_base_shift_tcp her
 import numpy as np
 import pinocchio as pin
 
-from common.frames import Array
+from common.motion.frames import Array
+from common.motion.kinematics import IkResult
 from sim.controller.errors import AsError
 from sim.controller.motion_queue import MotionQueue, Ticket
 from sim.controller.motion_requests import Motion
 from sim.controller.planner import inverse
 from sim.robot.arm import SimArm
-from sim.robot.kinematics import IkResult
 from sim.robot.settings import TICK_S
 
 _STANDING_RAD = 2e-5  # of every joint: the arm is where it was told to be

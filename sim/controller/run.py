@@ -10,13 +10,11 @@ from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 
-from common.bus import open_bus
-from common.cell import Cell
-from common.clock import Clock, MonotonicClock
-from common.config import load_cell
-from common.errors import ConfigError
-from common.priority import give_up_realtime_priority
-from common.service import (
+from common.bus.zenoh_bus import open_bus
+from common.config.cell import Cell
+from common.config.load import load_cell
+from common.runtime.priority import give_up_realtime_priority
+from common.runtime.service import (
     HealthReporter,
     Runner,
     exit_on_error,
@@ -25,6 +23,8 @@ from common.service import (
     spare_the_loop,
     stop_on_signals,
 )
+from forcemesh.clock import Clock, MonotonicClock
+from forcemesh.errors import ConfigError
 from sim.controller.behaviour import Behaviour, behaviour_in, pessimistic
 from sim.controller.errors import AsError
 from sim.controller.machine import Machine

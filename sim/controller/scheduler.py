@@ -7,7 +7,7 @@ time passes. The time is the caller's: `advance` goes up to a moment and stops.
 
 from collections.abc import Callable, Sequence
 
-from common.clock import NS_PER_S
+from forcemesh.clock import NS_PER_S
 from sim.controller.behaviour import Behaviour
 from sim.controller.task import Task
 from sim.robot.settings import TICK_S

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from common.frames import Array
+from common.motion.frames import Array
+from common.motion.kinematics import MAX_SPEED_RAD_S
+from common.motion.paths import Path
 from sim.controller.errors import AsError
-from sim.robot.kinematics import MAX_SPEED_RAD_S
-from sim.robot.paths import Path
 
 _SHRINKS = 8
 _SHORTEST = 1e-9

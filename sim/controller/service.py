@@ -4,10 +4,10 @@ Towards the gateway it is a controller on TCP. The sensor's readings go on the b
 sim.robot do, or to the driver over RDT, as those of a real one.
 """
 
-from common.cell import Cell
-from common.clock import NS_PER_S, Clock
-from common.endpoints import Bus
-from common.errors import SimulationError
+from common.config.cell import Cell
+from forcemesh.bus import Bus
+from forcemesh.clock import NS_PER_S, Clock
+from forcemesh.errors import SimulationError
 from sim.controller.behaviour import Behaviour, behaviour_in
 from sim.controller.machine import Machine
 from sim.controller.network import Network

@@ -8,7 +8,7 @@ Listeners and sockets belong to the controller, not to a program: they survive a
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from common.clock import NS_PER_S
+from forcemesh.clock import NS_PER_S
 from sim.controller.network import Listener, Network, Octets, Stream
 
 OK = 0

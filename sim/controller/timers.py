@@ -1,6 +1,6 @@
 """TIMER 1 to 10: seconds since a program set them. TIMER 0 is the time since power-on."""
 
-from common.clock import NS_PER_S
+from forcemesh.clock import NS_PER_S
 from sim.controller.behaviour import Behaviour
 
 TIMERS = range(11)

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import pinocchio as pin
 
-from common.frames import Oat, R_from_oat, oat_from_R, pose
+from common.motion.frames import Oat, R_from_oat, oat_from_R, pose
 from sim.controller.errors import AsError
 
 TRUE = -1.0

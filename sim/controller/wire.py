@@ -7,7 +7,7 @@ clock decides when, so a run is repeatable to the byte.
 from collections.abc import Callable
 from typing import Generic, TypeVar
 
-from common.clock import NS_PER_S
+from forcemesh.clock import NS_PER_S
 from sim.controller.network import MemoryNetwork, MemoryStream
 
 PAUSE_S = 0.1  # between attempts to connect

@@ -7,8 +7,8 @@ import time
 
 import numpy as np
 
-from common.clock import NS_PER_S
-from common.service import exit_on_error, spare_the_loop, stop_on_signals
+from common.runtime.service import exit_on_error, spare_the_loop, stop_on_signals
+from forcemesh.clock import NS_PER_S
 from sim.netft.protocol import FORCE_UNITS, TORQUE_UNITS, About
 from sim.netft.sensor import NetftSensor
 from sim.netft.server import FAULTS, PAGE, NetftServer

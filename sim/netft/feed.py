@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from common.cell import Cell
+from common.config.cell import Cell
 from sim.netft.protocol import About
 from sim.netft.sensor import NetftSensor
 from sim.netft.server import NetftServer

@@ -14,7 +14,7 @@ from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from urllib.parse import parse_qsl
 
-from common.errors import SimulationError
+from forcemesh.errors import SimulationError
 from sim.netft.protocol import page
 from sim.netft.sensor import NetftSensor
 from sim.netft.switches import EVENT, TRUE

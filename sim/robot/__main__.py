@@ -1,6 +1,6 @@
 """Simulated robot: plays the roles robot and sensor of a cell."""
 
-from common.service import main
+from common.runtime.service import main
 from sim.robot.service import SimRobot
 
 if __name__ == "__main__":

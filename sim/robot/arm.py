@@ -10,12 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from common.errors import SimulationError
-from common.frames import Array, is_finite
+from common.motion.frames import Array, is_finite
+from common.motion.kinematics import JOINTS, ArmKinematics
+from forcemesh.errors import SimulationError
 from sim.robot.contact import lift_off_m
 from sim.robot.engine import mujoco
 from sim.robot.ft_sensor import FtSample, FtSensor
-from sim.robot.kinematics import JOINTS, ArmKinematics
 from sim.robot.plate_contact import PlateContact
 from sim.robot.scene import build_model, home_rad
 from sim.robot.set_points import SetPointLine

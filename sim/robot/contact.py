@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pinocchio as pin
 
-from common.frames import Array
+from common.motion.frames import Array
 
 
 def lift_off_m(

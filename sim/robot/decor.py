@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pinocchio as pin
 
-from common.frames import Array
+from common.motion.frames import Array
 from sim.robot.engine import mujoco
 from sim.robot.settings import PLATE_CORNER_M
 

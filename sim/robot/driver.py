@@ -6,11 +6,12 @@ A refusal is a trip, and the caller ends the lease then; a goal that is refused 
 import numpy as np
 import pinocchio as pin
 
-from common.cell import Cell
-from common.convert import pose_of
-from common.faults import tripped
-from common.guard import Guard
-from common.messages import (
+from common.config.cell import Cell
+from common.motion.convert import pose_of
+from common.motion.last_check import Guard
+from common.motion.tracking import Tracking
+from forcemesh.faults import tripped
+from forcemesh.messages import (
     Goal,
     GoalReport,
     GoalState,
@@ -19,7 +20,6 @@ from common.messages import (
     Trip,
     WrenchAtTcp,
 )
-from common.tracking import Tracking
 from sim.robot.arm import SimArm
 from sim.robot.motion import MotionGenerator, MotionSpeed
 

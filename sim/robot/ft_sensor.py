@@ -12,7 +12,7 @@ from typing import Literal
 
 import numpy as np
 
-from common.frames import Array
+from common.motion.frames import Array
 from sim.robot.settings import SensorSettings
 
 _DRAWN_AT_ONCE = 100  # samples of noise: one at a time costs seven times as much

@@ -17,9 +17,9 @@ from typing import Literal
 import numpy as np
 import pinocchio as pin
 
-from common.frames import Array, rotation_between
-from sim.robot.kinematics import MAX_SPEED_RAD_S, ArmKinematics
-from sim.robot.paths import TURN_RADIUS_M, JointPath, LinearPath, Path
+from common.motion.frames import Array, rotation_between
+from common.motion.kinematics import MAX_SPEED_RAD_S, ArmKinematics
+from common.motion.paths import TURN_RADIUS_M, JointPath, LinearPath, Path
 
 MotionState = Literal["idle", "running", "braking", "done", "refused", "stream"]
 

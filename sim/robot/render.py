@@ -15,10 +15,10 @@ from pathlib import Path
 
 import numpy as np
 
-from common.errors import ForcemeshError
-from common.frames import Array
+from common.motion.frames import Array
+from common.motion.kinematics import ArmKinematics
+from forcemesh.errors import ForcemeshError
 from sim.robot.contact import lift_off_m
-from sim.robot.kinematics import ArmKinematics
 from sim.robot.scene import build_spec, plate_at_rest
 from sim.robot.settings import SimSettings
 

@@ -11,11 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from common.frames import GRAVITY_M_S2, Array
+from common.motion.frames import GRAVITY_M_S2, Array
+from common.motion.kinematics import JOINTS, MODEL_PATH, ArmKinematics
 from sim.robot.contact import plate_point_under
 from sim.robot.decor import add_decor, draw_plate, draw_sensor, draw_tool
 from sim.robot.engine import mujoco
-from sim.robot.kinematics import JOINTS, MODEL_PATH, ArmKinematics
 from sim.robot.plate import HALF_SIDE_M
 from sim.robot.settings import TICK_S, SimSettings
 

@@ -1,11 +1,11 @@
 """The role `sensor` of a simulated arm: `sensor/wrench` at the sensor's rate, whoever moves it."""
 
-from common import topics
-from common.cell import Cell
-from common.convert import vec3
-from common.endpoints import Bus
-from common.frames import is_finite
-from common.messages import SensorWrench
+from common.config.cell import Cell
+from common.motion.convert import vec3
+from common.motion.frames import is_finite
+from forcemesh import topics
+from forcemesh.bus import Bus
+from forcemesh.messages import SensorWrench
 from sim.robot.arm import SimArm
 from sim.robot.ft_sensor import FtSample
 from sim.robot.settings import TICK_S

@@ -4,16 +4,16 @@ from functools import cache
 
 import pinocchio as pin
 
-from common import topics
-from common.cell import Cell
-from common.cell_sim import SimSection
-from common.clock import NS_PER_S
-from common.convert import record_of, vec6
-from common.endpoints import Bus
-from common.errors import SimulationError
-from common.messages import LinkHealth, RobotState, RobotStatus, Trip
-from common.permission import NO_COMMAND_YET, CommandGate, Verdict
-from common.stream_budget import SPEED_MARGIN
+from common.config.cell import Cell
+from common.config.cell_sim import SimSection
+from common.motion.convert import record_of, vec6
+from common.motion.permission import NO_COMMAND_YET, CommandGate, Verdict
+from common.motion.setpoint_monitor import SPEED_MARGIN
+from forcemesh import topics
+from forcemesh.bus import Bus
+from forcemesh.clock import NS_PER_S
+from forcemesh.errors import SimulationError
+from forcemesh.messages import LinkHealth, RobotState, RobotStatus, Trip
 from sim.robot.arm import SimArm
 from sim.robot.driver import SimDriver
 from sim.robot.motion import MotionGenerator

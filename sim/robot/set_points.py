@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from common.frames import Array
+from common.motion.frames import Array
 
 
 class SetPointLine:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import pinocchio as pin
 
-from common.errors import SimulationError
+from forcemesh.errors import SimulationError
 
 TICK_S = 0.001  # of physics and set-point generator; delays and smoothing are whole ticks
 DAMPED_MASS_KG = 0.3  # of the plate, for its damping alone

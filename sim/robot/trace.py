@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from common.clock import Clock
+from forcemesh.clock import Clock
 from sim.robot.arm import SimArm
 
 VARIABLE = "FORCEMESH_TRACE"

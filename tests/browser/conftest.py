@@ -11,11 +11,11 @@ from urllib.parse import urlsplit
 import pytest
 from playwright.sync_api import Browser, sync_playwright
 
-from chaos.common_net import free_port
 from common.client import Cell
-from common.config import dump_cell, load_cell
-from common.errors import ForcemeshError
+from common.config.load import dump_cell, load_cell
+from forcemesh.errors import ForcemeshError
 from tests.browser.rig import ROOT, SPARE, Cockpit, answers, running, wait_until
+from tests.chaos.common_net import free_port
 
 CHROMIUM = "/usr/bin/chromium"
 HOME_RAD = (0.0, 0.0, -1.5707963, 0.0, -1.5707963, 0.0)

@@ -7,15 +7,15 @@ from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
-from chaos.common_net import free_port
-from common.clock import MonotonicClock
-from common.config import load_cell
-from common.endpoints import Reading
+from common.config.load import load_cell
+from forcemesh.bus import Reading
+from forcemesh.clock import MonotonicClock
 from services.panel import page as page_module
-from services.panel.door import Door
+from services.panel.access import Door
 from services.panel.watch import Snapshot
 from services.panel.wizard import Progress
 from tests.browser.rig import ROOT
+from tests.chaos.common_net import free_port
 
 CELL = ROOT / "cells" / "demo.yaml"
 

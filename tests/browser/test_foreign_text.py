@@ -7,10 +7,10 @@ from types import SimpleNamespace
 
 import pytest
 
-from common import topics
-from common.errors import RefusedError
-from common.messages import RecorderStatus
-from common.requests import Reply
+from forcemesh import topics
+from forcemesh.errors import RefusedError
+from forcemesh.messages import RecorderStatus
+from forcemesh.requests import Reply
 from services.panel.wizard import Progress
 from tests.browser.spoken import SpokenWatch, said, served
 from tests.fakes.hostile_text import filled, harmless, hostile, reading, snapshot, texts_of

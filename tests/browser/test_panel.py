@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import expect
 
-from chaos.common_net import free_port
-from cli.runfile import Run
-from common.config import load_cell
+from common.config.load import load_cell
+from launch.run_file import Run
 from tests.browser.rig import PATIENCE_S, answers, hit, running, wait_until
+from tests.chaos.common_net import free_port
 
 pytestmark = [
     pytest.mark.realtime,

@@ -5,10 +5,10 @@ from types import SimpleNamespace
 
 import pytest
 
-from common.endpoints import Reading
-from common.errors import BusError
-from common.messages import ArbiterState, ArbiterStatus
-from common.requests import Reply
+from forcemesh.bus import Reading
+from forcemesh.errors import BusError
+from forcemesh.messages import ArbiterState, ArbiterStatus
+from forcemesh.requests import Reply
 from services.panel.watch import Snapshot
 from tests.browser.spoken import SpokenWatch, served
 

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 
-from common.cell import Cell
-from common.clock import NS_PER_S
-from common.convert import record_of
-from common.messages import Gains, Mode, PoseRecord, WrenchAtTcp
+from common.config.cell import Cell
+from common.motion.convert import record_of
+from forcemesh.clock import NS_PER_S
+from forcemesh.messages import Gains, Mode, PoseRecord, WrenchAtTcp
 from services.regulator.law import LawInput, start_at, step
 from services.regulator.settings import law_settings, pi_gains
 

@@ -10,15 +10,16 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from common import topics
-from common.cell import Cell
-from common.clock import NS_PER_S, Clock
-from common.config import load_cell
-from common.convert import pose_of, record_of
-from common.endpoints import Bus, Origin
-from common.frames import rotation_between
-from common.memory import MemoryTransport
-from common.messages import (
+from common.bus.memory_bus import MemoryTransport
+from common.config.cell import Cell
+from common.config.load import load_cell
+from common.motion.convert import pose_of, record_of
+from common.motion.frames import rotation_between
+from common.runtime.service import Runner, Service
+from forcemesh import topics
+from forcemesh.bus import Bus, Origin
+from forcemesh.clock import NS_PER_S, Clock
+from forcemesh.messages import (
     Feedback,
     Gains,
     Goal,
@@ -31,7 +32,6 @@ from common.messages import (
     Vec3,
     WrenchAtTcp,
 )
-from common.service import Runner, Service
 from tests.contract.pc_feedback import PcFeedback
 
 DEMO_CELL = Path(__file__).resolve().parents[2] / "cells" / "demo.yaml"

@@ -8,12 +8,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from common.cell import Cell
-from common.clock import NS_PER_S, ManualClock
-from common.config import load_cell
-from common.endpoints import Bus
-from common.messages import Gains, Host
-from common.service import Runner, Service
+from common.config.cell import Cell
+from common.config.load import load_cell
+from common.runtime.service import Runner, Service
+from forcemesh.bus import Bus
+from forcemesh.clock import NS_PER_S, ManualClock
+from forcemesh.messages import Gains, Host
 from services.gateway.link import News
 from services.gateway.service import Gateway
 from sim.controller.behaviour import Behaviour

@@ -13,8 +13,8 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from common.packet import FRAME_STRIDE, PACKET_CHARS, Packet, encode
-from common.packet_table import TABLE, Com, next_id
+from controller.packet import FRAME_STRIDE, PACKET_CHARS, Packet, encode
+from controller.packet_table import TABLE, Com, next_id
 from sim.controller.machine import Machine
 from sim.controller.network import MemoryNetwork
 from sim.controller.parser import load

@@ -6,13 +6,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cli.virtual import VirtualCell
-from common import topics
-from common.config import load_cell
-from common.messages import Host
-from common.packet import Packet, encode
-from common.packet_table import ID_FIRST, Com
-from common.requests import Empty, ForceStartRequest
+from common.config.load import load_cell
+from controller.packet import Packet, encode
+from controller.packet_table import ID_FIRST, Com
+from forcemesh import topics
+from forcemesh.messages import Host
+from forcemesh.requests import Empty, ForceStartRequest
+from launch.virtual_cell import VirtualCell
 from sim.controller.behaviour import Behaviour, pessimistic
 from tests.fakes.controller import PORT
 from tests.fakes.controller_talk import HELLO_PARAM

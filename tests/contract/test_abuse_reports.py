@@ -15,8 +15,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from common.convert import record_of
-from common.packet import FRAME_STRIDE, PACKET_CHARS
+from common.motion.convert import record_of
+from controller.packet import FRAME_STRIDE, PACKET_CHARS
 from services.gateway.service import set_point_step
 from tests.contract.rig import shifted
 from tests.fakes.hostile_cell import HostileCell

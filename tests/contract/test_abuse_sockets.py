@@ -13,8 +13,8 @@ from pathlib import Path
 
 import pytest
 
-from common.packet import Packet, encode
-from common.packet_table import ID_FIRST, Com
+from controller.packet import Packet, encode
+from controller.packet_table import ID_FIRST, Com
 from tests.contract.test_abuse_wire import BREAKING, DOWN, MOTIONS, UP
 from tests.fakes.controller import PORT
 from tests.fakes.controller_talk import HELLO_PARAM

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from common.packet import PACKET_CHARS
+from controller.packet import PACKET_CHARS
 from sim.controller.behaviour import pessimistic
 from tests.fakes.controller import PORT
 from tests.fakes.hostile_cell import QUICK, WATCHDOG_S, HostileCell

@@ -4,8 +4,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from common.back_off import SPEED_M_S
-from common.messages import Permission, Speed, WrenchAtTcp
+from common.motion.back_off import SPEED_M_S
+from forcemesh.messages import Permission, Speed, WrenchAtTcp
 from tests.contract.rig import DEADLINE_S, Rig, pose_goal, shifted
 
 SLOW = Speed(mechanical_m_s=SPEED_M_S)

@@ -10,14 +10,14 @@ import zenoh
 from cryptography import x509
 from cryptography.hazmat.primitives import hashes
 
-from common import topics
-from common.bus import open_bus, open_hub
-from common.bus_settings import client_settings
-from common.cell import Cell
-from common.clock import MonotonicClock
-from common.messages import Permission, RobotCommand
-from common.pki import Pair, make_certificate, read_authority, write_pair
-from common.tls import Identity
+from common.bus.zenoh_bus import open_bus, open_hub
+from common.bus.zenoh_settings import client_settings
+from common.config.cell import Cell
+from common.security.pki import Pair, make_certificate, read_authority, write_pair
+from common.security.tls import Identity
+from forcemesh import topics
+from forcemesh.clock import MonotonicClock
+from forcemesh.messages import Permission, RobotCommand
 from tests.contract.test_bus_tls import make_cell, make_certificates
 
 pytestmark = pytest.mark.realtime

@@ -14,20 +14,20 @@ import pytest
 import zenoh
 from typer.testing import CliRunner
 
-from chaos.common_net import free_port
 from cli.__main__ import app
-from common import topics
-from common.bus import ENDPOINT_VARIABLE, open_bus, open_hub
-from common.bus_settings import client_settings, hub_settings
-from common.cell import Cell
-from common.config import dump_cell, load_cell
-from common.errors import BusError
-from common.messages import Health, WrenchAtTcp
-from common.pki import copy_certificate, make_certificate, read_authority, write_pair
-from common.requests import HoldRequest, Reply
-from common.tls import FOLDER_VARIABLE, NAME_VARIABLE, NAMES, Identity
-from common.topics import HEALTH, REQUESTS, TOPICS
+from common.bus.zenoh_bus import ENDPOINT_VARIABLE, open_bus, open_hub
+from common.bus.zenoh_settings import client_settings, hub_settings
+from common.config.cell import Cell
+from common.config.load import dump_cell, load_cell
+from common.security.pki import copy_certificate, make_certificate, read_authority, write_pair
+from common.security.tls import FOLDER_VARIABLE, NAME_VARIABLE, NAMES, Identity
+from forcemesh import topics
+from forcemesh.errors import BusError
+from forcemesh.messages import Health, WrenchAtTcp
+from forcemesh.requests import HoldRequest, Reply
+from forcemesh.topics import HEALTH, REQUESTS, TOPICS
 from services.hub.service import MOST_LINKS, Hub
+from tests.chaos.common_net import free_port
 
 pytestmark = pytest.mark.realtime
 

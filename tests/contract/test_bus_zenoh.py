@@ -10,14 +10,14 @@ from typing import Any
 
 import pytest
 
-from common import topics
-from common.bus import ENDPOINT_VARIABLE, Ear, open_bus, open_hub
-from common.cell import Cell
-from common.config import load_cell
-from common.endpoints import Bus, Publisher, Reader
-from common.errors import BusError
-from common.messages import ArbiterStatus, Message, WrenchAtTcp
-from common.requests import ArmRequest, HoldRequest, Reply
+from common.bus.zenoh_bus import ENDPOINT_VARIABLE, Ear, open_bus, open_hub
+from common.config.cell import Cell
+from common.config.load import load_cell
+from forcemesh import topics
+from forcemesh.bus import Bus, Publisher, Reader
+from forcemesh.errors import BusError
+from forcemesh.messages import ArbiterStatus, Message, WrenchAtTcp
+from forcemesh.requests import ArmRequest, HoldRequest, Reply
 
 pytestmark = pytest.mark.realtime
 

@@ -8,11 +8,11 @@ from contextlib import AbstractContextManager, ExitStack, contextmanager
 import numpy as np
 import pytest
 
-from chaos.common_net import free_port
-from cli.doctor_link import Patience, Visit, visit
-from common.packet import Packet, encode
-from common.packet_table import ID_FIRST, Com, Status, greeting
+from cli.doctor.link import Patience, Visit, visit
+from controller.packet import Packet, encode
+from controller.packet_table import ID_FIRST, Com, Status, greeting
 from services.gateway.scales import Scales
+from tests.chaos.common_net import free_port
 from tests.fakes.controller import FakeController
 
 pytestmark = pytest.mark.realtime

@@ -4,7 +4,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from common.convert import record_of
+from common.motion.convert import record_of
 from sim.controller.behaviour import Behaviour, pessimistic
 from tests.contract.rig import Rig, pose_goal, shifted
 from tests.contract.robots import GOOD, Both, Emulated

@@ -8,13 +8,13 @@ from pathlib import Path
 
 import pytest
 
-from common.cell import Cell
-from common.clock import ManualClock
-from common.config import load_cell
-from common.endpoints import Bus
-from common.memory import MemoryTransport
-from common.service import Runner
-from common.topics import SENSOR_WRENCH
+from common.bus.memory_bus import MemoryTransport
+from common.config.cell import Cell
+from common.config.load import load_cell
+from common.runtime.service import Runner
+from forcemesh.bus import Bus
+from forcemesh.clock import ManualClock
+from forcemesh.topics import SENSOR_WRENCH
 from sim.controller.network import MemoryNetwork
 from sim.controller.parser import parse
 from sim.controller.service import ControllerSensor

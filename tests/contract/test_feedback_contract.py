@@ -7,8 +7,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from common.frames import rotation_between
-from common.messages import Gains, Mode, Vec3
+from common.motion.frames import rotation_between
+from forcemesh.messages import Gains, Mode, Vec3
 from tests.contract.rig import Rig
 
 RATE_M_S = 0.002  # gains below times the push

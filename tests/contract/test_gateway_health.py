@@ -5,10 +5,10 @@ from typing import Any
 
 import pytest
 
-from common import topics
-from common.messages import Health
-from common.packet_table import COUNTER_SPAN
-from common.service import Runner, reporter_of
+from common.runtime.service import Runner, reporter_of
+from controller.packet_table import COUNTER_SPAN
+from forcemesh import topics
+from forcemesh.messages import Health
 from tests.contract.rig import Rig
 from tests.contract.robots import Both, Emulated
 from tests.fakes.gateway_cell import a_cell, a_cell_on_sockets

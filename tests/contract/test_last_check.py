@@ -6,11 +6,10 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from common.clock import ManualClock
-from common.convert import record_of
-from common.packet import PACKET_CHARS
-from common.packet_table import Status
-from fuzz.yes_man import YesMan
+from common.motion.convert import record_of
+from controller.packet import PACKET_CHARS
+from controller.packet_table import Status
+from forcemesh.clock import ManualClock
 from services.gateway.scales import Scales
 from services.gateway.service import Gateway
 from sim.controller.pendant import Pendant
@@ -20,6 +19,7 @@ from tests.contract.robots import sim_rig
 from tests.fakes.controller import PORT
 from tests.fakes.hostile_cell import ARM_STILL_RAD, HostileCell, hostile_cell
 from tests.fakes.hostile_stream import Reset, Rewrite, Throttle
+from tests.fuzz.permissive_arbiter import YesMan
 
 UP, DOWN = "to_controller", "to_gateway"
 REPORT_S = 0.040  # two samples of the program's sender are never farther apart here

@@ -13,12 +13,12 @@ import numpy as np
 import pynetft
 import pytest
 
-from common.clock import MonotonicClock
-from common.codec import decode
-from common.config import load_cell
-from common.endpoints import Bus
-from common.errors import SimulationError
-from common.messages import SensorWrench
+from common.config.load import load_cell
+from forcemesh.bus import Bus
+from forcemesh.clock import MonotonicClock
+from forcemesh.codec import decode
+from forcemesh.errors import SimulationError
+from forcemesh.messages import SensorWrench
 from services.sensor.service import SensorDriver
 from sim.netft.protocol import About
 from sim.netft.sensor import NetftSensor

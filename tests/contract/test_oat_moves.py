@@ -11,9 +11,9 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from common.convert import record_of
-from common.frames import oat_from_R, rotate_about_base_axes, rotation_between
-from common.messages import Speed
+from common.motion.convert import record_of
+from common.motion.frames import oat_from_R, rotate_about_base_axes, rotation_between
+from forcemesh.messages import Speed
 from tests.contract.rig import Rig, goal, pose_goal, shifted
 from tests.contract.robots import Emulated
 

@@ -8,9 +8,9 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from common.convert import record_of
-from common.frames import rotate_about_base_axes, rotation_between
-from common.messages import Gains, Speed
+from common.motion.convert import record_of
+from common.motion.frames import rotate_about_base_axes, rotation_between
+from forcemesh.messages import Gains, Speed
 from tests.contract.rig import Rig, goal, pose_goal
 
 # Joint angles [deg] at which the tool points exactly down, and exactly up.

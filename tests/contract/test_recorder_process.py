@@ -13,16 +13,16 @@ import pytest
 import yaml
 from mcap.reader import NonSeekingReader
 
-from chaos.common_net import free_port
-from common import topics
-from common.bus import ENDPOINT_VARIABLE, open_bus, open_hub
-from common.cell import Cell
-from common.config import load_cell
-from common.endpoints import Bus, Publisher, Reader, Source
-from common.messages import Health, WrenchAtTcp
-from common.requests import Empty, RecordRequest
-from common.topics import CLIENT
+from common.bus.zenoh_bus import ENDPOINT_VARIABLE, open_bus, open_hub
+from common.config.cell import Cell
+from common.config.load import load_cell
+from forcemesh import topics
+from forcemesh.bus import Bus, Publisher, Reader, Source
+from forcemesh.messages import Health, WrenchAtTcp
+from forcemesh.requests import Empty, RecordRequest
+from forcemesh.topics import CLIENT
 from services.recorder.reading import RecordedFile
+from tests.chaos.common_net import free_port
 from tests.unit.test_recorder_files import of_every_topic, recorded
 
 pytestmark = pytest.mark.realtime

@@ -4,8 +4,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from common.convert import record_of
-from common.messages import Feedback, Gains, Goal, Speed, WrenchAtTcp
+from common.motion.convert import record_of
+from forcemesh.messages import Feedback, Gains, Goal, Speed, WrenchAtTcp
 from tests.contract.conftest import made
 from tests.contract.rig import Rig, goal, pose_goal, shifted
 from tests.contract.robots import ROBOTS

@@ -3,10 +3,10 @@
 import numpy as np
 import pinocchio as pin
 
-from common.clock import NS_PER_S
-from common.convert import record_of
-from common.frames import rotate_about_base_axes
-from common.messages import Feedback, Gains, Speed, WrenchAtTcp
+from common.motion.convert import record_of
+from common.motion.frames import rotate_about_base_axes
+from forcemesh.clock import NS_PER_S
+from forcemesh.messages import Feedback, Gains, Speed, WrenchAtTcp
 from tests.contract.rig import SENSOR_STAMP, Rig, goal, pose_goal, shifted
 from tests.fakes.arm import FakeArm
 

@@ -6,8 +6,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from common.convert import record_of
-from common.messages import Gains, Permission, PoseRecord, RobotCommand, WrenchAtTcp
+from common.motion.convert import record_of
+from forcemesh.messages import Gains, Permission, PoseRecord, RobotCommand, WrenchAtTcp
 from tests.contract.rig import DEADLINE_S, Rig, goal, pose_goal, shifted
 
 SPEED_M_S = 0.1  # of the goals; set points and feedback are slower

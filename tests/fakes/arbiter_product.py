@@ -13,13 +13,15 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from common.clock import NS_PER_S
-from common.codec import Header
-from common.config import cell_from_tree, cell_hash
-from common.convert import record_of
-from common.endpoints import Reading
-from common.faults import tripped
-from common.messages import (
+from common.config.load import cell_from_tree, cell_hash
+from common.motion.convert import record_of
+from common.motion.permission import NO_COMMAND_YET, CommandGate, Verdict
+from common.runtime.version import forcemesh_version
+from forcemesh.bus import Reading
+from forcemesh.clock import NS_PER_S
+from forcemesh.codec import Header
+from forcemesh.faults import tripped
+from forcemesh.messages import (
     MAY_MOVE,
     ArbiterState,
     ArbiterStatus,
@@ -36,9 +38,7 @@ from common.messages import (
     SensorWrench,
     WrenchAtTcp,
 )
-from common.permission import NO_COMMAND_YET, CommandGate, Verdict
-from common.requests import Reply
-from common.version import forcemesh_version
+from forcemesh.requests import Reply
 from services.arbiter.core import Arbiter
 from services.arbiter.inputs import Inputs, Watched
 from tests.fakes.arbiter_world import CELL, FIT, STOPPED, T_START, shifted

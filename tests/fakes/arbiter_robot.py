@@ -4,7 +4,7 @@ from collections import deque
 from dataclasses import dataclass, field
 from typing import Any
 
-from common.messages import (
+from forcemesh.messages import (
     Accepted,
     Feedback,
     Gains,
@@ -12,7 +12,7 @@ from common.messages import (
     RobotCommand,
     RobotState,
 )
-from common.requests import MoveRequest, Reply
+from forcemesh.requests import MoveRequest, Reply
 from tests.fakes.arbiter_world import FIT, MOVE_DOWN, PERIOD_NS, STOPPED, World, shifted
 
 FEEDBACK = Feedback(mode="position", setpoint_force_N=(0.0, 0.0, 5.0), gains=Gains())

@@ -11,14 +11,14 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
-from common.back_off import LONGEST_S
-from common.clock import NS_PER_S
-from common.messages import MAY_MOVE
-from common.requests import MoveRequest, Reply
+from common.motion.back_off import LONGEST_S
+from forcemesh.clock import NS_PER_S
+from forcemesh.messages import MAY_MOVE
+from forcemesh.requests import MoveRequest, Reply
 from services.arbiter.inputs import OWN_HOLDS, ROBOT_ANSWERS_WITHIN_S, Inputs
+from services.arbiter.ownership import REST_S, SETTLE_WITHIN_S
 from services.arbiter.preflight import PREFLIGHT_S
 from services.arbiter.stops import RETREAT_WITHIN_S
-from services.arbiter.turns import REST_S, SETTLE_WITHIN_S
 from tests.fakes.arbiter_product import (
     DEADLINE_S,
     FOR_ARMING,

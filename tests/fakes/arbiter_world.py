@@ -8,13 +8,14 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from common.cell import Cell
-from common.codec import Header
-from common.config import cell_hash, load_cell
-from common.convert import pose_of, record_of
-from common.endpoints import Reading
-from common.frames import Oat, R_from_oat
-from common.messages import (
+from common.config.cell import Cell
+from common.config.load import cell_hash, load_cell
+from common.motion.convert import pose_of, record_of
+from common.motion.frames import Oat, R_from_oat
+from common.runtime.version import forcemesh_version
+from forcemesh.bus import Reading
+from forcemesh.codec import Header
+from forcemesh.messages import (
     Health,
     Message,
     PoseRecord,
@@ -25,8 +26,7 @@ from common.messages import (
     SensorWrench,
     WrenchAtTcp,
 )
-from common.requests import MoveRequest
-from common.version import forcemesh_version
+from forcemesh.requests import MoveRequest
 from services.arbiter.core import Arbiter
 from services.arbiter.inputs import Inputs
 from services.arbiter.watch import Watch

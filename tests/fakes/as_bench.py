@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import Any
 
-from common.clock import NS_PER_S
+from forcemesh.clock import NS_PER_S
 from sim.controller.behaviour import Behaviour
 from sim.controller.errors import AsError
 from sim.controller.machine import Machine

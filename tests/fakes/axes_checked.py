@@ -1,8 +1,8 @@
 """A cell whose sensor's axes a person has checked, without the minutes that it takes."""
 
-from common import topics
-from common.endpoints import Bus
-from common.requests import AxesRequest
+from forcemesh import topics
+from forcemesh.bus import Bus
+from forcemesh.requests import AxesRequest
 
 WITHIN_S, POLL_S = 2.0, 0.01
 

@@ -4,15 +4,15 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from common.cell import Cell
-from common.clock import ManualClock
-from common.config import load_cell
-from common.endpoints import Bus, Origin, Publisher, Reader
-from common.memory import MemoryTransport
-from common.messages import Message, Record
-from common.requests import Reply
-from common.service import Service
-from common.topics import CLIENT, Request, Topic
+from common.bus.memory_bus import MemoryTransport
+from common.config.cell import Cell
+from common.config.load import load_cell
+from common.runtime.service import Service
+from forcemesh.bus import Bus, Origin, Publisher, Reader
+from forcemesh.clock import ManualClock
+from forcemesh.messages import Message, Record
+from forcemesh.requests import Reply
+from forcemesh.topics import CLIENT, Request, Topic
 
 DEMO = Path(__file__).resolve().parents[2] / "cells" / "demo.yaml"
 CELL = load_cell(DEMO)

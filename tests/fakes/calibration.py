@@ -6,12 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from cli.calibration.plan import Options, Plan, make_plan
 from cli.calibration.wizard import Pace, Wizard
-from cli.virtual import VirtualCell
-from common.cell import Cell
-from common.config import load_cell
-from sim.robot.kinematics import ArmKinematics
+from common.config.cell import Cell
+from common.config.load import load_cell
+from common.motion.kinematics import ArmKinematics
+from identification.excitation.plan import Options, Plan, make_plan
+from launch.virtual_cell import VirtualCell
 from tests.fakes.bench import DEMO, HALF_RATES
 
 HOME_RAD = np.radians([0.0, 0.0, -90.0, 0.0, -90.0, 0.0])

@@ -2,15 +2,15 @@
 
 from typing import Any
 
-from common import topics
-from common.cell import Cell
-from common.clock import NS_PER_S, ManualClock
-from common.codec import encode_record
-from common.endpoints import Bus, Origin, Publisher
-from common.memory import MemoryCall
-from common.messages import ArbiterStatus, Record, RobotCommand
-from common.requests import ArmRequest
-from common.topics import HEALTH
+from common.bus.memory_bus import MemoryCall
+from common.config.cell import Cell
+from forcemesh import topics
+from forcemesh.bus import Bus, Origin, Publisher
+from forcemesh.clock import NS_PER_S, ManualClock
+from forcemesh.codec import encode_record
+from forcemesh.messages import ArbiterStatus, Record, RobotCommand
+from forcemesh.requests import ArmRequest
+from forcemesh.topics import HEALTH
 from services.arbiter.service import ArbiterService
 from tests.fakes.arbiter_world import good_messages
 from tests.fakes.bench import CELL, Bench

@@ -2,7 +2,7 @@
 
 Used as a context manager it lives in a thread, in real time, on a real TCP socket; on a network in
 memory whoever steps the gateway steps it too, on a clock of their own. It reads and writes with
-`common.packet` alone. Like the real program it streams 101 and 102 (one
+`controller.packet` alone. Like the real program it streams 101 and 102 (one
 counter for both of a sample) and 103, takes ring commands one by one, and has a watchdog that
 latches. It watches from the first packet after hello or hold that is more than a setting: then
 something may move, and silence is a fault.
@@ -16,10 +16,8 @@ from dataclasses import dataclass
 
 import pinocchio as pin
 
-from common.clock import NS_PER_S
-from common.errors import RemoteProtocolError
-from common.packet import Packet, PacketReader, VecInt, encode
-from common.packet_table import (
+from controller.packet import Packet, PacketReader, VecInt, encode
+from controller.packet_table import (
     COMMANDS,
     FEEDBACK_BITS,
     ID_FIRST,
@@ -32,6 +30,8 @@ from common.packet_table import (
     next_id,
     pack_status,
 )
+from forcemesh.clock import NS_PER_S
+from forcemesh.errors import RemoteProtocolError
 from sim.controller.network import MemoryNetwork, MemoryStream, SocketNetwork, SocketStream
 from tests.fakes.robot_program import RobotProgram
 

@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from common.clock import NS_PER_S
-from common.frames import oat_from_R
-from common.packet import ZERO_VEC, Packet, PacketReader, VecInt, encode
-from common.packet_table import (
+from common.motion.frames import oat_from_R
+from controller.packet import ZERO_VEC, Packet, PacketReader, VecInt, encode
+from controller.packet_table import (
     ID_FIRST,
     ID_LAST,
     NO_ID,
@@ -24,6 +23,7 @@ from common.packet_table import (
     next_id,
     unpack_status,
 )
+from forcemesh.clock import NS_PER_S
 from sim.controller.behaviour import Behaviour
 from sim.controller.machine import Machine
 from sim.controller.network import LOOPBACK, MemoryNetwork, MemoryStream, Octets

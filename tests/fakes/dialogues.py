@@ -3,10 +3,10 @@
 import numpy as np
 import pinocchio as pin
 
-from common.clock import NS_PER_S
-from common.messages import Gains, Speed
-from common.packet import Packet, PacketReader, encode
-from common.packet_table import ID_LAST, Com, Status, pack_status
+from controller.packet import Packet, PacketReader, encode
+from controller.packet_table import ID_LAST, Com, Status, pack_status
+from forcemesh.clock import NS_PER_S
+from forcemesh.messages import Gains, Speed
 from services.gateway.commands import ControllerLimits, Pacing
 from services.gateway.dialogue import Dialogue
 from services.gateway.scales import Scales

@@ -5,7 +5,7 @@ from typing import Any
 
 import msgpack
 
-from common.topics import REQUESTS, Request
+from forcemesh.topics import REQUESTS, Request
 from tests.fakes.records import full, places, put
 
 NUMBERS = (

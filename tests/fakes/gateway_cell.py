@@ -3,8 +3,8 @@
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 
-from common.clock import ManualClock, MonotonicClock
-from common.packet_table import Com
+from controller.packet_table import Com
+from forcemesh.clock import ManualClock, MonotonicClock
 from services.gateway.service import Gateway
 from sim.controller.network import MemoryNetwork
 from tests.contract.rig import Rig, gateway_cell

@@ -6,20 +6,20 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from common import topics
-from common.clock import NS_PER_S, ManualClock
-from common.codec import Header, encode
-from common.convert import record_of
-from common.endpoints import Bus
-from common.faults import FAULTS
-from common.memory import MemoryTransport
-from common.messages import Permission, RobotCommand, Speed, WrenchAtTcp
-from common.packet import Packet, PacketReader
-from common.packet_table import NO_ID, Com, FeedbackSwitch, Status, next_id
-from fuzz.yes_man import MOTIONS, YesMan, pose_of_vec
+from common.bus.memory_bus import MemoryTransport
+from common.motion.convert import record_of
+from controller.packet import Packet, PacketReader
+from controller.packet_table import NO_ID, Com, FeedbackSwitch, Status, next_id
+from forcemesh import topics
+from forcemesh.bus import Bus
+from forcemesh.clock import NS_PER_S, ManualClock
+from forcemesh.codec import Header, encode
+from forcemesh.faults import FAULTS
+from forcemesh.messages import Permission, RobotCommand, Speed, WrenchAtTcp
 from services.gateway.link import News
 from services.gateway.service import Gateway
 from tests.contract.rig import DEADLINE_S, gateway_cell
+from tests.fuzz.permissive_arbiter import MOTIONS, YesMan, pose_of_vec
 
 PAUSE_NS = 100_000_000
 STEP_NS = 2_000_000

@@ -13,13 +13,13 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from common.cell import Cell
-from common.clock import ManualClock, MonotonicClock
-from common.convert import record_of
-from common.endpoints import Bus
-from common.messages import Feedback, Gains, RobotState, WrenchAtTcp
-from common.packet import PACKET_CHARS
-from common.service import Runner, Service
+from common.config.cell import Cell
+from common.motion.convert import record_of
+from common.runtime.service import Runner, Service
+from controller.packet import PACKET_CHARS
+from forcemesh.bus import Bus
+from forcemesh.clock import ManualClock, MonotonicClock
+from forcemesh.messages import Feedback, Gains, RobotState, WrenchAtTcp
 from services.gateway.link import News
 from services.gateway.service import Gateway
 from sim.controller.behaviour import Behaviour

@@ -6,7 +6,7 @@ With `feedback` it arms and lets force feedback run in the controller until some
 
 import sys
 
-from common.clock import MonotonicClock
+from forcemesh.clock import MonotonicClock
 from services.gateway.service import Gateway
 from tests.contract.rig import Rig
 from tests.fakes.hostile_cell import GAINS, hostile_cell

@@ -11,7 +11,7 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 
-from common.packet import PACKET_CHARS
+from controller.packet import PACKET_CHARS
 
 MS = 1_000_000
 

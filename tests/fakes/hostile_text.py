@@ -3,10 +3,10 @@
 import types
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
-from common import topics
-from common.codec import Header
-from common.endpoints import Reading
-from common.messages import Message, Record
+from forcemesh import topics
+from forcemesh.bus import Reading
+from forcemesh.codec import Header
+from forcemesh.messages import Message, Record
 from services.panel.watch import Snapshot
 
 MARKUP = (

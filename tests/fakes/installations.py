@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 
 from bench.payload_worlds import World, attitudes, read, truth
-from common.frames import Array, Oat, R_from_oat, quaternion_from_R
-from common.payload import Payload
-from services.wrench.installation_terms import Belief, Finding
-from services.wrench.poses import carries_a_fit, sort_into_poses
-from services.wrench.recording import COLUMNS, Samples
+from common.config.payload import Payload
+from common.motion.frames import Array, Oat, R_from_oat, quaternion_from_R
+from identification.installation.terms import Belief, Finding
+from identification.recording import COLUMNS, Samples
+from identification.static_poses import carries_a_fit, sort_into_poses
 
 EYE = np.eye(3)
 PAYLOAD = Payload(1.0, (0.012, -0.008, 0.055), (1.5, -2.0, 3.0), (0.05, -0.04, 0.03))

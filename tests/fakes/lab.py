@@ -6,17 +6,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cli.virtual import VirtualCell
-from common import topics
-from common.cell import Cell
-from common.convert import pose_of, record_of
-from common.frames import rotate_about_base_axes
-from common.messages import (
+from common.config.cell import Cell
+from common.motion.convert import pose_of, record_of
+from common.motion.frames import rotate_about_base_axes
+from forcemesh import topics
+from forcemesh.messages import (
     ArbiterStatus,
     PoseRecord,
     RobotState,
 )
-from common.requests import Empty, ForceStartRequest, MoveRequest
+from forcemesh.requests import Empty, ForceStartRequest, MoveRequest
+from launch.virtual_cell import VirtualCell
 from tests.fakes.bench import HALF_CELL
 
 PRESS_N = 20.0

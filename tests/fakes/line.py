@@ -2,12 +2,12 @@
 
 from typing import Any
 
-from common import topics
-from common.clock import ManualClock
-from common.codec import Header, encode
-from common.endpoints import Reader, Reading
-from common.memory import MemorySource
-from common.messages import SensorWrench
+from common.bus.memory_bus import MemorySource
+from forcemesh import topics
+from forcemesh.bus import Reader, Reading
+from forcemesh.clock import ManualClock
+from forcemesh.codec import Header, encode
+from forcemesh.messages import SensorWrench
 
 STALE_S = 0.1
 CELL = "demo"

@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from common.clock import NS_PER_S, ManualClock
-from common.codec import decode
-from common.config import load_cell
-from common.endpoints import Bus
-from common.messages import SensorWrench
-from common.topics import Qos
+from common.config.load import load_cell
+from forcemesh.bus import Bus
+from forcemesh.clock import NS_PER_S, ManualClock
+from forcemesh.codec import decode
+from forcemesh.messages import SensorWrench
+from forcemesh.topics import Qos
 from services.sensor.link import Link, LinkSettings
 from services.sensor.netft_page import Page, parse
 from services.sensor.rdt import Command, request

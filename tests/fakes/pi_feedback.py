@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from common.frames import rotate_about_base_axes
+from common.motion.frames import rotate_about_base_axes
 
 LEVER_M_PER_RAD = 0.1  # a turn counts as that much way where a speed is limited
 

@@ -6,13 +6,13 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from common import topics
-from common.convert import record_of
-from common.messages import (
+from common.motion.convert import record_of
+from forcemesh import topics
+from forcemesh.messages import (
     GoalReport,
     RegulatorTarget,
 )
-from common.requests import HoldRequest
+from forcemesh.requests import HoldRequest
 from services.arbiter.inputs import PRECONDITIONS
 from tests.fakes.arbiter_world import CELL, FIT, MOVE_DOWN, T_START, shifted
 from tests.fakes.cellmates import Cellmates

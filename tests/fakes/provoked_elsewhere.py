@@ -5,10 +5,13 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from common import topics
-from common.endpoints import Origin
-from common.limits import Limits
-from common.messages import (
+from common.motion.limits import Limits
+from common.motion.rate_limiter import Window, check_rate
+from common.motion.setpoint_monitor import StreamBudget
+from common.motion.tracking import Tracking
+from forcemesh import topics
+from forcemesh.bus import Origin
+from forcemesh.messages import (
     Feedback,
     Gains,
     Message,
@@ -18,10 +21,7 @@ from common.messages import (
     Trip,
     WrenchAtTcp,
 )
-from common.motion_limits import Window, check_rate
-from common.requests import Empty, ForceStartRequest, PathRequest, Reply
-from common.stream_budget import StreamBudget
-from common.tracking import Tracking
+from forcemesh.requests import Empty, ForceStartRequest, PathRequest, Reply
 from services.gateway.link import News
 from services.gateway.service import Gateway
 from sim.controller.network import MemoryNetwork

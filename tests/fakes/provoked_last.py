@@ -3,12 +3,12 @@
 import numpy as np
 import pinocchio as pin
 
-from common.convert import record_of
-from common.messages import Feedback, Gains
-from common.packet import Packet
-from common.packet_table import Com
-from common.requests import ForceStartRequest
-from services.arbiter.turns import SETTLE_WITHIN_S
+from common.motion.convert import record_of
+from controller.packet import Packet
+from controller.packet_table import Com
+from forcemesh.messages import Feedback, Gains
+from forcemesh.requests import ForceStartRequest
+from services.arbiter.ownership import SETTLE_WITHIN_S
 from tests.fakes.arbiter_robot import RobotWorld
 from tests.fakes.arbiter_world import PERIOD_NS, T_START
 from tests.fakes.bench import CELL

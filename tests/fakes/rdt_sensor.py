@@ -5,13 +5,13 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from common.clock import ManualClock
-from common.codec import decode
-from common.config import load_cell
-from common.endpoints import Bus
-from common.messages import SensorWrench
-from common.service import Runner
-from common.topics import Qos
+from common.config.load import load_cell
+from common.runtime.service import Runner
+from forcemesh.bus import Bus
+from forcemesh.clock import ManualClock
+from forcemesh.codec import decode
+from forcemesh.messages import SensorWrench
+from forcemesh.topics import Qos
 from services.sensor.rdt import RECORD, Command, request
 from services.sensor.service import SensorDriver
 

@@ -4,16 +4,16 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from common import topics
-from common.cell import Cell
-from common.clock import NS_PER_S, ManualClock
-from common.codec import decode_record, encode_record
-from common.config import cell_from_tree
-from common.endpoints import Bus, Publisher
-from common.memory import MemoryCall, MemoryTransport
-from common.messages import ArbiterState, ArbiterStatus, Message, Record, RecorderStatus
-from common.requests import Empty, RecordRequest, Reply
-from common.topics import CLIENT, TOPICS, Request, Topic
+from common.bus.memory_bus import MemoryCall, MemoryTransport
+from common.config.cell import Cell
+from common.config.load import cell_from_tree
+from forcemesh import topics
+from forcemesh.bus import Bus, Publisher
+from forcemesh.clock import NS_PER_S, ManualClock
+from forcemesh.codec import decode_record, encode_record
+from forcemesh.messages import ArbiterState, ArbiterStatus, Message, Record, RecorderStatus
+from forcemesh.requests import Empty, RecordRequest, Reply
+from forcemesh.topics import CLIENT, TOPICS, Request, Topic
 from services.recorder.service import Recorder
 from tests.fakes.bench import CELL
 

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-from common.messages import PoseRecord
-from common.requests import FARTHEST_M
+from forcemesh.messages import PoseRecord
+from forcemesh.requests import FARTHEST_M
 
 INT64 = (-(2**63), 2**63 - 1)
 LONGEST_TEXT = 30

@@ -4,22 +4,22 @@ from typing import Any
 
 import pinocchio as pin
 
-from common import topics
-from common.cell import Cell
-from common.convert import pose_of
-from common.endpoints import Origin
-from common.messages import (
+from common.config.cell import Cell
+from common.motion.convert import pose_of
+from forcemesh import topics
+from forcemesh.bus import Origin
+from forcemesh.messages import (
     ArbiterStatus,
     Message,
     RegulatorTarget,
     RobotCommand,
     WrenchAtTcp,
 )
-from common.requests import ForceStartRequest, Reply
+from forcemesh.requests import ForceStartRequest, Reply
 from services.regulator.service import Regulator
-from services.regulator.tuning import tune
 from tests.fakes.arbiter_world import good_messages
 from tests.fakes.bench import CELL, Bench
+from tuning.gain_rule import tune
 
 T_FLANGE_TCP = CELL.tool.T_flange_tcp.pose
 POSITION = ForceStartRequest(mode="position")

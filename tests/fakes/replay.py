@@ -5,15 +5,15 @@ from collections.abc import Iterator
 from typing import Any
 
 from cli.verbs_watch import find_topic
-from cli.virtual import VirtualCell
-from common import topics
-from common.cell import Cell
-from common.clock import ManualClock
-from common.codec import Header, encode, encode_record
-from common.endpoints import Bus, Reader
-from common.memory import MemoryCall, MemoryTransport
-from common.messages import Message, Record
-from common.topics import Request, Topic
+from common.bus.memory_bus import MemoryCall, MemoryTransport
+from common.config.cell import Cell
+from forcemesh import topics
+from forcemesh.bus import Bus, Reader
+from forcemesh.clock import ManualClock
+from forcemesh.codec import Header, encode, encode_record
+from forcemesh.messages import Message, Record
+from forcemesh.topics import Request, Topic
+from launch.virtual_cell import VirtualCell
 from services.regulator.service import Regulator
 
 # In the order in which they are said within one millisecond: the file keeps it.

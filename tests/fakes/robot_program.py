@@ -10,9 +10,9 @@ from math import degrees, radians
 import numpy as np
 import pinocchio as pin
 
-from common.frames import Oat, R_from_oat, oat_from_R
-from common.packet import ZERO_VEC, Packet, VecInt
-from common.packet_table import FEEDBACK_BITS, GAIN_I, GAIN_P, NO_ID, Com, Status
+from common.motion.frames import Oat, R_from_oat, oat_from_R
+from controller.packet import ZERO_VEC, Packet, VecInt
+from controller.packet_table import FEEDBACK_BITS, GAIN_I, GAIN_P, NO_ID, Com, Status
 from tests.fakes.arm import JOINT_MAX_RAD, JOINT_MIN_RAD, READY_RAD, FakeArm
 from tests.fakes.pi_feedback import KeptLimits, PiFeedback
 

@@ -4,10 +4,10 @@ from collections import deque
 
 import numpy as np
 
-from common.cell import Cell
-from common.convert import pose_of, vec3
-from common.frames import Array
-from common.messages import RobotState, WrenchAtTcp
+from common.config.cell import Cell
+from common.motion.convert import pose_of, vec3
+from common.motion.frames import Array
+from forcemesh.messages import RobotState, WrenchAtTcp
 from tests.fakes.bench import CELL
 from tests.fakes.regulator_bench import T_FLANGE_TCP, RegulatorBench
 

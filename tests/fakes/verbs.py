@@ -8,7 +8,7 @@ from typer.testing import CliRunner, Result
 
 from cli.__main__ import app
 from cli.context import one_line_errors
-from cli.skills import at_work
+from cli.skills import force_session as at_work
 from common.client import Cell
 
 

@@ -4,9 +4,9 @@ import numpy as np
 from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 
-from common.frames import R_from_quaternion, rotation_from_vector
-from common.payload import Payload, predict, residual
-from services.wrench.recording import Recording, Samples
+from common.config.payload import Payload, predict, residual
+from common.motion.frames import R_from_quaternion, rotation_from_vector
+from identification.recording import Recording, Samples
 
 TRUTH = Payload(1.5, (0.02, -0.012, 0.085), (1.0, -2.0, 3.0), (0.1, 0.2, -0.3))
 FORCE_NOISE_N, TORQUE_NOISE_NM = 0.007, 0.00035

@@ -3,11 +3,11 @@
 import numpy as np
 import pinocchio as pin
 
-from common import topics
-from common.cell import Cell
-from common.convert import record_of
-from common.frames import GRAVITY_M_S2, Oat, R_from_oat
-from common.messages import RobotState, RobotStatus, SensorWrench, WrenchAtTcp
+from common.config.cell import Cell
+from common.motion.convert import record_of
+from common.motion.frames import GRAVITY_M_S2, Oat, R_from_oat
+from forcemesh import topics
+from forcemesh.messages import RobotState, RobotStatus, SensorWrench, WrenchAtTcp
 from services.wrench.service import WrenchService
 from tests.fakes.bench import CELL, Bench
 

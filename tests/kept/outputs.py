@@ -14,12 +14,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from common import messages as m
-from common import topics
-from common.codec import decode
-from common.frames import Array
-from common.packet import Packet
-from common.packet_table import Com
+from common.motion.frames import Array
+from controller.packet import Packet
+from controller.packet_table import Com
+from forcemesh import messages as m
+from forcemesh import topics
+from forcemesh.codec import decode
 from tests.kept.player import Player
 
 FOLDER = Path(__file__).parent / "outputs"

@@ -8,17 +8,15 @@ from unittest.mock import patch
 
 import numpy as np
 
-from cli import virtual
-from cli.virtual import VirtualCell
-from common import topics
-from common.clock import NS_PER_S
-from common.config import load_cell
-from common.convert import pose_of, record_of
-from common.endpoints import Source
-from common.frames import rotation_from_vector
-from common.messages import PoseRecord, RobotState
-from common.packet import Packet, PacketReader
-from common.requests import (
+from common.config.load import load_cell
+from common.motion.convert import pose_of, record_of
+from common.motion.frames import rotation_from_vector
+from controller.packet import Packet, PacketReader
+from forcemesh import topics
+from forcemesh.bus import Source
+from forcemesh.clock import NS_PER_S
+from forcemesh.messages import PoseRecord, RobotState
+from forcemesh.requests import (
     ArmRequest,
     AxesRequest,
     Empty,
@@ -26,6 +24,8 @@ from common.requests import (
     HoldRequest,
     MoveRequest,
 )
+from launch import virtual_cell as virtual
+from launch.virtual_cell import VirtualCell
 from services.gateway.link import News
 from sim.controller.machine import Machine
 from sim.controller.network import MemoryNetwork

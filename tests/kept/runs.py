@@ -9,9 +9,9 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
-from common import topics
-from common.messages import Speed
-from common.requests import BackOffRequest, Empty, PathRequest
+from forcemesh import topics
+from forcemesh.messages import Speed
+from forcemesh.requests import BackOffRequest, Empty, PathRequest
 from tests.kept.player import Player, shifted
 
 SIM, TCP = "demo.yaml", "demo-tcp.yaml"

@@ -9,8 +9,8 @@ from typing import Any
 
 import pytest
 
-from chaos.common_net import free_port
-from common.config import dump_cell, load_cell
+from common.config.load import dump_cell, load_cell
+from tests.chaos.common_net import free_port
 from tests.fakes.bench import HALF_RATES
 from tests.repeats import real_time
 

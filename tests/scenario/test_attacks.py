@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from chaos.common_net import free_port
 from cli.__main__ import app
-from common.config import dump_cell, load_cell
+from common.config.load import dump_cell, load_cell
+from tests.chaos.common_net import free_port
 from tests.scenario.conftest import LIGHT
 from tools.attacks import ATTACKS
 

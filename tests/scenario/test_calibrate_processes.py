@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from common.config import dump_cell, load_cell
+from common.config.load import dump_cell, load_cell
 
 PATIENCE_S = 90.0  # of the test, not of the cell: a loaded machine is slow to start processes
 SHORT = ("--poses", 6, "--verify-poses", 1, "--speed", 800, "--dwell", 0.2)

@@ -6,12 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from chaos.cases import KINDS, PHASES, ROLES, TWO, Case, matrix, named
-from chaos.journal import Journal
-from chaos.outcome import Limits, Outcome, violations
-from chaos.run import Runner
-from chaos.truth import Path
-from chaos.witness import ROW, Witness
+from tests.chaos.cases import KINDS, PHASES, ROLES, TWO, Case, matrix, named
+from tests.chaos.ground_truth import Path
+from tests.chaos.journal import Journal
+from tests.chaos.outcome import Limits, Outcome, violations
+from tests.chaos.run import Runner
+from tests.chaos.witness import ROW, Witness
 
 LIMITS = Limits(command_s=0.1, watchdog_s=0.0, speed_m_s=0.25)
 CASE = Case("sim", "regulator", "kill", "press", 0)

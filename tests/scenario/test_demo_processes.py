@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from common import topics
-from common.bus import open_bus
-from common.config import load_cell
+from common.bus.zenoh_bus import open_bus
+from common.config.load import load_cell
+from forcemesh import topics
 
 ROOT = Path(__file__).parents[2]
 PATIENCE_S = 60.0  # of the test, not of the cell: a loaded machine is slow to start processes

@@ -7,14 +7,14 @@ from pathlib import Path
 
 import pytest
 
-from cli.demo_cell import DEFAULT_SETPOINT_N, DEFAULT_TILT_DEG, Trial, demo_cell, surface_of
-from cli.demo_play import play_virtual
-from cli.measures import Result, measure
-from cli.scenario import Plan
-from common.config import load_cell
-from common.errors import ConfigError
-from services.regulator.tuning import tune
+from cli.demo.cell import DEFAULT_SETPOINT_N, DEFAULT_TILT_DEG, Trial, demo_cell, surface_of
+from cli.demo.measures import Result, measure
+from cli.demo.play import play_virtual
+from cli.demo.scenario import Plan
+from common.config.load import load_cell
+from forcemesh.errors import ConfigError
 from tests.fakes.long import long
+from tuning.gain_rule import tune
 
 CELLS = Path(__file__).parents[2] / "cells"
 MOST_OVERSHOOT_PCT = 5.0

@@ -4,12 +4,12 @@ from pathlib import Path
 
 import pytest
 
-from cli.demo_cell import DEFAULT_SETPOINT_N, DEFAULT_TILT_DEG, Trial, demo_cell, surface_of
-from cli.demo_play import play_virtual
-from cli.measures import Result, measure
-from cli.scenario import Plan, ScenarioError
-from services.regulator.tuning import tune
+from cli.demo.cell import DEFAULT_SETPOINT_N, DEFAULT_TILT_DEG, Trial, demo_cell, surface_of
+from cli.demo.measures import Result, measure
+from cli.demo.play import play_virtual
+from cli.demo.scenario import Plan, ScenarioError
 from tests.fakes.long import long
+from tuning.gain_rule import tune
 
 CELL = Path(__file__).parents[2] / "cells" / "demo.yaml"
 MODES = ("position", "orientation", "both")

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from common import topics
-from common.bus import open_bus
-from common.config import dump_cell, load_cell
-from common.messages import MAY_MOVE
+from common.bus.zenoh_bus import open_bus
+from common.config.load import dump_cell, load_cell
+from forcemesh import topics
+from forcemesh.messages import MAY_MOVE
 from tests.contract.test_bus_expiry import shorten
 from tests.scenario.conftest import LIGHT
 from tests.scenario.test_attacks import PATIENCE_S, ROOT, cell_file  # noqa: F401

@@ -12,18 +12,18 @@ from typing import Any
 import pytest
 import zenoh
 
-from chaos import flood, soak
-from chaos.common_net import free_port, make_cell, running_cell
-from chaos.flood_peer import session_of
-from chaos.witness import ROW, Witness, witness
-from common import topics
-from common.bus import LONGEST_MESSAGE_B, ZenohTransport, open_hub
-from common.cell import Cell
-from common.codec import encode_record
-from common.config import load_cell
-from common.endpoints import MOST_AT_ONCE, Inbox
-from common.messages import Health
-from common.requests import Empty
+from common.bus.zenoh_bus import LONGEST_MESSAGE_B, ZenohTransport, open_hub
+from common.config.cell import Cell
+from common.config.load import load_cell
+from forcemesh import topics
+from forcemesh.bus import MOST_AT_ONCE, Inbox
+from forcemesh.codec import encode_record
+from forcemesh.messages import Health
+from forcemesh.requests import Empty
+from tests.chaos import flood, soak
+from tests.chaos.common_net import free_port, make_cell, running_cell
+from tests.chaos.flood_peer import session_of
+from tests.chaos.witness import ROW, Witness, witness
 from tests.scenario.conftest import HALF, LIGHT
 
 DEMO = Path(__file__).resolve().parents[2] / "cells" / "demo.yaml"

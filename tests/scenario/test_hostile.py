@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from common.config import load_cell
+from common.config.load import load_cell
 
 pytestmark = [
     pytest.mark.judged_once,

@@ -6,13 +6,13 @@ import urllib.request
 
 import pytest
 
-from chaos.common_net import free_port
-from cli.processes import processes_of
-from common import topics
-from common.bus import open_bus
-from common.config import dump_cell, load_cell
-from common.errors import ConfigError
-from common.requests import ArmRequest, Empty
+from common.bus.zenoh_bus import open_bus
+from common.config.load import dump_cell, load_cell
+from forcemesh import topics
+from forcemesh.errors import ConfigError
+from forcemesh.requests import ArmRequest, Empty
+from launch.processes import processes_of
+from tests.chaos.common_net import free_port
 from tests.scenario.conftest import PATIENCE_S, ROOT
 
 pytestmark = pytest.mark.processes

@@ -14,11 +14,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from chaos import clocks, network
-from chaos.network_judge import MOVES_M_S, Bounds, Seen, Truth, judge
-from chaos.network_lab import CANNOT_RUN, why_not
-from chaos.network_proxy import Delay
 from sim.robot.trace import RECORD
+from tests.chaos import clocks, network
+from tests.chaos.network_judge import MOVES_M_S, Bounds, Seen, Truth, judge
+from tests.chaos.network_lab import CANNOT_RUN, why_not
+from tests.chaos.network_proxy import Delay
 
 ROOT = Path(__file__).parents[2]
 BOUNDS = Bounds(last_command_s=0.15, still_s=0.35, fastest_m_s=0.05)
@@ -162,7 +162,7 @@ def needs_namespaces() -> pytest.MarkDecorator:
 
 def chaos_network(*words: str) -> list[str]:
     """Return the command line of the harness."""
-    return [sys.executable, "-m", "chaos.network", *words]
+    return [sys.executable, "-m", "tests.chaos.network", *words]
 
 
 @pytest.mark.processes

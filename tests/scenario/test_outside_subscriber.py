@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from common.config import load_cell
+from common.config.load import load_cell
 
 README = Path(__file__).parents[2] / "README.md"
 

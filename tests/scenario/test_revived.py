@@ -7,12 +7,12 @@ import time
 import pytest
 
 from cli.record import WITHOUT_VARIABLE
-from cli.runfile import read_run
-from common import topics
-from common.bus import open_bus
-from common.config import load_cell
-from common.messages import MAY_MOVE
-from common.requests import ArmRequest, Empty, ForceStartRequest
+from common.bus.zenoh_bus import open_bus
+from common.config.load import load_cell
+from forcemesh import topics
+from forcemesh.messages import MAY_MOVE
+from forcemesh.requests import ArmRequest, Empty, ForceStartRequest
+from launch.run_file import read_run
 from tests.scenario.test_calibrate_processes import wait_for
 from tests.scenario.test_demo_processes import Watcher, status_of
 

@@ -5,9 +5,9 @@ import subprocess
 
 import pytest
 
-from common.bus import open_bus
-from common.config import dump_cell, load_cell
-from common.topics import CLIENT
+from common.bus.zenoh_bus import open_bus
+from common.config.load import dump_cell, load_cell
+from forcemesh.topics import CLIENT
 from tests.fakes.axes_checked import axes_are_checked
 from tests.scenario.conftest import HALF, ROOT
 from tests.scenario.test_calibrate_processes import SHORT, wait_for

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 import zenoh
 
-from chaos.common_net import free_port
-from common import topics
-from common.bus import open_bus
-from common.config import dump_cell, load_cell
-from common.messages import MAY_MOVE
+from common.bus.zenoh_bus import open_bus
+from common.config.load import dump_cell, load_cell
+from forcemesh import topics
+from forcemesh.messages import MAY_MOVE
+from tests.chaos.common_net import free_port
 from tests.scenario.conftest import ROOT
 from tests.scenario.test_calibrate_processes import wait_for
 from tests.scenario.test_demo_processes import PATIENCE_S, Watcher

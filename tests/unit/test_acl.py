@@ -5,11 +5,11 @@ from typing import Any
 
 import pytest
 
-from common.acl import ANYBODY, SELF_TEST, access_control, names_of, rate_limits
-from common.cell import Cell
-from common.config import load_cell
-from common.tls import MONITOR, OPERATOR, PANEL, PEOPLE, common_name
-from common.topics import DESCRIBE, HELPERS, HOLD, REQUESTS, ROLES, TOPICS
+from common.config.cell import Cell
+from common.config.load import load_cell
+from common.security.access_control import ANYBODY, SELF_TEST, access_control, names_of, rate_limits
+from common.security.tls import MONITOR, OPERATOR, PANEL, PEOPLE, common_name
+from forcemesh.topics import DESCRIBE, HELPERS, HOLD, REQUESTS, ROLES, TOPICS
 
 CELLS = Path(__file__).resolve().parents[2] / "cells"
 FILES = sorted(path.name for path in CELLS.glob("*.yaml"))

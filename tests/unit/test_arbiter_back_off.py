@@ -8,13 +8,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from common.back_off import FARTHEST_M, RISE_N, SPEED_M_S
-from common.cell import Cell
-from common.convert import pose_of, record_of
-from common.faults import FAULTS
-from common.frames import rotation_between
-from common.messages import MAY_MOVE, RobotCommand, RobotState, Speed, Vec3, WrenchAtTcp
-from common.requests import Reply
+from common.config.cell import Cell
+from common.motion.back_off import FARTHEST_M, RISE_N, SPEED_M_S
+from common.motion.convert import pose_of, record_of
+from common.motion.frames import rotation_between
+from forcemesh.faults import FAULTS
+from forcemesh.messages import MAY_MOVE, RobotCommand, RobotState, Speed, Vec3, WrenchAtTcp
+from forcemesh.requests import Reply
 from services.arbiter.freeing import Freeing
 from tests.fakes.arbiter_world import MOVE_DOWN, PERIOD_NS, T_START, World
 from tests.fakes.bench import CELL

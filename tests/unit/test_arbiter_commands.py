@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.convert import pose_of, record_of
-from common.frames import rotation_from_vector
-from common.messages import Feedback, Gains, GoalReport, PoseRecord, Speed
-from common.requests import MoveRequest
+from common.motion.convert import pose_of, record_of
+from common.motion.frames import rotation_from_vector
+from forcemesh.messages import Feedback, Gains, GoalReport, PoseRecord, Speed
+from forcemesh.requests import MoveRequest
 from tests.fakes.arbiter_world import (
     CELL,
     MOVE_DOWN,

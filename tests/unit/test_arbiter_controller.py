@@ -4,8 +4,8 @@ from typing import Any
 
 import pytest
 
-from common import topics
-from common.config import load_cell
+from common.config.load import load_cell
+from forcemesh import topics
 from tests.contract.rig import DEMO_CELL
 from tests.fakes.arbiter_world import CELL, World
 from tests.fakes.lab import Lab

@@ -4,11 +4,11 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from common.convert import pose_of, record_of
-from common.faults import FAULTS
-from common.frames import rotation_from_vector
-from common.limits import Limits
-from common.messages import MAY_MOVE, RobotCommand
+from common.motion.convert import pose_of, record_of
+from common.motion.frames import rotation_from_vector
+from common.motion.limits import Limits
+from forcemesh.faults import FAULTS
+from forcemesh.messages import MAY_MOVE, RobotCommand
 from services.arbiter.inputs import PRECONDITIONS
 from tests.fakes.arbiter_world import (
     CELL,

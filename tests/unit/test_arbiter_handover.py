@@ -8,11 +8,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from common.convert import pose_of
-from common.messages import Accepted, Asker, Commander, RobotCommand
-from common.requests import MoveRequest
+from common.motion.convert import pose_of
+from forcemesh.messages import Accepted, Asker, Commander, RobotCommand
+from forcemesh.requests import MoveRequest
+from services.arbiter.ownership import REST_S, SETTLE_WITHIN_S
 from services.arbiter.ranks import RANKS, goes_before
-from services.arbiter.turns import REST_S, SETTLE_WITHIN_S
 from tests.fakes.arbiter_robot import MOTIONS, RobotWorld
 from tests.fakes.arbiter_world import CELL, MOVE_DOWN, PERIOD_NS, STOPPED, World, shifted, way_m
 

@@ -2,11 +2,11 @@
 
 import pytest
 
-from common import topics
-from common.endpoints import Bus
-from common.overruns import MOST_OVERRUNS, allowed_gap_s
-from common.requests import ArmRequest, Empty
-from common.service import Runner, reporter_of
+from common.runtime.overruns import MOST_OVERRUNS, allowed_gap_s
+from common.runtime.service import Runner, reporter_of
+from forcemesh import topics
+from forcemesh.bus import Bus
+from forcemesh.requests import ArmRequest, Empty
 from services.arbiter.inputs import COMMANDING
 from services.regulator.service import Regulator
 from tests.fakes.bench import CELL

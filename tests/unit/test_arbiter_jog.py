@@ -2,10 +2,10 @@
 
 import pytest
 
-from common import topics
-from common.endpoints import Bus
-from common.requests import ArmRequest, Empty, ForceStartRequest, HoldRequest, MoveRequest
-from common.service import Runner, reporter_of
+from common.runtime.service import Runner, reporter_of
+from forcemesh import topics
+from forcemesh.bus import Bus
+from forcemesh.requests import ArmRequest, Empty, ForceStartRequest, HoldRequest, MoveRequest
 from services.wrench.service import WrenchService
 from tests.fakes.bench import HALF_CELL
 from tests.fakes.lab import BRAKE_S, Lab

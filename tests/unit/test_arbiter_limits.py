@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from common.cell import LimitsSection
-from common.convert import pose_of, record_of
-from common.frames import rotation_between, rotation_from_vector
-from common.messages import PoseRecord
+from common.config.cell import LimitsSection
+from common.motion.convert import pose_of, record_of
+from common.motion.frames import rotation_between, rotation_from_vector
+from forcemesh.messages import PoseRecord
 from tests.fakes.arbiter_world import CELL, PERIOD_NS, T_START, World, shifted
 
 DT_S = PERIOD_NS * 1e-9

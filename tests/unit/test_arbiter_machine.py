@@ -6,8 +6,8 @@ import pytest
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
-from common.codec import MAX_BYTES, Header, encode
-from common.messages import (
+from forcemesh.codec import MAX_BYTES, Header, encode
+from forcemesh.messages import (
     MAY_MOVE,
     Accepted,
     Feedback,
@@ -17,7 +17,7 @@ from common.messages import (
     RobotCommand,
     Speed,
 )
-from common.requests import MoveRequest, Reply
+from forcemesh.requests import MoveRequest, Reply
 from services.arbiter.inputs import PRECONDITIONS
 from tests.fakes.arbiter_world import (
     CELL,

@@ -6,9 +6,9 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from common.cell import Cell
-from common.config import cell_from_tree
-from common.messages import RegulatorTarget, WrenchAtTcp
+from common.config.cell import Cell
+from common.config.load import cell_from_tree
+from forcemesh.messages import RegulatorTarget, WrenchAtTcp
 from services.arbiter.preflight import CHECKS, Look, Terms, complaints, load_text
 from tests.fakes.arbiter_world import CELL, FIT, MOVE_DOWN, T_START, World, shifted
 

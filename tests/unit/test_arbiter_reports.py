@@ -3,8 +3,8 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.faults import FAULTS, MOST_BYTES, clipped
-from common.messages import ArbiterState, Trip
+from forcemesh.faults import FAULTS, MOST_BYTES, clipped
+from forcemesh.messages import ArbiterState, Trip
 from services.arbiter.reports import (
     ALONE,
     LINE_BYTES,

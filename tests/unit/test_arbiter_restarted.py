@@ -1,6 +1,6 @@
 """A new arbiter says why the arm holds, although it has seen nothing of it."""
 
-from common.messages import Accepted
+from forcemesh.messages import Accepted
 from tests.fakes.arbiter_world import World
 
 

@@ -3,20 +3,20 @@
 import msgpack
 import pytest
 
-from common import topics
-from common.codec import decode_record, encode_record, pack
-from common.config import cell_hash
-from common.endpoints import Origin
-from common.memory import MemoryCall
-from common.messages import (
+from common.bus.memory_bus import MemoryCall
+from common.config.load import cell_hash
+from common.runtime.version import forcemesh_version
+from forcemesh import topics
+from forcemesh.bus import Origin
+from forcemesh.codec import decode_record, encode_record, pack
+from forcemesh.messages import (
     ArbiterState,
     Health,
     RegulatorTarget,
     Speed,
     WrenchAtTcp,
 )
-from common.requests import ArmRequest, Empty, HoldRequest, MoveRequest, Reply
-from common.version import forcemesh_version
+from forcemesh.requests import ArmRequest, Empty, HoldRequest, MoveRequest, Reply
 from tests.fakes.arbiter_world import MOVE_DOWN, good_messages, shifted
 from tests.fakes.bench import CELL
 from tests.fakes.cellmates import Cellmates, topic_of

@@ -5,7 +5,7 @@ from typing import get_args
 
 import pytest
 
-from common.messages import MAY_MOVE, ArbiterState
+from forcemesh.messages import MAY_MOVE, ArbiterState
 from services.arbiter.states import CLEARS, MEANS, TABLE, after
 from tools.arbitration_page import PAGE, page
 

@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from common.convert import pose_of
-from common.faults import FAULTS, tripped
-from common.limits import Limits
-from common.messages import PoseRecord, WrenchAtTcp
+from common.motion.convert import pose_of
+from common.motion.limits import Limits
+from forcemesh.faults import FAULTS, tripped
+from forcemesh.messages import PoseRecord, WrenchAtTcp
 from services.arbiter.bounds import Bounds
 from services.arbiter.stops import REACTIONS, Retreat, Stopping, begin, step
 from services.arbiter.stream import Moment

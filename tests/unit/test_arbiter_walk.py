@@ -9,15 +9,15 @@ from typing import Any
 
 import pytest
 
-from common.clock import NS_PER_S
-from common.faults import FAULTS
-from common.messages import MAY_MOVE
-from common.permission import CommandGate, Verdict
+from common.motion.permission import CommandGate, Verdict
+from forcemesh.clock import NS_PER_S
+from forcemesh.faults import FAULTS
+from forcemesh.messages import MAY_MOVE
 from services.arbiter import commanders, states
 from services.arbiter.commanders import Commanders
+from services.arbiter.ownership import Turn
 from services.arbiter.ranks import goes_before
 from services.arbiter.states import TABLE
-from services.arbiter.turns import Turn
 from tests.fakes.arbiter_product import (
     DEADLINE_S,
     MOTIONS,

@@ -6,10 +6,10 @@ from typing import Any, Literal
 import numpy as np
 import pytest
 
-from common.codec import Header
-from common.convert import record_of
-from common.frames import rotation_from_vector
-from common.messages import RegulatorTarget, Trip
+from common.motion.convert import record_of
+from common.motion.frames import rotation_from_vector
+from forcemesh.codec import Header
+from forcemesh.messages import RegulatorTarget, Trip
 from services.arbiter.inputs import Inputs
 from services.arbiter.watch import AlignmentWatch, CalibrationWatch, ResidualWatch, RestWatch
 from tests.fakes.arbiter_world import CELL, STOPPED, T_START, World, shifted

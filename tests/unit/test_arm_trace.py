@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from common.clock import ManualClock
+from forcemesh.clock import ManualClock
 from sim.robot.arm import SimArm
 from sim.robot.settings import SimSettings
 from sim.robot.trace import RECORD, VARIABLE, read_trace, wanted_trace

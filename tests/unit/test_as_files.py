@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from common.errors import DataError
+from forcemesh.errors import DataError
 from sim.controller.errors import AsSyntaxError
 from sim.controller.parser import load, parse
 from sim.controller.syntax import Number, Variable

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.frames import POLE_TOLERANCE_RAD, Array
+from common.motion.frames import POLE_TOLERANCE_RAD, Array
 from sim.controller.values import Joints, Transformation, se3_of
 from tests.fakes.as_language import HERE, HERE_JOINTS, AsLanguage
 

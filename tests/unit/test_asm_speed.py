@@ -8,10 +8,10 @@ from types import FrameType
 import pytest
 
 from bench.emulator import LOOPS
-from common.clock import ManualClock
-from common.config import load_cell
-from common.endpoints import Bus
-from common.memory import MemoryTransport
+from common.bus.memory_bus import MemoryTransport
+from common.config.load import load_cell
+from forcemesh.bus import Bus
+from forcemesh.clock import ManualClock
 from sim.controller.network import MemoryNetwork
 from sim.controller.service import ControllerSensor
 from tests.contract.rig import DEMO_CELL

@@ -7,7 +7,7 @@ from typing import Protocol
 
 import pytest
 
-from common.clock import NS_PER_S
+from forcemesh.clock import NS_PER_S
 from sim.controller.network import LOOPBACK, MemoryNetwork, SocketNetwork
 from sim.controller.tcp import (
     ABORTED,

@@ -8,15 +8,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from common import back_off
-from common.back_off import FARTHEST_M, RISE_N, SPEED_M_S, BackOff, Load, Plan, RISE_Nm
-from common.cell import PlaneSection
-from common.config import load_cell
-from common.convert import record_of
-from common.frames import rotation_from_vector
-from common.guard import Guard
-from common.limits import Limits, check_workspace
-from common.messages import Feedback, Gains, Goal, Speed, Trip, Vec3, WrenchAtTcp
+from common.config.cell import PlaneSection
+from common.config.load import load_cell
+from common.motion import back_off
+from common.motion.back_off import FARTHEST_M, RISE_N, SPEED_M_S, BackOff, Load, Plan, RISE_Nm
+from common.motion.convert import record_of
+from common.motion.frames import rotation_from_vector
+from common.motion.last_check import Guard
+from common.motion.limits import Limits, check_workspace
+from forcemesh.messages import Feedback, Gains, Goal, Speed, Trip, Vec3, WrenchAtTcp
 from tests.contract.rig import DEMO_CELL, shifted
 
 CELL = load_cell(DEMO_CELL)

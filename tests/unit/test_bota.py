@@ -11,9 +11,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.cell import SensorSection
-from common.config import load_cell
-from common.errors import ConfigError
+from common.config.cell import SensorSection
+from common.config.load import load_cell
+from forcemesh.errors import ConfigError
 from services.sensor.bota import WRAP_US, BotaDriver, bota_driver
 from services.sensor.driver import Sample
 from tests.fakes.rdt_sensor import REAL_CELL

@@ -5,17 +5,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cli.calibration.errors import CalibrationError
 from cli.calibration.gather import STILL_WITHIN_S, Gatherer
-from cli.calibration.rows import means_of, of_purpose, recording_of, samples_of, save
-from cli.calibration.stillness import Sample, Stillness
-from common import topics
-from common.clock import NS_PER_S, ManualClock
-from common.endpoints import Bus
-from common.frames import rotation_from_vector
-from common.memory import MemoryTransport
-from common.messages import RobotState, SensorWrench, WrenchAtTcp
-from services.wrench.recording import read_recording
+from common.bus.memory_bus import MemoryTransport
+from common.motion.frames import rotation_from_vector
+from forcemesh import topics
+from forcemesh.bus import Bus
+from forcemesh.clock import NS_PER_S, ManualClock
+from forcemesh.messages import RobotState, SensorWrench, WrenchAtTcp
+from identification.dwells import means_of, of_purpose, recording_of, samples_of, save
+from identification.errors import CalibrationError
+from identification.excitation.stillness import Sample, Stillness
+from identification.recording import read_recording
 from tests.fakes.calibration import demo_cell
 
 CELL = demo_cell()

@@ -8,16 +8,16 @@ import pytest
 from cli.calibration.by_hand import Watcher, Wish, calibrate, watch
 from cli.calibration.finish import Job
 from cli.calibration.places import Places
-from cli.calibration.rows import of_purpose
 from cli.calibration.screen import Keyboard
-from cli.calibration.verdict import Bounds
 from cli.context import INTERRUPTED
-from common import topics
-from common.calibration import CalibrationSection
-from common.clock import NS_PER_S
-from common.config import load_cell
-from common.convert import vec6
-from common.requests import ArmRequest, MoveRequest
+from common.config.calibration import CalibrationSection
+from common.config.load import load_cell
+from common.motion.convert import vec6
+from forcemesh import topics
+from forcemesh.clock import NS_PER_S
+from forcemesh.requests import ArmRequest, MoveRequest
+from identification.dwells import of_purpose
+from identification.verification import Bounds
 from tests.fakes.bench import DEMO
 from tests.fakes.calibration import CalibrationLab
 

@@ -8,19 +8,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cli.calibration import by_arm
-from cli.calibration.choice import USUAL_PAYLOAD, best_attitudes, conditioning
-from cli.calibration.errors import CalibrationError
-from cli.calibration.plan import LEAST_POSES, Options, Plan, make_plan
 from cli.calibration.wizard import Pace
-from common.config import load_cell
-from common.convert import record_of, vec6
-from common.frames import GRAVITY_M_S2, R_from_quaternion, skew
-from common.messages import RobotState
-from common.payload import Payload, predict, residual
-from services.wrench.identification import identify
-from services.wrench.poses import angle
-from services.wrench.recording import Samples
-from sim.robot.kinematics import ArmKinematics
+from common.config.load import load_cell
+from common.config.payload import Payload, predict, residual
+from common.motion.convert import record_of, vec6
+from common.motion.frames import GRAVITY_M_S2, R_from_quaternion, skew
+from common.motion.kinematics import ArmKinematics
+from forcemesh.messages import RobotState
+from identification.errors import CalibrationError
+from identification.excitation.plan import LEAST_POSES, Options, Plan, make_plan
+from identification.excitation.pose_choice import USUAL_PAYLOAD, best_attitudes, conditioning
+from identification.identify import identify
+from identification.recording import Samples
+from identification.static_poses import angle
 from tests.fakes.bench import DEMO
 from tests.fakes.calibration import HOME_RAD
 

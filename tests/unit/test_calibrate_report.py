@@ -16,17 +16,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cli.calibration import send
-from cli.calibration.evidence import Findings, evidence_of, findings_of
 from cli.calibration.finish import Job, settle
 from cli.calibration.page import page, save_page
 from cli.calibration.places import Places, keep_before, places_of
-from cli.calibration.rows import Dwell, Purpose
-from cli.calibration.verdict import Bounds, Left, judge, left_in_use
-from common.clock import ManualClock
-from common.errors import BusError, DataError
-from common.frames import R_from_quaternion
-from common.payload import Payload, predict
-from common.requests import Reply
+from common.config.payload import Payload, predict
+from common.motion.frames import R_from_quaternion
+from forcemesh.clock import ManualClock
+from forcemesh.errors import BusError, DataError
+from forcemesh.requests import Reply
+from identification.dwells import Dwell, Purpose
+from identification.evidence import Findings, evidence_of, findings_of
+from identification.verification import Bounds, Left, judge, left_in_use
 from tests.fakes.calibration import demo_cell
 
 CELL = demo_cell(**{"tool.name": "gripper <2> & cable"})

@@ -12,14 +12,14 @@ import yaml
 from typer.testing import CliRunner
 
 from cli.__main__ import app
-from cli.calibrate import Fate
 from cli.calibration.send import send as send_to_cell
-from common.calibration import CalibrationSection
-from common.config import load_cell
-from common.frames import quaternion_from_R, rotation_from_vector
-from common.payload import Payload, predict
-from common.requests import Reply
-from services.wrench.recording import COLUMNS, read_recording
+from cli.calibration.verb import Fate
+from common.config.calibration import CalibrationSection
+from common.config.load import load_cell
+from common.config.payload import Payload, predict
+from common.motion.frames import quaternion_from_R, rotation_from_vector
+from forcemesh.requests import Reply
+from identification.recording import COLUMNS, read_recording
 from tests.fakes.bench import DEMO, HALF_RATES
 from tests.fakes.calibration import HOME_RAD, CalibrationLab
 
@@ -49,7 +49,7 @@ def lab(tmp_path, monkeypatch) -> CalibrationLab:
     def open_bus(_cell: Any, _role: str, *, patience_s: float) -> Iterator[Any]:
         yield found.bus
 
-    monkeypatch.setattr("common.bus.open_bus", open_bus)
+    monkeypatch.setattr("common.bus.zenoh_bus.open_bus", open_bus)
     return found
 
 

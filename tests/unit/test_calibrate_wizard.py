@@ -7,18 +7,18 @@ import numpy as np
 import pytest
 
 from cli.calibration.by_arm import drive
-from cli.calibration.evidence import evidence_of, findings_of
-from cli.calibration.plan import Plan
-from cli.calibration.rows import of_purpose
-from cli.calibration.verdict import Bounds
 from cli.calibration.wizard import Pace, Wizard
 from cli.context import INTERRUPTED
-from common import topics
-from common.config import load_cell
-from common.frames import R_from_quaternion
-from common.messages import ArbiterStatus
-from common.payload import Payload, predict
-from common.requests import ArmRequest, Empty, ForceStartRequest, HoldRequest
+from common.config.load import load_cell
+from common.config.payload import Payload, predict
+from common.motion.frames import R_from_quaternion
+from forcemesh import topics
+from forcemesh.messages import ArbiterStatus
+from forcemesh.requests import ArmRequest, Empty, ForceStartRequest, HoldRequest
+from identification.dwells import of_purpose
+from identification.evidence import evidence_of, findings_of
+from identification.excitation.plan import Plan
+from identification.verification import Bounds
 from sim.robot.ft_sensor import FtSample
 from tests.fakes.bench import DEMO
 from tests.fakes.calibration import FAST, HOME_RAD, QUICK, CalibrationLab, demo_cell

@@ -9,10 +9,10 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.calibration import CalibrationSection, PayloadSection, Residuals
-from common.cell_terms import FrameSection
-from common.config import calibration_file, cell_hash, dump_cell, load_cell
-from common.errors import ConfigError, DataError
+from common.config.calibration import CalibrationSection, PayloadSection, Residuals
+from common.config.cell_terms import FrameSection
+from common.config.load import calibration_file, cell_hash, dump_cell, load_cell
+from forcemesh.errors import ConfigError, DataError
 
 DEMO = Path(__file__).parents[2] / "cells" / "demo.yaml"
 NOTHING_LEFT = Residuals(

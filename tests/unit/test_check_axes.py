@@ -6,7 +6,7 @@ import pytest
 from typer.testing import CliRunner
 
 from cli.__main__ import app
-from services.wrench.installation_fit import SIGNED
+from identification.installation.axis_fit import SIGNED
 from tests.fakes.installations import recorded
 
 

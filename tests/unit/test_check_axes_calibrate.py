@@ -5,13 +5,13 @@ import pytest
 from typer.testing import CliRunner
 
 from cli.__main__ import app
-from cli.calibration.errors import CalibrationError
 from cli.calibration.finish import Job
 from cli.calibration.installed import refuse_wrong_axes
 from cli.calibration.places import Places
-from cli.calibration.rows import Dwell
-from cli.calibration.verdict import Bounds
-from services.wrench.installation_fit import SIGNED
+from identification.dwells import Dwell
+from identification.errors import CalibrationError
+from identification.installation.axis_fit import SIGNED
+from identification.verification import Bounds
 from tests.fakes.bench import CELL
 from tests.fakes.installations import PAYLOAD, TRUTH, readings, recorded
 

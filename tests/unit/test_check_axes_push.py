@@ -5,13 +5,13 @@ import re
 import numpy as np
 import pytest
 
-from cli.calibration.errors import CalibrationError
-from cli.check_axes_push import PushTest
-from cli.virtual import VirtualCell
-from common import topics
-from common.requests import ArmRequest
-from services.wrench.installation_fit import SIGNED
-from services.wrench.installation_terms import Belief
+from cli.check_axes.push import PushTest
+from forcemesh import topics
+from forcemesh.requests import ArmRequest
+from identification.errors import CalibrationError
+from identification.installation.axis_fit import SIGNED
+from identification.installation.terms import Belief
+from launch.virtual_cell import VirtualCell
 from sim.robot.ft_sensor import FtSample
 from tests.fakes.bench import CELL, HALF_CELL
 

@@ -9,7 +9,7 @@ from typer.testing import CliRunner, Result
 from cli.__main__ import app
 from cli.config_verbs import TEMPLATES
 from cli.context import OK, USAGE
-from common.config import load_cell
+from common.config.load import load_cell
 
 ROOT = Path(__file__).resolve().parents[2]
 DEMO = ROOT / "cells" / "demo.yaml"

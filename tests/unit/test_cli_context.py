@@ -13,7 +13,7 @@ from cli.context import (
     USAGE,
     one_line_errors,
 )
-from common.errors import (
+from forcemesh.errors import (
     BusError,
     ConfigError,
     DataError,
@@ -21,7 +21,7 @@ from common.errors import (
     LostError,
     RefusedError,
 )
-from common.requests import ForceStartRequest
+from forcemesh.requests import ForceStartRequest
 
 ROWS: tuple[tuple[Exception, int, str], ...] = (
     (ConfigError("cell.yaml", ["wrong"]), USAGE, "cell.yaml: wrong"),

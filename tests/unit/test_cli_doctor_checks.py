@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cli import doctor_checks as checks
-from cli.doctor_checks import Line, RoleHeard
-from cli.doctor_remedies import BITS, FAULTS, REMEDIES
-from common.packet_table import STATUS_SPAN, Status
+from cli.doctor import checks
+from cli.doctor.checks import Line, RoleHeard
+from cli.doctor.remedies import BITS, FAULTS, REMEDIES
+from controller.packet_table import STATUS_SPAN, Status
 from services.gateway.round_trips import Spread
 from services.gateway.scales import Scales
 

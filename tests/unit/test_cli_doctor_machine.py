@@ -9,8 +9,8 @@ from typing import Any
 
 import pytest
 
-from cli.doctor_checks import Line, RoleHeard, check_role
-from cli.doctor_machine import (
+from cli.doctor.checks import Line, RoleHeard, check_role
+from cli.doctor.machine import (
     Naps,
     check_calibration,
     check_clock,
@@ -20,10 +20,10 @@ from cli.doctor_machine import (
     is_local,
     machine_lines,
 )
-from cli.doctor_sensor import Stream, check_device, check_stream_of, listen, sensor_line
-from common.calibration import CalibrationSection, PayloadSection, Residuals
-from common.cell import Cell
-from common.config import load_cell
+from cli.doctor.sensor import Stream, check_device, check_stream_of, listen, sensor_line
+from common.config.calibration import CalibrationSection, PayloadSection, Residuals
+from common.config.cell import Cell
+from common.config.load import load_cell
 from services.sensor.rdt import RECORD, REQUEST, Command, Record
 
 CELLS = Path(__file__).resolve().parents[2] / "cells"

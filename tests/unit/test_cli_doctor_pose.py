@@ -9,12 +9,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cli.doctor_checks import Line
-from cli.doctor_pose import Frames, check_pose, model_of
-from cli.doctor_remedies import REMEDIES
-from common.frames import Oat, R_from_oat, oat_from_R
+from cli.doctor.checks import Line
+from cli.doctor.pose import Frames, check_pose, model_of
+from cli.doctor.remedies import REMEDIES
+from common.motion.frames import Oat, R_from_oat, oat_from_R
+from common.motion.kinematics import ArmKinematics
 from services.gateway.scales import Scales
-from sim.robot.kinematics import ArmKinematics
 
 FRAMES = Frames(
     pin.SE3(np.eye(3), np.array([0.0, 0.0, 0.16])),

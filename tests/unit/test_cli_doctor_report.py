@@ -5,23 +5,23 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cli import doctor
 from cli.context import NO_ANSWER, NOT_WELL, OK, USAGE
-from cli.doctor_bus import Overheard
-from cli.doctor_checks import Line, RoleHeard, trouble
-from cli.doctor_link import Heard, Visit
-from cli.doctor_remedies import REMEDIES
-from cli.doctor_report import REST, WAY, bus_lines, link_lines, status_of, unused_lines
-from common import topics
-from common.cell import Cell
-from common.config import load_cell
-from common.messages import Health, LinkHealth, RobotState, RobotStatus
-from common.packet import Packet
-from common.packet_table import ID_FIRST, Com, Status, greeting
+from cli.doctor import verb as doctor
+from cli.doctor.bus import Overheard
+from cli.doctor.checks import Line, RoleHeard, trouble
+from cli.doctor.link import Heard, Visit
+from cli.doctor.remedies import REMEDIES
+from cli.doctor.report import REST, WAY, bus_lines, link_lines, status_of, unused_lines
+from common.config.cell import Cell
+from common.config.load import load_cell
+from common.motion.kinematics import ArmKinematics
+from controller.packet import Packet
+from controller.packet_table import ID_FIRST, Com, Status, greeting
+from forcemesh import topics
+from forcemesh.messages import Health, LinkHealth, RobotState, RobotStatus
 from services.gateway.reports import HealthReport, JointReport, PoseReport
 from services.gateway.round_trips import Spread
 from services.gateway.service import scales_of
-from sim.robot.kinematics import ArmKinematics
 
 CELLS = Path(__file__).resolve().parents[2] / "cells"
 TCP = load_cell(CELLS / "demo-tcp.yaml")

@@ -11,21 +11,21 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from chaos.common_net import free_port
-from cli import doctor_link
 from cli.__main__ import app
 from cli.context import NO_ANSWER, NOT_WELL, OK, USAGE
-from cli.doctor_bus import listen
-from cli.doctor_link import Patience
-from cli.processes import Supervisor
-from cli.runfile import FOLDER_VARIABLE, new_run, write_run
-from cli.running import Process
-from common import topics
-from common.bus import ENDPOINT_VARIABLE, open_bus
-from common.cell import Cell
-from common.config import cell_hash, dump_cell, load_cell
-from common.messages import Health, RobotState
-from common.packet_table import Status
+from cli.doctor import link as doctor_link
+from cli.doctor.bus import listen
+from cli.doctor.link import Patience
+from common.bus.zenoh_bus import ENDPOINT_VARIABLE, open_bus
+from common.config.cell import Cell
+from common.config.load import cell_hash, dump_cell, load_cell
+from controller.packet_table import Status
+from forcemesh import topics
+from forcemesh.messages import Health, RobotState
+from launch.processes import Supervisor
+from launch.run_file import FOLDER_VARIABLE, new_run, write_run
+from launch.started_process import Process
+from tests.chaos.common_net import free_port
 from tests.fakes.controller import FakeController
 
 pytestmark = pytest.mark.realtime

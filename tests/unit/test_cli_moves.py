@@ -5,7 +5,7 @@ from typer.testing import CliRunner
 
 from cli.__main__ import app
 from common.client import ArmStoppedError, Cell, Move
-from common.requests import MoveRequest
+from forcemesh.requests import MoveRequest
 from tests.fakes.lab import Lab
 
 

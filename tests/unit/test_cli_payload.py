@@ -10,9 +10,9 @@ import pytest
 from typer.testing import CliRunner
 
 from cli.payload import app
-from common.frames import quaternion_from_R, rotation_from_vector
-from common.payload import Drift, Payload, load, predict
-from services.wrench.recording import COLUMNS
+from common.config.payload import Drift, Payload, load, predict
+from common.motion.frames import quaternion_from_R, rotation_from_vector
+from identification.recording import COLUMNS
 
 EYE = np.eye(3)
 TRUTH = Payload(1.5, (0.02, -0.012, 0.085), (1.0, -2.0, 3.0), (0.1, 0.2, -0.3))

@@ -13,14 +13,13 @@ from typer.testing import CliRunner, Result
 
 from cli.__main__ import app
 from cli.context import CELL_VARIABLE, NO_ANSWER, NOT_WELL, OK, REFUSED, USAGE
-from cli.runfile import FOLDER_VARIABLE
-from common import topics
-from common.bus import ENDPOINT_VARIABLE, open_hub
-from common.cell import Cell as CellFile
+from common.bus.zenoh_bus import ENDPOINT_VARIABLE, open_hub
 from common.client import Cell, LostError
-from common.config import dump_cell, load_cell
-from common.faults import FAULTS
-from common.messages import (
+from common.config.cell import Cell as CellFile
+from common.config.load import dump_cell, load_cell
+from forcemesh import topics
+from forcemesh.faults import FAULTS
+from forcemesh.messages import (
     ArbiterStatus,
     ArmPurpose,
     GoalReport,
@@ -29,7 +28,8 @@ from common.messages import (
     Speed,
     WrenchAtTcp,
 )
-from common.requests import ArmRequest, BackOffRequest, MoveRequest, Reply
+from forcemesh.requests import ArmRequest, BackOffRequest, MoveRequest, Reply
+from launch.run_file import FOLDER_VARIABLE
 
 pytestmark = pytest.mark.realtime
 

@@ -8,7 +8,9 @@ from pathlib import Path
 import pytest
 
 from cli.context import default_cell_file, find_cell_file, live_cell
-from cli.runfile import (
+from common.config.load import cell_hash, dump_cell
+from forcemesh.errors import ConfigError
+from launch.run_file import (
     FOLDER_VARIABLE,
     Ended,
     Entry,
@@ -22,8 +24,6 @@ from cli.runfile import (
     writable_folder,
     write_run,
 )
-from common.config import cell_hash, dump_cell
-from common.errors import ConfigError
 from tests.fakes.bench import CELL
 
 
@@ -109,7 +109,7 @@ def test_a_folder_that_cannot_be_made_falls_back_to_the_temporary_one(
     """A read-only image still has run files; nobody else may write there."""
     monkeypatch.delenv(FOLDER_VARIABLE)
     (tmp_path / "file").touch()
-    monkeypatch.setattr("cli.runfile.ROOT", tmp_path / "file")
+    monkeypatch.setattr("launch.run_file.ROOT", tmp_path / "file")
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     folder = writable_folder()
     assert folder.parent == tmp_path

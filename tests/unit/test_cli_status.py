@@ -11,20 +11,20 @@ from pathlib import Path
 
 import pytest
 
-from cli.cellview import CellView
-from cli.doctor_bus import listen
-from cli.processes import Supervisor
+from cli.doctor.bus import listen
 from cli.record import recorder_beside
-from cli.runfile import FOLDER_VARIABLE, read_run
-from cli.running import Process
 from cli.status import DOWN, CellStatus, cell_status, is_well, restarts_of
-from common import topics
-from common.bus import ENDPOINT_VARIABLE, open_bus
-from common.cell import Cell
-from common.config import dump_cell, load_cell
-from common.endpoints import Bus
-from common.errors import ForcemeshError
-from common.messages import ArbiterStatus, Health, SensorWrench
+from common.bus.zenoh_bus import ENDPOINT_VARIABLE, open_bus
+from common.config.cell import Cell
+from common.config.load import dump_cell, load_cell
+from forcemesh import topics
+from forcemesh.bus import Bus
+from forcemesh.errors import ForcemeshError
+from forcemesh.messages import ArbiterStatus, Health, SensorWrench
+from launch.cell_view import CellView
+from launch.processes import Supervisor
+from launch.run_file import FOLDER_VARIABLE, read_run
+from launch.started_process import Process
 
 ROOT = Path(__file__).resolve().parents[2]
 HUB = Process("services.hub", ("hub",))
@@ -113,7 +113,7 @@ def test_a_helper_that_was_started_stays_in_the_list(
     cell: Cell, number: signal.Signals, says: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """One that froze, or died too often to be started again, is missing: the cell is not well."""
-    monkeypatch.setattr("cli.revive.MOST", 1)
+    monkeypatch.setattr("launch.restart.MOST", 1)
     with Supervisor(cell, processes=[HUB]) as supervisor, recorder_beside(supervisor):
         run = read_run(cell.cell)
         assert run is not None

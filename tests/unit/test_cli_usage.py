@@ -12,10 +12,10 @@ from typer.testing import CliRunner, Result
 
 from cli.__main__ import app
 from cli.context import CELL_VARIABLE, NO_ANSWER, OK, USAGE
-from cli.runfile import FOLDER_VARIABLE
-from common import topics
-from common.bus import ENDPOINT_VARIABLE
-from common.config import dump_cell, load_cell
+from common.bus.zenoh_bus import ENDPOINT_VARIABLE
+from common.config.load import dump_cell, load_cell
+from forcemesh import topics
+from launch.run_file import FOLDER_VARIABLE
 
 ROOT = Path(__file__).resolve().parents[2]
 

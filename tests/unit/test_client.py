@@ -7,7 +7,6 @@ from typing import Literal
 
 import pytest
 
-from common import topics
 from common.client import (
     ArmStoppedError,
     Cell,
@@ -18,11 +17,12 @@ from common.client import (
     NotValidError,
     RefusedError,
 )
-from common.convert import pose_of
-from common.faults import FAULTS
-from common.frames import rotation_between
-from common.messages import Gains, PoseRecord
-from common.requests import Empty, HoldRequest, MoveRequest
+from common.motion.convert import pose_of
+from common.motion.frames import rotation_between
+from forcemesh import topics
+from forcemesh.faults import FAULTS
+from forcemesh.messages import Gains, PoseRecord
+from forcemesh.requests import Empty, HoldRequest, MoveRequest
 from tests.fakes.lab import Lab
 
 SELDOM_NS = 30_000_000

@@ -6,9 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from common.client import turning
-from common.convert import pose_of, record_of
-from common.frames import Oat, R_from_oat, R_from_quaternion, pose, rotation_from_vector
-from common.messages import PoseRecord, Vec3
+from common.motion.convert import pose_of, record_of
+from common.motion.frames import Oat, R_from_oat, R_from_quaternion, pose, rotation_from_vector
+from forcemesh.messages import PoseRecord, Vec3
 
 METRES = st.tuples(*[st.floats(-2.0, 2.0)] * 3)
 RADIANS = st.tuples(*[st.floats(-1.7, 1.7)] * 3)

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from common import topics
-from common.clock import ManualClock
-from common.config import load_cell
-from common.endpoints import Bus
-from common.memory import MemoryTransport
+from common.bus.memory_bus import MemoryTransport
+from common.config.load import load_cell
+from forcemesh import topics
+from forcemesh.bus import Bus
+from forcemesh.clock import ManualClock
 from tools.compose_rig import MOST_REPEATS, Operator, PromiseError
 
 ROOT = Path(__file__).resolve().parents[2]

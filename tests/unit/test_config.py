@@ -9,9 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import BaseModel
 
-from common.cell import Cell
-from common.config import calibration_file, cell_from_tree, cell_hash, dump_cell, load_cell
-from common.errors import ConfigError
+from common.config.cell import Cell
+from common.config.load import calibration_file, cell_from_tree, cell_hash, dump_cell, load_cell
+from forcemesh.errors import ConfigError
 
 ROOT = Path(__file__).resolve().parents[2]
 CELLS = sorted((ROOT / "cells").glob("*.yaml"))

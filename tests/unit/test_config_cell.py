@@ -8,10 +8,10 @@ from typing import Any
 import pytest
 import yaml
 
-from common.cell import FARTHEST_M, SETPOINT_SHARE, SLOWEST_INERTIAL_HZ, Cell
-from common.config import TUNED, calibration_file, cell_from_tree, dump_cell, load_cell
-from common.errors import ConfigError
-from common.plausible import COUNTS_MOST, LONGEST_LEVER_M, SLOWEST_DEG_S
+from common.config.cell import FARTHEST_M, SETPOINT_SHARE, SLOWEST_INERTIAL_HZ, Cell
+from common.config.load import TUNED, calibration_file, cell_from_tree, dump_cell, load_cell
+from forcemesh.errors import ConfigError
+from forcemesh.units import COUNTS_MOST, LONGEST_LEVER_M, SLOWEST_DEG_S
 
 DEMO = Path(__file__).resolve().parents[2] / "cells" / "demo.yaml"
 DEMO_CELL = load_cell(DEMO)

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 import yaml
 
-from common.topics import HELPER_HEALTH, HELPERS, ROLES
+from forcemesh.topics import HELPER_HEALTH, HELPERS, ROLES
 from tests.fakes.compose_file import (
     CELL,
     COMPOSE,
@@ -89,10 +89,10 @@ def test_container_runs_the_module_of_its_name(name: str) -> None:
 def test_health_of_a_container_is_its_own_heartbeat(name: str) -> None:
     """A few lines of shell read the file that its process writes: no Python, nothing of the bus."""
     entry = SERVICES[name]
-    assert entry["healthcheck"]["test"] == ["CMD", "sh", "common/alive.sh", "watch"]
+    assert entry["healthcheck"]["test"] == ["CMD", "sh", "common/runtime/alive.sh", "watch"]
     named = entry["environment"]["FORCEMESH_HEARTBEAT"]
     assert named.startswith("/tmp/")  # noqa: S108 - in the container, in memory
-    assert "python" not in (ROOT / "common" / "alive.sh").read_text(encoding="utf-8")
+    assert "python" not in (ROOT / "common" / "runtime" / "alive.sh").read_text(encoding="utf-8")
 
 
 def test_health_is_known_well_within_half_a_minute() -> None:

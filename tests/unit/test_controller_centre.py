@@ -4,8 +4,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from common.frames import rotation_between
-from common.packet_table import Com, Point, Status
+from common.motion.frames import rotation_between
+from controller.packet_table import Com, Point, Status
 from tests.fakes.controller_talk import Talk
 
 PERIOD_S = 0.02

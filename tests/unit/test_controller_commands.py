@@ -4,9 +4,9 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from common.frames import rotation_between
-from common.packet import VecInt
-from common.packet_table import Bank, Com, Status
+from common.motion.frames import rotation_between
+from controller.packet import VecInt
+from controller.packet_table import Bank, Com, Status
 from tests.fakes.controller_talk import LIMITS, MOTION, SCALES, Talk
 
 MOVE = (Com.MOVE_BY_JOINTS, (250, 0, 0, 0, 0, 0))

@@ -8,8 +8,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from common.packet import Packet, VecInt, encode
-from common.packet_table import ID_FIRST, Com, Status
+from controller.packet import Packet, VecInt, encode
+from controller.packet_table import ID_FIRST, Com, Status
 from sim.controller.behaviour import Behaviour, pessimistic
 from sim.controller.network import LOOPBACK
 from tests.fakes.controller_talk import (

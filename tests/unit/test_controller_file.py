@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from common.packet_table import COMMANDS, GAIN_I, GAIN_P, TABLE, Com, Row
+from controller.packet_table import COMMANDS, GAIN_I, GAIN_P, TABLE, Com, Row
 from sim.controller.lint import check_text
 from tests.fakes.controller_talk import codes_of
 

@@ -13,9 +13,9 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from common.frames import rotation_between
-from common.packet import FRAME_STRIDE, Packet, VecInt, encode
-from common.packet_table import Com, next_id
+from common.motion.frames import rotation_between
+from controller.packet import FRAME_STRIDE, Packet, VecInt, encode
+from controller.packet_table import Com, next_id
 from tests.fakes.controller_talk import LIMITS, SCALES, Talk
 
 TCP_MM = np.array([0.0, 0.0, 160.0])

@@ -4,7 +4,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from common.packet_table import ID_FIRST, Com, Status
+from controller.packet_table import ID_FIRST, Com, Status
 from sim.controller.behaviour import Behaviour, pessimistic
 from sim.controller.errors import AsError
 from sim.controller.machine import Machine

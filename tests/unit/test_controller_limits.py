@@ -4,9 +4,9 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from common.frames import rotation_between
-from common.packet import ZERO_VEC, VecInt
-from common.packet_table import Com, Point, Status
+from common.motion.frames import rotation_between
+from controller.packet import ZERO_VEC, VecInt
+from controller.packet_table import Com, Point, Status
 from tests.fakes.controller_talk import (
     LIMITS,
     LOWER,

@@ -6,9 +6,9 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from common.frames import rotation_between
-from common.packet import VecInt
-from common.packet_table import COUNTER_SPAN, ID_FIRST, Com, Point, Status, unpack_status
+from common.motion.frames import rotation_between
+from controller.packet import VecInt
+from controller.packet_table import COUNTER_SPAN, ID_FIRST, Com, Point, Status, unpack_status
 from tests.fakes.controller_talk import SCALES, Talk
 
 OTHER: VecInt = (20, 200, 100, 10, 100, 5)

@@ -6,9 +6,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from common.errors import RemoteProtocolError
-from common.packet import FRAME_STRIDE, PACKET_CHARS, ZERO_VEC, Packet, PacketReader, VecInt, encode
-from common.packet_table import (
+from controller.packet import (
+    FRAME_STRIDE,
+    PACKET_CHARS,
+    ZERO_VEC,
+    Packet,
+    PacketReader,
+    VecInt,
+    encode,
+)
+from controller.packet_table import (
     COMMANDS,
     GAIN_I,
     GAIN_P,
@@ -20,6 +27,7 @@ from common.packet_table import (
     known,
     next_id,
 )
+from forcemesh.errors import RemoteProtocolError
 from tests.fakes.controller_talk import HELLO_PARAM, LIMITS, NO_TCP, SCALES, SET_UP, Talk
 
 LEAST: VecInt = (10, 100, 50, 1, 10, 1)

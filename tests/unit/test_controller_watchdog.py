@@ -5,8 +5,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from common.packet import VecInt
-from common.packet_table import ID_FIRST, Com, Status
+from controller.packet import VecInt
+from controller.packet_table import ID_FIRST, Com, Status
 from sim.controller.behaviour import Behaviour, pessimistic
 from sim.controller.errors import AsError
 from tests.fakes.controller_talk import LIMITS, QUICK, Talk

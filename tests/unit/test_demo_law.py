@@ -6,11 +6,11 @@ import pytest
 from typer.testing import CliRunner
 
 from cli.__main__ import app
-from cli.demo_cell import Trial, demo_cell, surface_of
-from cli.demo_play import play_virtual
-from cli.measures import measure
-from cli.scenario import Plan
-from services.regulator.tuning import tune
+from cli.demo.cell import Trial, demo_cell, surface_of
+from cli.demo.measures import measure
+from cli.demo.play import play_virtual
+from cli.demo.scenario import Plan
+from tuning.gain_rule import tune
 
 CELL = Path(__file__).parents[2] / "cells" / "demo.yaml"
 

@@ -5,13 +5,14 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from cli import demo_play, demo_report
 from cli.__main__ import app
-from cli.demo_cell import Trial, check_plan, demo_cell, surface_of
-from cli.measures import measure
-from cli.scenario import Plan
-from common.errors import ConfigError
-from services.regulator.tuning import tune
+from cli.demo import play as demo_play
+from cli.demo import result as demo_report
+from cli.demo.cell import Trial, check_plan, demo_cell, surface_of
+from cli.demo.measures import measure
+from cli.demo.scenario import Plan
+from forcemesh.errors import ConfigError
+from tuning.gain_rule import tune
 
 CELLS = Path(__file__).parents[2] / "cells"
 

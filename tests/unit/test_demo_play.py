@@ -5,10 +5,10 @@ from pathlib import Path
 
 import pytest
 
-from cli import demo_play
-from cli.scenario import Plan, ScenarioError
-from common.config import load_cell
-from common.errors import BusError, ForcemeshError
+from cli.demo import play as demo_play
+from cli.demo.scenario import Plan, ScenarioError
+from common.config.load import load_cell
+from forcemesh.errors import BusError, ForcemeshError
 
 CELL = Path(__file__).parents[2] / "cells" / "demo.yaml"
 UNHEARD = "arbiter did not answer demo/arbiter/arm within 2 s"
@@ -43,8 +43,8 @@ def play(monkeypatch: pytest.MonkeyPatch, mourners: Mourners) -> ForcemeshError:
     def unheard(_scenario: object) -> None:
         raise BusError(UNHEARD)
 
-    monkeypatch.setattr("cli.processes.Supervisor", lambda _cell: mourners)
-    monkeypatch.setattr("common.bus.open_bus", lambda *_: nullcontext())
+    monkeypatch.setattr("launch.processes.Supervisor", lambda _cell: mourners)
+    monkeypatch.setattr("common.bus.zenoh_bus.open_bus", lambda *_: nullcontext())
     monkeypatch.setattr(demo_play, "Scenario", lambda *_, **__: type("S", (), {"run": unheard})())
     with pytest.raises(ForcemeshError) as caught:
         demo_play.play_real(load_cell(CELL), Plan(), lambda *_: None, 7.0)

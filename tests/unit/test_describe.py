@@ -12,14 +12,14 @@ import pytest
 import zenoh
 from jsonschema import Draft202012Validator
 
-from cli.virtual import VirtualCell
-from common.bus import open_hub
+from common.bus.zenoh_bus import open_hub
 from common.client import Cell
-from common.codec import Header, encode, encode_record
-from common.config import load_cell
-from common.describe import Describer, describe, topic_schema
-from common.requests import Reply
-from common.topics import REQUESTS, TOPICS, Request, Topic
+from common.config.load import load_cell
+from forcemesh.codec import Header, encode, encode_record
+from forcemesh.requests import Reply
+from forcemesh.schema import Describer, describe, topic_schema
+from forcemesh.topics import REQUESTS, TOPICS, Request, Topic
+from launch.virtual_cell import VirtualCell
 from tests.fakes.bench import CELL
 from tests.fakes.records import full
 from tools.schema_page import PAGE, page

@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from common import topics
 from common.client import Cell
-from common.config import load_cell
-from common.convert import vec3
-from common.messages import Host
-from common.requests import ForceStartRequest
+from common.config.load import load_cell
+from common.motion.convert import vec3
+from forcemesh import topics
+from forcemesh.messages import Host
+from forcemesh.requests import ForceStartRequest
 from sim.controller.machine import Machine
 from sim.controller.pendant import Pendant
 from sim.controller.service import ControllerSensor

@@ -7,15 +7,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common import topics
-from common.clock import ManualClock
-from common.codec import encode
-from common.config import load_cell
-from common.endpoints import Bus, Origin, Reading
-from common.errors import BusError
-from common.memory import MemoryTransport
-from common.messages import SensorWrench, WrenchAtTcp
-from common.topics import CLIENT, HELPERS, REQUESTS, ROLES, TOPICS, Request, Topic
+from common.bus.memory_bus import MemoryTransport
+from common.config.load import load_cell
+from forcemesh import topics
+from forcemesh.bus import Bus, Origin, Reading
+from forcemesh.clock import ManualClock
+from forcemesh.codec import encode
+from forcemesh.errors import BusError
+from forcemesh.messages import SensorWrench, WrenchAtTcp
+from forcemesh.topics import CLIENT, HELPERS, REQUESTS, ROLES, TOPICS, Request, Topic
 from tests.fakes.line import STALE_S, Line
 
 CELL = load_cell(Path(__file__).resolve().parents[2] / "cells" / "demo.yaml")

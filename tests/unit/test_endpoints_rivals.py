@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.faults import FAULTS
+from forcemesh.faults import FAULTS
 from tests.fakes.line import STALE_S, Line
 
 MS = 1_000_000

@@ -4,7 +4,7 @@ import pickle
 
 import pytest
 
-from common import errors
+from forcemesh import errors
 
 MADE = [
     errors.ConfigError("cell.yaml", ["rates: too fast", "tool: no name"]),

@@ -13,13 +13,13 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from common import topics
-from common.calibration import CalibrationSection
-from common.codec import decode_record, encode_record
-from common.limits import Limits
-from common.memory import MemoryCall
-from common.messages import GOES_ON
-from common.requests import CalibrationRequest, Empty, HoldRequest, PathRequest, Reply
+from common.bus.memory_bus import MemoryCall
+from common.config.calibration import CalibrationSection
+from common.motion.limits import Limits
+from forcemesh import topics
+from forcemesh.codec import decode_record, encode_record
+from forcemesh.messages import GOES_ON
+from forcemesh.requests import CalibrationRequest, Empty, HoldRequest, PathRequest, Reply
 from tests.fakes.bench import CELL
 from tests.fakes.extremes import hostile
 from tests.fakes.lab import BRAKE_S, Lab

@@ -6,13 +6,14 @@ from pathlib import Path
 
 import pytest
 
-from common.codec import MAX_BYTES, encode_record
-from common.errors import RefusedError
-from common.faults import FAULTS, MOST_BYTES, Fault, refusal, refused, tripped
+from forcemesh.codec import MAX_BYTES, encode_record
+from forcemesh.errors import RefusedError
+from forcemesh.faults import FAULTS, MOST_BYTES, Fault, refusal, refused, tripped
 from tools.faults_page import PAGE, page
+from tools.tree import production_files
 
 ROOT = Path(__file__).parents[2]
-CODE = [p for folder in ("common", "services", "sim", "cli") for p in (ROOT / folder).rglob("*.py")]
+CODE = production_files()
 each_fault = pytest.mark.parametrize("fault", FAULTS.values(), ids=lambda fault: fault.code)
 KINDS_OF_RULES = {
     1: "who is heard",
@@ -65,7 +66,7 @@ def test_the_page_is_the_table() -> None:
 
 def test_trips_and_refusals_are_made_by_the_dictionary_alone() -> None:
     """Nothing else makes a Trip, or a Reply that says no."""
-    home = ROOT / "common" / "faults.py"
+    home = ROOT / "forcemesh" / "faults.py"
     assert {path for path, _ in calls("Trip")} == {home}
     for path, call in calls("Reply"):
         said = next((k.value for k in call.keywords if k.arg == "accepted"), None)

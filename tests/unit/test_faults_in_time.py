@@ -2,7 +2,7 @@
 
 import pytest
 
-from common.faults import FAULTS
+from forcemesh.faults import FAULTS
 from services.arbiter.reports import MOST_TRIPS
 from tests.fakes.cellmates import Cellmates
 from tests.fakes.provoked import IN_MOTION

@@ -12,19 +12,19 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from common import topics
-from common.config import cell_from_tree
-from common.faults import FAULTS
-from common.guard import Guard
-from common.limits import check_joint_speed, check_step, check_tether, check_workspace
-from common.memory import MemoryCall
-from common.messages import (
+from common.bus.memory_bus import MemoryCall
+from common.config.load import cell_from_tree
+from common.motion.last_check import Guard
+from common.motion.limits import check_joint_speed, check_step, check_tether, check_workspace
+from common.motion.setpoint_monitor import StreamBudget
+from common.motion.tracking import Tracking
+from forcemesh import topics
+from forcemesh.faults import FAULTS
+from forcemesh.messages import (
     Speed,
 )
-from common.reader import RESTART_S
-from common.requests import ArmRequest, BackOffRequest, MoveRequest
-from common.stream_budget import StreamBudget
-from common.tracking import Tracking
+from forcemesh.reader import RESTART_S
+from forcemesh.requests import ArmRequest, BackOffRequest, MoveRequest
 from tests.fakes.arbiter_world import MOVE_DOWN, World
 from tests.fakes.bench import CELL
 from tests.fakes.cellmates import Cellmates

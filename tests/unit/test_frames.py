@@ -9,8 +9,8 @@ from hypothesis import assume, example, given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from common.convert import pose_of, record_of
-from common.frames import (
+from common.motion.convert import pose_of, record_of
+from common.motion.frames import (
     POLE_TOLERANCE_RAD,
     Oat,
     R_from_oat,
@@ -26,7 +26,7 @@ from common.frames import (
     unwrap_oat,
     vector_from_rotation,
 )
-from common.messages import PoseRecord
+from forcemesh.messages import PoseRecord
 
 angles = st.floats(-math.pi, math.pi)
 tilts = st.floats(0.0, math.pi)

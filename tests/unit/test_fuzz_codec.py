@@ -4,8 +4,8 @@ import random
 
 import pytest
 
-from common.packet import PACKET_CHARS
-from fuzz import codec
+from controller.packet import PACKET_CHARS
+from tests.fuzz import codec
 
 
 def test_no_bad_packet_is_believed() -> None:

@@ -5,10 +5,10 @@ from pathlib import Path
 
 import pytest
 
-from fuzz import streams
-from fuzz.framer import frame
-from fuzz.seeds import CONVERSATIONS, conversation, gateway_seeds, receiver_seeds
-from fuzz.targets import SEEDS, TARGETS, seeds
+from tests.fuzz import streams
+from tests.fuzz.framer import frame
+from tests.fuzz.seeds import CONVERSATIONS, conversation, gateway_seeds, receiver_seeds
+from tests.fuzz.targets import SEEDS, TARGETS, seeds
 
 
 @pytest.mark.parametrize(
@@ -16,19 +16,19 @@ from fuzz.targets import SEEDS, TARGETS, seeds
 )
 def test_a_seed_keeps_what_its_target_claims(target: str, seed: Path) -> None:
     """The claim is the first paragraph of the target's module."""
-    importlib.import_module(f"fuzz.{target}").check(seed.read_bytes())
+    importlib.import_module(f"tests.fuzz.{target}").check(seed.read_bytes())
 
 
 @pytest.mark.parametrize("target", TARGETS)
 def test_a_target_says_what_it_needs_and_has_seeds_that_fit(target: str) -> None:
     """The fuzzer cuts longer seeds off, which would make something else of them."""
-    module = importlib.import_module(f"fuzz.{target}")
+    module = importlib.import_module(f"tests.fuzz.{target}")
     assert all(len(seed.read_bytes()) <= module.MAX_BYTES for seed in seeds(target))
     assert callable(module.check)
 
 
 def test_the_written_seeds_are_those_of_the_table() -> None:
-    """`python -m fuzz.seeds` has been run since fuzz/seeds.py was changed."""
+    """`python -m tests.fuzz.seeds` has been run since tests/fuzz/seeds.py was changed."""
     for target, table in (("receiver", receiver_seeds()), ("gateway", gateway_seeds())):
         for name, data in table.items():
             assert (SEEDS / target / name).read_bytes() == data

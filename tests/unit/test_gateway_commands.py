@@ -8,11 +8,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.errors import LocalProtocolError, RemoteProtocolError
-from common.frames import Oat, R_from_oat, rotation_between
-from common.messages import Gains, Speed, Vec6
-from common.packet import Packet, PacketReader, encode
-from common.packet_table import ID_FIRST, Com, Point, Status, pack_status
+from common.motion.frames import Oat, R_from_oat, rotation_between
+from controller.packet import Packet, PacketReader, encode
+from controller.packet_table import ID_FIRST, Com, Point, Status, pack_status
+from forcemesh.errors import LocalProtocolError, RemoteProtocolError
+from forcemesh.messages import Gains, Speed, Vec6
 from services.gateway import commands, reports
 from services.gateway.commands import Command, ControllerLimits, PoseCarry
 from services.gateway.scales import SCALE_RANGES, Scales, scales_from_hello

@@ -2,8 +2,8 @@
 
 import pytest
 
-from common.packet import Packet, encode
-from common.packet_table import ID_FIRST, PERCENT, Com, Status, pack_status
+from controller.packet import Packet, encode
+from controller.packet_table import ID_FIRST, PERCENT, Com, Status, pack_status
 from services.gateway.connection import Connection
 from services.gateway.dialogue import Dialogue
 from services.gateway.link import News

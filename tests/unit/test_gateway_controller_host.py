@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from common.messages import Feedback, Gains, WrenchAtTcp
-from common.packet import Packet
-from common.packet_table import Com, Status
+from controller.packet import Packet
+from controller.packet_table import Com, Status
+from forcemesh.messages import Feedback, Gains, WrenchAtTcp
 from tests.contract.rig import pose_goal, shifted
 from tests.fakes.gateway_cell import GatewayCell, a_cell
 

@@ -9,12 +9,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from common.config import load_cell
-from common.faults import tripped
-from common.frames import rotation_between, rotation_from_vector
-from fuzz.judges import Path
-from services.gateway.departures import CatchUp, Departures
+from common.config.load import load_cell
+from common.motion.frames import rotation_between, rotation_from_vector
+from forcemesh.faults import tripped
+from services.gateway.setpoint_shaper import CatchUp, Departures
 from tests.contract.rig import DEMO_CELL, shifted
+from tests.fuzz.judges import Path
 
 CELL = load_cell(DEMO_CELL)
 LIMITS = CELL.limits

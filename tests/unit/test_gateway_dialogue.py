@@ -6,11 +6,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.clock import NS_PER_S
-from common.errors import LocalProtocolError, RemoteProtocolError
-from common.messages import Speed
-from common.packet import Packet, encode
-from common.packet_table import ID_FIRST, ID_LAST, NO_ID, Com, next_id
+from controller.packet import Packet, encode
+from controller.packet_table import ID_FIRST, ID_LAST, NO_ID, Com, next_id
+from forcemesh.clock import NS_PER_S
+from forcemesh.errors import LocalProtocolError, RemoteProtocolError
+from forcemesh.messages import Speed
 from services.gateway import commands
 from services.gateway.commands import Pacing
 from services.gateway.dialogue import Dialogue

@@ -2,9 +2,9 @@
 
 import pytest
 
-from common.errors import LocalProtocolError
-from common.messages import Gains
-from common.packet_table import Status
+from controller.packet_table import Status
+from forcemesh.errors import LocalProtocolError
+from forcemesh.messages import Gains
 from tests.fakes.dialogues import (
     GAINS,
     JOINTS,

@@ -6,10 +6,10 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from common.clock import NS_PER_S
-from common.convert import record_of
-from common.messages import Goal
-from common.packet_table import Status
+from common.motion.convert import record_of
+from controller.packet_table import Status
+from forcemesh.clock import NS_PER_S
+from forcemesh.messages import Goal
 from services.gateway import goals
 from services.gateway.goals import Measured, Track
 from services.gateway.numbering import NONE_YET

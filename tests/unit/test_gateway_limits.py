@@ -6,10 +6,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.clock import NS_PER_S
-from common.packet_table import Com, Status
-from services.gateway.departures import Departures
+from controller.packet_table import Com, Status
+from forcemesh.clock import NS_PER_S
 from services.gateway.service import controller_limits, set_point_step
+from services.gateway.setpoint_shaper import Departures
 from tests.contract.rig import gateway_cell
 from tests.fakes.gateway_world import GatewayWorld, MoodyController
 

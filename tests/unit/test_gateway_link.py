@@ -8,9 +8,9 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from common.clock import NS_PER_S
-from common.packet import PACKET_CHARS, Packet, encode
-from common.packet_table import ID_FIRST
+from controller.packet import PACKET_CHARS, Packet, encode
+from controller.packet_table import ID_FIRST
+from forcemesh.clock import NS_PER_S
 from services.gateway.link import Link, LinkSettings
 from tests.fakes.controller import FakeController
 

@@ -12,7 +12,7 @@ from itertools import pairwise
 
 import pytest
 
-from common.packet import PACKET_CHARS
+from controller.packet import PACKET_CHARS
 from services.gateway.link import RECEIVE_BYTES, RECEIVES_PER_POLL, Link, LinkSettings, News
 from tests.fakes.scripted_socket import THERE, ScriptedSocket
 

@@ -6,10 +6,10 @@ from collections import deque
 
 import pytest
 
-from common import packet_table
-from common.messages import Gains, Goal
-from common.packet import PACKET_CHARS, Packet, encode
-from common.packet_table import ID_FIRST, ID_LAST, Com, Status, pack_status
+from controller import packet_table
+from controller.packet import PACKET_CHARS, Packet, encode
+from controller.packet_table import ID_FIRST, ID_LAST, Com, Status, pack_status
+from forcemesh.messages import Gains, Goal
 from services.gateway.commands import Pacing
 from services.gateway.connection import Connection
 from services.gateway.dialogue import Dialogue

@@ -20,14 +20,14 @@ from hypothesis.stateful import (
     run_state_machine_as_test,
 )
 
-from common.messages import Feedback, Gains, PoseRecord, RobotCommand, WrenchAtTcp
-from common.packet import Packet, encode
-from common.packet_table import ID_FIRST, Com, Status
-from common.permission import CommandGate
-from common.reader import Reader
-from services.gateway.departures import Departures
+from common.motion.permission import CommandGate
+from controller.packet import Packet, encode
+from controller.packet_table import ID_FIRST, Com, Status
+from forcemesh.messages import Feedback, Gains, PoseRecord, RobotCommand, WrenchAtTcp
+from forcemesh.reader import Reader
 from services.gateway.dialogue import Dialogue
 from services.gateway.driver import Driver
+from services.gateway.setpoint_shaper import Departures
 from tests.contract.rig import DEADLINE_S, goal
 from tests.fakes.gateway_world import GatewayWorld
 

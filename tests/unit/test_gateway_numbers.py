@@ -11,15 +11,15 @@ from pydantic import ValidationError
 from typer.testing import CliRunner
 
 from cli.__main__ import app
-from cli.processes import Supervisor
-from cli.runfile import FOLDER_VARIABLE
-from cli.running import Process
 from cli.status import in_words
-from common import topics
-from common.bus import ENDPOINT_VARIABLE, open_bus
-from common.cell import Cell
-from common.config import dump_cell, load_cell
-from common.messages import Health
+from common.bus.zenoh_bus import ENDPOINT_VARIABLE, open_bus
+from common.config.cell import Cell
+from common.config.load import dump_cell, load_cell
+from forcemesh import topics
+from forcemesh.messages import Health
+from launch.processes import Supervisor
+from launch.run_file import FOLDER_VARIABLE
+from launch.started_process import Process
 from tests.fakes.bench import Bench
 
 pytestmark = pytest.mark.realtime

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.clock import NS_PER_S
-from common.packet_table import COMMANDS, Com
+from controller.packet_table import COMMANDS, Com
+from forcemesh.clock import NS_PER_S
 from services.gateway.commands import HEARTBEAT, STOP_FEEDBACK, Command
 from services.gateway.numbering import NONE_YET
 from services.gateway.round_trips import (

@@ -5,8 +5,8 @@ from typing import Any
 
 import pytest
 
-from common.convert import record_of
-from common.packet_table import Com, Status
+from common.motion.convert import record_of
+from controller.packet_table import Com, Status
 from tests.contract.rig import pose_goal, shifted
 from tests.fakes.gateway_cell import GatewayCell, a_cell_on_sockets
 

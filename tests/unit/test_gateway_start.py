@@ -5,11 +5,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from common.cell import Cell
-from common.clock import ManualClock
-from common.endpoints import Bus
-from common.errors import ConfigError
-from common.memory import MemoryTransport
+from common.bus.memory_bus import MemoryTransport
+from common.config.cell import Cell
+from forcemesh.bus import Bus
+from forcemesh.clock import ManualClock
+from forcemesh.errors import ConfigError
 from services.gateway.scales import SCALE_RANGES
 from services.gateway.service import Gateway
 from tests.contract.rig import gateway_cell, pose_goal, shifted

@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pytest
 
-from common.errors import RemoteProtocolError
-from common.packet_table import Com, Status
+from controller.packet_table import Com, Status
+from forcemesh.errors import RemoteProtocolError
 from services.gateway.dialogue import Dialogue
 from services.gateway.link import Link, LinkSettings
 from services.gateway.reports import Event, HealthReport, HelloReceived, JointReport, PoseReport

@@ -7,9 +7,9 @@ from typing import Any
 
 import pytest
 
-from common.messages import Feedback, Gains, Vec3
-from common.packet import Packet
-from common.packet_table import FEEDBACK_BITS, Com, FeedbackSwitch
+from controller.packet import Packet
+from controller.packet_table import FEEDBACK_BITS, Com, FeedbackSwitch
+from forcemesh.messages import Feedback, Gains, Vec3
 from services.gateway.driver import CENTRE_STEP_M
 from tests.fakes.gateway_world import GatewayWorld, MoodyController
 

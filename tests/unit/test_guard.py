@@ -6,13 +6,13 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from common.clock import NS_PER_S
-from common.config import load_cell
-from common.convert import record_of
-from common.frames import rotation_from_vector
-from common.guard import Guard
-from common.limits import Limits
-from common.messages import Goal, Speed, Trip
+from common.config.load import load_cell
+from common.motion.convert import record_of
+from common.motion.frames import rotation_from_vector
+from common.motion.last_check import Guard
+from common.motion.limits import Limits
+from forcemesh.clock import NS_PER_S
+from forcemesh.messages import Goal, Speed, Trip
 from tests.contract.rig import DEMO_CELL, shifted
 
 CHANGES = {

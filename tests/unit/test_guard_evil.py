@@ -8,11 +8,12 @@ from typing import Any
 
 import pytest
 
-from common.guard import Guard
-from common.stream_budget import StreamBudget
-from fuzz import commands, evil
-from fuzz.judges import allowance
-from services.gateway.departures import Departures
+from common.motion.last_check import Guard
+from common.motion.setpoint_monitor import StreamBudget
+from services.gateway.setpoint_shaper import Departures
+from tests.fuzz import commands
+from tests.fuzz import hostile_arbiter as evil
+from tests.fuzz.judges import allowance
 
 AS_IT_CAME = (Departures, "share")  # of its way that may leave
 IN_ONE = (Departures, "_share_of_step")

@@ -11,11 +11,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from common.config import load_cell
-from common.convert import record_of
-from common.frames import Array
-from common.guard import Guard
-from common.messages import Feedback, Gains, Goal, Speed, Trip, Vec6, WrenchAtTcp
+from common.config.load import load_cell
+from common.motion.convert import record_of
+from common.motion.frames import Array
+from common.motion.last_check import Guard
+from forcemesh.messages import Feedback, Gains, Goal, Speed, Trip, Vec6, WrenchAtTcp
 from tests.contract.rig import DEMO_CELL, shifted
 
 CELL = load_cell(DEMO_CELL, {"limits.tether_m": 0.3})

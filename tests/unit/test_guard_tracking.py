@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from common.config import load_cell
-from common.frames import rotation_from_vector
-from common.tracking import Tracking
+from common.config.load import load_cell
+from common.motion.frames import rotation_from_vector
+from common.motion.tracking import Tracking
 from tests.contract.rig import DEMO_CELL, shifted
 
 CELL = load_cell(DEMO_CELL, {"rates.robot_hz": 50})
@@ -20,7 +20,7 @@ HOME = (0.0, 0.0, -1.5, 0.0, -1.5, 0.0)
 MS = 1_000_000
 REPORT_MS = 20
 LIMIT_M = CELL.limits.tracking_m
-# As common/tracking.py has them; written out, so that a change there is seen here.
+# As common/motion/tracking.py has them; written out, so that a change there is seen here.
 PERIODS = 5
 ALLOWED_S = 2.0 * (CELL.robot.delay_s + CELL.robot.lag_s) + 0.1
 

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from common.heartbeat import LINE_B, Heartbeat, line, since_boot_s
-from common.service import Runner
+from common.runtime.heartbeat import LINE_B, Heartbeat, line, since_boot_s
+from common.runtime.service import Runner
 
 ROOT = Path(__file__).resolve().parents[2]
-SCRIPT = ROOT / "common" / "alive.sh"
+SCRIPT = ROOT / "common" / "runtime" / "alive.sh"
 
 
 def judged(file: Path, *words: str) -> tuple[int, str]:

@@ -5,11 +5,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.errors import DataError
-from common.frames import GRAVITY_M_S2
-from common.payload import Payload, predict
-from services.wrench.identification import identify
-from services.wrench.recording import Samples
+from common.config.payload import Payload, predict
+from common.motion.frames import GRAVITY_M_S2
+from forcemesh.errors import DataError
+from identification.identify import identify
+from identification.recording import Samples
 from tests.fakes.weights import (
     FORCE_NOISE_N,
     QUICK,

@@ -10,19 +10,19 @@ from hypothesis import strategies as st
 from bench.payload import compared, trial
 from bench.payload_peers import kth, lsm
 from bench.payload_worlds import WORLDS, World, read, recording, truth
-from common.frames import R_from_quaternion
-from common.payload import Drift, residual
-from services.wrench.identification import identify
-from services.wrench.least_squares import solve
-from services.wrench.next_pose import next_pose
-from services.wrench.payload_model import (
+from common.config.payload import Drift, residual
+from common.motion.frames import R_from_quaternion
+from identification.identify import identify
+from identification.least_squares import solve
+from identification.next_pose import next_pose
+from identification.payload_model import (
     Model,
     jacobian,
     moved,
     residuals,
     start_state,
 )
-from services.wrench.recording import Samples
+from identification.recording import Samples
 from tests.fakes.weights import QUICK, TRUTH, attitudes, readings, seeds
 
 ALL = Model(tilt=True, mounting=True, gain=True, drift=2)

@@ -7,12 +7,12 @@ import pytest
 import yaml
 from hypothesis import given, settings
 
-from common.calibration import PayloadSection
-from common.errors import DataError
-from common.frames import rotation_from_vector
-from common.payload import Drift, Payload, load, save
-from services.wrench.identification import axes_of, identify, identify_recording
-from services.wrench.recording import Samples
+from common.config.calibration import PayloadSection
+from common.config.payload import Drift, Payload, load, save
+from common.motion.frames import rotation_from_vector
+from forcemesh.errors import DataError
+from identification.identify import axes_of, identify, identify_recording
+from identification.recording import Samples
 from tests.fakes.weights import (
     QUICK,
     TRUTH,

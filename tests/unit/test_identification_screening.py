@@ -7,11 +7,11 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from common.frames import rotation_from_vector
-from services.wrench.identification import identify
-from services.wrench.poses import angle
-from services.wrench.recording import Samples
-from services.wrench.screening import CONTACT, MOVING, SINGLE_RAD, STALE, screen
+from common.motion.frames import rotation_from_vector
+from identification.identify import identify
+from identification.recording import Samples
+from identification.screening import CONTACT, MOVING, SINGLE_RAD, STALE, screen
+from identification.static_poses import angle
 from tests.fakes.weights import QUICK, TRUTH, attitudes, readings, seeds
 
 ROWS = 20

@@ -13,9 +13,9 @@ from typing import Any
 
 import pytest
 
-from common.config import load_cell
-from common.in_use import PATIENCE_S, announce, check, chosen, claim, hold, main, waiting
-from common.in_use_fit import PLAYERS, Choice, misfit, unsafe
+from common.bus.profile_fit import PLAYERS, Choice, misfit, unsafe
+from common.bus.profile_lock import PATIENCE_S, announce, check, chosen, claim, hold, main, waiting
+from common.config.load import load_cell
 
 ROOT = Path(__file__).resolve().parents[2]
 CELLS = ROOT / "cells"
@@ -50,8 +50,8 @@ def process(
 ) -> Iterator[subprocess.Popen[str]]:
     """Run the module in a process of its own, with its volume at `folder`."""
     start = (
-        f"from common import in_use; in_use.PATIENCE_S = {patience_s}; "
-        f"in_use.main({list(words)!r}, Path({str(folder)!r}))"
+        f"from common.bus import profile_lock; profile_lock.PATIENCE_S = {patience_s}; "
+        f"profile_lock.main({list(words)!r}, Path({str(folder)!r}))"
     )
     started = subprocess.Popen(
         [sys.executable, "-c", f"from pathlib import Path; {start}"],
@@ -212,7 +212,7 @@ def test_check_tells_which_profile_is_in_use(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Zero for the one, and for the other one a sentence."""
-    monkeypatch.setattr("common.in_use.PATIENCE_S", 0.0)
+    monkeypatch.setattr("common.bus.profile_lock.PATIENCE_S", 0.0)
     claim(tmp_path, SIM)
     assert check(tmp_path, SIM) == 0
     assert capsys.readouterr().err == ""
@@ -286,7 +286,7 @@ def test_wrong_words_show_the_right_ones(
 ) -> None:
     """Exit code 2 and the page of usage."""
     assert main(words, tmp_path) == 2
-    assert "common.in_use keep PROFILE" in capsys.readouterr().err
+    assert "common.bus.profile_lock keep PROFILE" in capsys.readouterr().err
 
 
 # --- which cell file fits -------------------------------------------------------------------------

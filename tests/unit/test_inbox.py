@@ -7,16 +7,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common import topics
-from common.clock import ManualClock
-from common.codec import decode_record
-from common.config import load_cell
-from common.endpoints import Bus
-from common.errors import BusError, MessageError
-from common.memory import MemoryCall, MemoryTransport
-from common.messages import Trip
-from common.requests import ArmRequest, HoldRequest, Reply
-from common.topics import CLIENT
+from common.bus.memory_bus import MemoryCall, MemoryTransport
+from common.config.load import load_cell
+from forcemesh import topics
+from forcemesh.bus import Bus
+from forcemesh.clock import ManualClock
+from forcemesh.codec import decode_record
+from forcemesh.errors import BusError, MessageError
+from forcemesh.messages import Trip
+from forcemesh.requests import ArmRequest, HoldRequest, Reply
+from forcemesh.topics import CLIENT
 
 CELL = load_cell(Path(__file__).resolve().parents[2] / "cells" / "demo.yaml")
 

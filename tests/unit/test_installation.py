@@ -8,11 +8,11 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from bench.payload_worlds import World
-from common.payload import Payload
-from services.wrench.installation import installation_complaint, judge_installation
-from services.wrench.installation_axes import EYE
-from services.wrench.installation_fit import SIGNED, TURNS
-from services.wrench.installation_words import oat_words
+from common.config.payload import Payload
+from identification.installation.axes import EYE
+from identification.installation.axis_fit import SIGNED, TURNS
+from identification.installation.check import installation_complaint, judge_installation
+from identification.installation.texts import oat_words
 from tests.fakes.installations import ERRORS, PAYLOAD, belief, mended, oat_matrix, readings
 
 CHANNELS = ("all six", "forces", "torques")

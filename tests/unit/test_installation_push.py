@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from common.frames import rotation_from_vector
-from services.wrench.installation_axes import EYE
-from services.wrench.installation_fit import SIGNED
-from services.wrench.installation_push import LASTS_S, STEPS, Done, Follower, judge_pushes
+from common.motion.frames import rotation_from_vector
+from identification.installation.axes import EYE
+from identification.installation.axis_fit import SIGNED
+from identification.installation.push import LASTS_S, STEPS, Done, Follower, judge_pushes
 from tests.fakes.installations import belief, oat_matrix
 
 CHANNELS = ("all six", "forces", "torques")

@@ -7,12 +7,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from common.frames import Oat, R_from_oat, R_from_quaternion, oat_from_R, quaternion_from_R
-from common.payload import Payload
-from services.wrench.installation import installation_complaint, judge_installation
-from services.wrench.installation_fit import SIGNED
-from services.wrench.installation_terms import Belief
-from services.wrench.recording import Samples
+from common.config.payload import Payload
+from common.motion.frames import Oat, R_from_oat, R_from_quaternion, oat_from_R, quaternion_from_R
+from identification.installation.axis_fit import SIGNED
+from identification.installation.check import installation_complaint, judge_installation
+from identification.installation.terms import Belief
+from identification.recording import Samples
 from tests.fakes.bench import CELL
 from tests.fakes.installations import PAYLOAD, belief, oat_matrix, readings
 

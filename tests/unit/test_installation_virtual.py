@@ -15,11 +15,11 @@ from bench.installations_stage import (
     gather,
     true_cell,
 )
-from common import topics
-from common.requests import ArmRequest, Empty
-from services.wrench.installation import installation_complaint, judge_installation
-from services.wrench.installation_fit import SIGNED
-from services.wrench.installation_terms import Belief
+from forcemesh import topics
+from forcemesh.requests import ArmRequest, Empty
+from identification.installation.axis_fit import SIGNED
+from identification.installation.check import installation_complaint, judge_installation
+from identification.installation.terms import Belief
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "installations.md"
 

@@ -12,9 +12,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from common.config import load_cell
-from common.frames import is_finite_pose, rotation_between, rotation_from_vector
-from common.limits import (
+from common.config.load import load_cell
+from common.motion.frames import is_finite_pose, rotation_between, rotation_from_vector
+from common.motion.limits import (
     Limits,
     Plane,
     check_joint_speed,
@@ -25,7 +25,7 @@ from common.limits import (
     check_wrench,
     limit_speed,
 )
-from common.messages import Trip
+from forcemesh.messages import Trip
 
 DEMO_CELL = Path(__file__).resolve().parents[2] / "cells" / "demo.yaml"
 CELL = load_cell(DEMO_CELL)

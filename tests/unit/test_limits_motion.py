@@ -11,9 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from common.frames import rotation_between, rotation_from_vector
-from common.limits import Limits
-from common.motion_limits import (
+from common.motion.frames import rotation_between, rotation_from_vector
+from common.motion.limits import Limits
+from common.motion.rate_limiter import (
     Pace,
     brake,
     limit_motion,

@@ -9,11 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from common.config import cell_from_tree, dump_cell
-from common.errors import ConfigError
-from common.frames import rotation_from_vector
-from common.limits import Limits, check_joint_speed, check_workspace
-from common.motion_limits import JointTrack, Window, check_rate
+from common.config.load import cell_from_tree, dump_cell
+from common.motion.frames import rotation_from_vector
+from common.motion.limits import Limits, check_joint_speed, check_workspace
+from common.motion.rate_limiter import JointTrack, Window, check_rate
+from forcemesh.errors import ConfigError
 from tests.fakes.arbiter_world import CELL
 
 LIMITS = Limits.of(CELL)

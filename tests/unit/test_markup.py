@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.markup import html, joined
-from common.messages import RecorderStatus, Trip
+from forcemesh.messages import RecorderStatus, Trip
 from services.panel.faultlog import Happened
+from services.panel.markup import html, joined
 from services.panel.prose import paragraphs
 from services.panel.tabs.calibrate import notes_of
 from services.panel.tabs.faults import log_text, now_text
@@ -19,18 +19,15 @@ from services.panel.tabs.force import now_text as force_text
 from services.panel.tabs.record import words
 from services.panel.wizard import Progress
 from tests.fakes.hostile_text import filled, harmless, hostile, snapshot
+from tools.tree import production_files
 
 ROOT = Path(__file__).parents[2]
-SOURCES = [
-    path
-    for folder in ("cli", "common", "services", "sim")
-    for path in (ROOT / folder).rglob("*.py")
-]
+SOURCES = production_files()
 TAG = re.compile(r"</?[a-zA-Z][a-zA-Z0-9]*[ >/]")
 NUMBER = re.compile(r"[+,0-9.]*[dfgex]$")
 # What stands in an f-string with a tag in it and is no text of others, with the reason.
 OURS = {
-    "cli/report_page.py": {
+    "cli/report/page.py": {
         "plot": "an SVG that matplotlib has made",
         "STYLE": "of this file",
         "head": "made of escaped parts",
@@ -174,8 +171,8 @@ def refused_call(node: ast.Call, name: str) -> str:
         return "Markdown renders raw HTML: use Prose"
     if called == "add_html" and name != "services/panel/prose.py":
         return "only Prose adds HTML"
-    if called == "Html" and name != "common/markup.py":
-        return "only common.markup makes Html"
+    if called == "Html" and name != "services/panel/markup.py":
+        return "only services.panel.markup makes Html"
     if called == "format" and isinstance(node.func, ast.Attribute) and has_tag(node.func.value):
         return "a template with tags is filled by common.markup.html"
     if called == "html" and isinstance(node.func, ast.Name):

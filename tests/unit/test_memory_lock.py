@@ -6,8 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from common import memory_lock, topics
-from common.service import reporter_of
+from common.runtime import memory_lock
+from common.runtime.service import reporter_of
+from forcemesh import topics
 from tests.fakes.bench import CELL
 from tests.fakes.cellmates import Cellmates
 

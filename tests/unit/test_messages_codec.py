@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common import messages as m
-from common import requests as q
-from common.codec import (
+from forcemesh import messages as m
+from forcemesh import requests as q
+from forcemesh.codec import (
     HEADER_FIELDS,
     MAX_BYTES,
     MAX_ITEMS,
@@ -21,8 +21,8 @@ from common.codec import (
     encode,
     encode_record,
 )
-from common.errors import MessageError
-from common.topics import REQUESTS, TOPICS
+from forcemesh.errors import MessageError
+from forcemesh.topics import REQUESTS, TOPICS
 from tests.fakes.records import full, places, put, records
 
 MESSAGES = sorted({topic.message for topic in TOPICS}, key=lambda t: t.__name__)

@@ -4,15 +4,15 @@ from pathlib import Path
 
 import pytest
 
-from common import messages as m
-from common import requests as q
-from common import topics
-from common.clock import ManualClock
-from common.codec import decode_record, encode, encode_record
-from common.config import load_cell
-from common.endpoints import Bus
-from common.errors import BusError, MisroutedError
-from common.memory import MemoryCall, MemoryTransport
+from common.bus.memory_bus import MemoryCall, MemoryTransport
+from common.config.load import load_cell
+from forcemesh import messages as m
+from forcemesh import requests as q
+from forcemesh import topics
+from forcemesh.bus import Bus
+from forcemesh.clock import ManualClock
+from forcemesh.codec import decode_record, encode, encode_record
+from forcemesh.errors import BusError, MisroutedError
 from tests.fakes.line import Line
 from tests.fakes.records import full
 

@@ -79,8 +79,8 @@ def test_the_changes_that_must_never_live_are_among_them():
     titles = {each.title for module in mutations.JUDGES for each in mutations.mutants_of(module)}
     wanted = (
         "services.regulator.guards module: 0.7 in MAIN_PART = 0.7 -> 0.07",
-        "common.stream_budget module: 1.25 in SPEED_MARGIN = 1.25 -> 2",
-        "common.guard Guard.setpoint: returns None",
+        "common.motion.setpoint_monitor module: 1.25 in SPEED_MARGIN = 1.25 -> 2",
+        "common.motion.last_check Guard.setpoint: returns None",
         "services.regulator.guards _sign_trip: returns None",
     )
     assert titles.issuperset(wanted)
@@ -152,7 +152,7 @@ def test_every_listed_survivor_is_still_a_change_of_its_module():
 
 def test_a_choice_is_the_same_for_the_same_seed_and_another_for_another_one():
     """So many of each module; all of them where fewer are there."""
-    choice = [mutate.chosen(["common.permission"], 5, seed) for seed in (1, 1, 2)]
+    choice = [mutate.chosen(["common.motion.permission"], 5, seed) for seed in (1, 1, 2)]
     assert len(choice[0]) == 5
     assert choice[0] == choice[1] != choice[2]
     assert len(mutate.chosen(["services.wrench.tare"], 999, 1)) == len(
@@ -162,17 +162,21 @@ def test_a_choice_is_the_same_for_the_same_seed_and_another_for_another_one():
 
 def test_a_sample_takes_more_of_what_was_changed(monkeypatch):
     """And one of each other module: none is forgotten."""
-    monkeypatch.setattr(mutate, "changed_since", {"a0": ["common.permission"]}.__getitem__)
+    monkeypatch.setattr(mutate, "changed_since", {"a0": ["common.motion.permission"]}.__getitem__)
     taken = Counter(mutant.module for mutant in mutate.sampled(3, 1, "a0"))
-    assert taken == Counter({**dict.fromkeys(mutations.JUDGES, 1), "common.permission": 3})
+    assert taken == Counter({**dict.fromkeys(mutations.JUDGES, 1), "common.motion.permission": 3})
 
 
 def test_a_module_or_its_judges_that_were_touched_are_changed(monkeypatch):
     """As git tells it."""
-    touched = "tests/unit/test_packet.py\ncommon/acl.py\nREADME.md\n"
+    touched = "tests/unit/test_packet.py\ncommon/security/access_control.py\nREADME.md\n"
     done = subprocess.CompletedProcess([], 0, touched)
     monkeypatch.setattr(subprocess, "run", lambda *_, **__: done)
-    assert mutate.changed_since("a0") == ["common.packet", "common.packet_table", "common.acl"]
+    assert mutate.changed_since("a0") == [
+        "controller.packet",
+        "controller.packet_table",
+        "common.security.access_control",
+    ]
 
 
 def test_the_command_judges_a_choice_and_names_a_module_that_it_does_not_know():

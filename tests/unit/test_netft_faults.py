@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from common.faults import FAULTS
+from forcemesh.faults import FAULTS
 from services.sensor.rdt_driver import GRUDGE_S
 from sim.netft.protocol import About
 from sim.netft.switches import EVENT, Switches

@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.config import load_cell
-from common.errors import DataError
+from common.config.load import load_cell
+from forcemesh.errors import DataError
 from services.sensor.netft_page import PATH, Page, disagreement, info_of, parse, scale_of
 from services.sensor.page_fetch import AGAIN_S, PageFetch
 from services.sensor.rdt_status import NAMES, status_text

@@ -6,9 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.errors import LocalProtocolError, RemoteProtocolError
-from common.packet import FRAME_NAMES, Packet, PacketReader, encode
-from common.packet_table import (
+from controller.packet import FRAME_NAMES, Packet, PacketReader, encode
+from controller.packet_table import (
     COMMANDS,
     NO_ID,
     REPORTS,
@@ -23,6 +22,7 @@ from common.packet_table import (
     pack_status,
     unpack_status,
 )
+from forcemesh.errors import LocalProtocolError, RemoteProtocolError
 
 # What both ends of the wire are built on: controller/README.md says it to whoever writes the other.
 FRAMES, FRAME_STRIDE, PACKET_CHARS = 9, 7, 63

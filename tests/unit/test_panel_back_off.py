@@ -7,9 +7,9 @@ from typing import Any, cast
 
 import pytest
 
-from common.errors import RefusedError
-from common.faults import tripped
-from common.messages import Trip
+from forcemesh.errors import RefusedError
+from forcemesh.faults import tripped
+from forcemesh.messages import Trip
 from services.panel.backing_off import BackOff
 from services.panel.viewer import Viewer, ask
 

@@ -14,12 +14,12 @@ from websockets.http11 import Request
 from websockets.sync.client import connect
 from websockets.typing import Origin
 
-from common.cell_panel import PanelSection
-from common.clock import NS_PER_S, ManualClock
-from common.config import load_cell
-from common.errors import ConfigError, ForcemeshError
-from common.published import is_loopback
-from services.panel.door import Door, door_of
+from common.config.cell_panel import PanelSection
+from common.config.load import load_cell
+from common.security.published_ports import is_loopback
+from forcemesh.clock import NS_PER_S, ManualClock
+from forcemesh.errors import ConfigError, ForcemeshError
+from services.panel.access import Door, door_of
 from services.panel.policy import with_nonce_unpacked
 from services.panel.server import Gate, PanelServer, close_server, listen, open_server
 from services.panel.sessions import IDLE_S

@@ -18,18 +18,18 @@ from websockets.asyncio.client import connect
 from websockets.typing import Origin
 
 from cli.__main__ import app
-from common.config import load_cell
-from common.errors import ForcemeshError
-from common.pki import (
+from common.config.load import load_cell
+from common.security.pki import (
     make_authority,
     make_page_authority,
     make_page_certificate,
     read_certificate,
     write_pair,
 )
-from common.pki_check import check_folder
-from common.tls import NAMES, PAGE, PAGE_AUTHORITY
-from services.panel.door import Door
+from common.security.pki_check import check_folder
+from common.security.tls import NAMES, PAGE, PAGE_AUTHORITY
+from forcemesh.errors import ForcemeshError
+from services.panel.access import Door
 from services.panel.encrypted import context_of
 from services.panel.server import Gate, close_server, open_server
 

@@ -9,12 +9,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.config import load_cell
-from common.convert import vec3
-from common.endpoints import Reading
-from common.faults import FAULTS, tripped
-from common.frames import rotation_from_vector
-from common.messages import (
+from common.config.load import load_cell
+from common.motion.convert import vec3
+from common.motion.frames import rotation_from_vector
+from forcemesh.bus import Reading
+from forcemesh.faults import FAULTS, tripped
+from forcemesh.messages import (
     Accepted,
     ArbiterStatus,
     Goal,
@@ -25,13 +25,13 @@ from common.messages import (
     RobotState,
     WrenchAtTcp,
 )
-from common.requests import ForceStartRequest
+from forcemesh.requests import ForceStartRequest
 from services.panel.faultlog import KEPT, FaultLog
 from services.panel.history import POINTS, History, Span
 from services.panel.plots import BRIDGED_S, OUTSIDE, broken
 from services.panel.readout import NAMES, Readout, distance_mm
+from services.panel.status_bar import held_as, strip
 from services.panel.stopping import UNANSWERED, stop_text
-from services.panel.strip import held_as, strip
 from services.panel.tabs.calibrate import notes_of
 from services.panel.tabs.faults import now_text
 from services.panel.tabs.force import start_question

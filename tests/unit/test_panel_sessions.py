@@ -5,7 +5,7 @@ import math
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.clock import NS_PER_S
+from forcemesh.clock import NS_PER_S
 from services.panel.sessions import BYTES, IDLE_S, LASTS_S, MOST, Sessions
 
 HOUR_NS = 3600 * NS_PER_S

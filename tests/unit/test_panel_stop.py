@@ -8,13 +8,13 @@ from typing import Any
 
 import pytest
 
-from chaos.common_net import free_port
-from common.config import load_cell
-from common.errors import BusError
-from common.requests import Reply
+from common.config.load import load_cell
+from forcemesh.errors import BusError
+from forcemesh.requests import Reply
 from services.panel import page as page_module
-from services.panel.door import Door
+from services.panel.access import Door
 from services.panel.watch import Snapshot, Watch
+from tests.chaos.common_net import free_port
 
 CELL = Path(__file__).resolve().parents[2] / "cells" / "demo.yaml"
 

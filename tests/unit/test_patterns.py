@@ -5,10 +5,10 @@ from typing import Any
 
 import pytest
 
-from common.cell import Cell
-from common.config import cell_from_tree, load_cell
-from common.errors import ConfigError
-from common.patterns import WORDS
+from common.config.cell import Cell
+from common.config.load import cell_from_tree, load_cell
+from forcemesh.errors import ConfigError
+from forcemesh.patterns import WORDS
 
 PLACES = {
     "cell": "Not A Name",

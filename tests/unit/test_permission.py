@@ -7,11 +7,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 
-from common.clock import NS_PER_S
-from common.codec import Header
-from common.endpoints import Reading
-from common.messages import Accepted, Permission, RobotCommand, RobotState
-from common.permission import NO_COMMAND_YET, CommandGate, Verdict, chain_latency_s
+from common.motion.permission import NO_COMMAND_YET, CommandGate, Verdict, chain_latency_s
+from forcemesh.bus import Reading
+from forcemesh.clock import NS_PER_S
+from forcemesh.codec import Header
+from forcemesh.messages import Accepted, Permission, RobotCommand, RobotState
 
 DEADLINE_S = 0.04
 NOW_NS = 5 * NS_PER_S

@@ -12,9 +12,9 @@ from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 from typer.testing import CliRunner
 
 from cli.__main__ import app
-from common.pki import Pair, make_authority, make_certificate, read_authority, write_pair
-from common.pki_check import Finding, check_folder
-from common.tls import NAMES
+from common.security.pki import Pair, make_authority, make_certificate, read_authority, write_pair
+from common.security.pki_check import Finding, check_folder
+from common.security.tls import NAMES
 
 ROOT = Path(__file__).resolve().parents[2]
 NOW = dt.datetime(2026, 1, 1, tzinfo=dt.UTC)

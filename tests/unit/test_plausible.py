@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 import yaml
 
-from common.calibration import CalibrationSection
-from common.cell import SETPOINT_SHARE, USUAL_FORCE_N, USUAL_SPEED_M_S
-from common.config import cell_from_tree, dump_cell, load_cell
-from common.errors import ConfigError, DataError
-from common.payload import Payload, load, save
-from common.plausible import UNITS, question, unit_of
+from common.config.calibration import CalibrationSection
+from common.config.cell import SETPOINT_SHARE, USUAL_FORCE_N, USUAL_SPEED_M_S
+from common.config.load import cell_from_tree, dump_cell, load_cell
+from common.config.payload import Payload, load, save
+from forcemesh.errors import ConfigError, DataError
+from forcemesh.units import UNITS, question, unit_of
 from tests.unit.test_calibration import calibration
 
 CELLS = sorted((Path(__file__).parents[2] / "cells").glob("*.yaml"))

@@ -9,16 +9,16 @@ from pathlib import Path
 
 import pytest
 
-from common import service
-from common.clock import ManualClock
-from common.endpoints import Bus
-from common.memory import MemoryTransport
+from common.bus.memory_bus import MemoryTransport
+from common.runtime import service
+from forcemesh.bus import Bus
+from forcemesh.clock import ManualClock
 from tests.fakes.bench import CELL
 
 SAYS_ITS_POLICIES = """
 import os, threading
 from pathlib import Path
-from common.priority import give_up_realtime_priority, take_realtime_priority
+from common.runtime.priority import give_up_realtime_priority, take_realtime_priority
 
 waits = threading.Event()
 threading.Thread(target=waits.wait, daemon=True).start()

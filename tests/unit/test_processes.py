@@ -12,16 +12,16 @@ from pathlib import Path
 
 import pytest
 
-from cli import processes
-from cli.processes import MODULES, Supervisor, processes_of
-from cli.runfile import FOLDER_VARIABLE, is_alive, read_run
-from cli.running import Process, how_ended
-from common.cell import Cell
-from common.config import load_cell
-from common.endpoints import Reading
-from common.errors import ForcemeshError
-from common.messages import ArbiterStatus
-from common.topics import ROLES
+from common.config.cell import Cell
+from common.config.load import load_cell
+from forcemesh.bus import Reading
+from forcemesh.errors import ForcemeshError
+from forcemesh.messages import ArbiterStatus
+from forcemesh.topics import ROLES
+from launch import processes
+from launch.processes import MODULES, Supervisor, processes_of
+from launch.run_file import FOLDER_VARIABLE, is_alive, read_run
+from launch.started_process import Process, how_ended
 
 ROOT = Path(__file__).resolve().parents[2]
 DEMO = ROOT / "cells" / "demo.yaml"
@@ -230,9 +230,9 @@ def test_processes_die_with_a_supervisor_that_is_killed(cell: Cell) -> None:
     program = f"""
 import sys, time
 from pathlib import Path
-from cli.processes import Supervisor
-from cli.running import Process
-from common.config import load_cell
+from launch.processes import Supervisor
+from launch.started_process import Process
+from common.config.load import load_cell
 sleeper = Process("test.program", ("robot",), (sys.executable, "-c", {STUBBORN!r}))
 with Supervisor(load_cell({str(DEMO)!r}, {{"cell": "unit"}}), Path({str(DEMO)!r}),
                 processes=[sleeper, sleeper]):

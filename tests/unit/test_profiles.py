@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 import yaml
 
-from common.in_use_fit import PLAYERS, Choice, misfit
-from common.topics import ROLES
+from common.bus.profile_fit import PLAYERS, Choice, misfit
+from forcemesh.topics import ROLES
 from tests.fakes.compose_file import (
     CELL_OF,
     COMPOSE,
@@ -29,7 +29,7 @@ SAFE = {
     "FORCEMESH_BUS": "tls", "FORCEMESH_CERTIFICATES": "pki", "FORCEMESH_PANEL_TOKEN": "0" * 32,
     "FORCEMESH_CALIBRATION": "./calibration",
 }  # fmt: skip
-WAIT = ["python", "-m", "common.in_use", "run"]
+WAIT = ["python", "-m", "common.bus.profile_lock", "run"]
 
 process = pytest.mark.parametrize("name", RUN)
 
@@ -102,7 +102,7 @@ def test_a_profile_says_its_cell_file_in_one_place(word: str) -> None:
     """Its own container does, alone in its profile; CELL names another file."""
     entry = SERVICES[f"{word}-cell"]
     assert entry.get("profiles", ["sim"]) == [word]
-    assert entry["command"] == ["python", "-m", "common.in_use", "keep", word]
+    assert entry["command"] == ["python", "-m", "common.bus.profile_lock", "keep", word]
     assert entry["environment"]["FORCEMESH_CELL"] == f"/cells/${{CELL:-{CELL_OF[word]}}}"
     others = {name for name, each in SERVICES.items() if "CELL" in variables(each)}
     assert others == set(SAY)
@@ -143,5 +143,5 @@ def test_make_up_is_compose_with_that_word_alone(word: str) -> None:
     compose, keeper = f"compose --profile {word}" if word else "compose", word or "sim"
     assert done.stdout.splitlines() == [
         f"{compose} up -d --build ",
-        f"{compose} exec -T {keeper}-cell python -m common.in_use check {keeper}",
+        f"{compose} exec -T {keeper}-cell python -m common.bus.profile_lock check {keeper}",
     ]

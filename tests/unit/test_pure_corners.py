@@ -7,15 +7,15 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from common import topics
-from common.codec import encode_record
-from common.guard import Guard
-from common.limits import Limits
-from common.memory import MemoryCall, MemoryTransport
-from common.messages import Goal, RobotState, Speed
-from common.motion_limits import JointTrack
-from common.requests import HoldRequest
-from common.stream_budget import StreamBudget
+from common.bus.memory_bus import MemoryCall, MemoryTransport
+from common.motion.last_check import Guard
+from common.motion.limits import Limits
+from common.motion.rate_limiter import JointTrack
+from common.motion.setpoint_monitor import StreamBudget
+from forcemesh import topics
+from forcemesh.codec import encode_record
+from forcemesh.messages import Goal, RobotState, Speed
+from forcemesh.requests import HoldRequest
 from services.arbiter.inputs import limit_trip, robot_complaints
 from services.arbiter.watch import RestWatch
 from services.regulator.guards import GuardSettings, Seen, Watch, watch

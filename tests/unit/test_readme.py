@@ -3,11 +3,11 @@
 import re
 from pathlib import Path
 
-from tools.readme import README, ROOT, bus_table
+from tools.bus_page import README, ROOT, bus_table
 
 
 def test_the_bus_table_is_the_one_in_the_code():
-    """`make readme` writes it from common/topics.py; nobody edits it by hand."""
+    """`make readme` writes it from forcemesh/topics.py; nobody edits it by hand."""
     assert bus_table() in README.read_text(encoding="utf-8")
 
 

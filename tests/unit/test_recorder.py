@@ -7,9 +7,10 @@ from typing import Any
 
 import pytest
 
-from common import topics
-from common.messages import ArbiterState, ArbiterStatus, WrenchAtTcp
-from services.recorder import recording, tape
+from forcemesh import topics
+from forcemesh.messages import ArbiterState, ArbiterStatus, WrenchAtTcp
+from services.recorder import recording
+from services.recorder import recording_writer as tape
 from services.recorder.reading import RecordedFile
 from tests.fakes.recorder_bench import RecorderBench
 

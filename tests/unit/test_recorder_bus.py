@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from common.bus_settings import (
+from common.bus.zenoh_settings import (
     BATCH_B,
     ONE_THREAD,
     RUNTIME_VARIABLE,
@@ -14,8 +14,8 @@ from common.bus_settings import (
     listen_with_one_thread,
     with_room,
 )
-from common.codec import MAX_BYTES
-from common.topics import CLIENT, HELPERS, ROLES
+from forcemesh.codec import MAX_BYTES
+from forcemesh.topics import CLIENT, HELPERS, ROLES
 from tests.fakes.bench import CELL
 
 HUB = "tcp/127.0.0.1:7447"

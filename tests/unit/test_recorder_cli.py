@@ -12,15 +12,15 @@ from pyarrow import parquet
 from typer.testing import CliRunner
 
 from cli.__main__ import app
-from cli.virtual import VirtualCell
-from common import topics
-from common.clock import ManualClock
-from common.codec import decode
-from common.config import load_cell
-from common.memory import MemoryTransport
-from common.requests import ArmRequest, Empty, ForceStartRequest, HoldRequest, RecordRequest
-from common.service import Runner, reporter_of
-from services.recorder.playing import chosen, play
+from common.bus.memory_bus import MemoryTransport
+from common.config.load import load_cell
+from common.runtime.service import Runner, reporter_of
+from forcemesh import topics
+from forcemesh.clock import ManualClock
+from forcemesh.codec import decode
+from forcemesh.requests import ArmRequest, Empty, ForceStartRequest, HoldRequest, RecordRequest
+from launch.virtual_cell import VirtualCell
+from services.recorder.playback import chosen, play
 from services.recorder.reading import Heard, RecordedFile
 from services.recorder.service import Recorder
 

@@ -14,14 +14,14 @@ from mcap.exceptions import McapError
 from mcap.reader import NonSeekingReader, make_reader
 from pydantic_core import from_json
 
-from common.codec import Header, encode, pack
-from common.errors import DataError
-from common.topics import TOPICS, Topic
+from forcemesh.codec import Header, encode, pack
+from forcemesh.errors import DataError
+from forcemesh.topics import TOPICS, Topic
 from services.recorder.frames import Frame, frames_of, pack_frames
 from services.recorder.layout import layout_of, schema_of
 from services.recorder.reading import RecordedFile
 from services.recorder.recording import Recording
-from services.recorder.wall import Wall
+from services.recorder.wall_clock import Wall
 from tests.fakes.recorder_bench import WALL_NS, cell_with, place
 from tests.fakes.records import full, records
 

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 
-from common.errors import DataError
+from forcemesh.errors import DataError
 from services.recorder import protobuf
 from services.recorder.frames import frames_of
 from services.recorder.reading import RecordedFile

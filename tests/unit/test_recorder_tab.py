@@ -2,7 +2,7 @@
 
 import pytest
 
-from common.messages import RecorderStatus
+from forcemesh.messages import RecorderStatus
 from services.panel.tabs import all_tabs
 from services.panel.tabs.record import words
 

@@ -5,9 +5,9 @@ import re
 import numpy as np
 import pytest
 
-from common.errors import DataError
-from common.frames import R_from_quaternion
-from services.wrench.recording import COLUMNS, read_recording
+from common.motion.frames import R_from_quaternion
+from forcemesh.errors import DataError
+from identification.recording import COLUMNS, read_recording
 
 HEADER = ",".join(COLUMNS)
 ROW = "0,0.1,0.2,0.3,0,0,0.6,0.8,1,2,3,0.1,0.2,0.3"

@@ -14,19 +14,19 @@ import pytest
 from typer.testing import CliRunner
 
 from cli.__main__ import app
-from cli.virtual import VirtualCell
-from common import topics
-from common.clock import ManualClock
-from common.codec import SCHEMA_VERSION, decode, decode_recorded, pack, readdressed, unpack
-from common.config import load_cell
-from common.errors import MessageError, MisroutedError
-from common.requests import ArmRequest, HoldRequest
-from common.topics import TOPICS
+from common.config.load import load_cell
+from forcemesh import topics
+from forcemesh.clock import ManualClock
+from forcemesh.codec import SCHEMA_VERSION, decode, decode_recorded, pack, readdressed, unpack
+from forcemesh.errors import MessageError, MisroutedError
+from forcemesh.requests import ArmRequest, HoldRequest
+from forcemesh.topics import TOPICS
+from launch.virtual_cell import VirtualCell
 from services.recorder.frames import Frame
-from services.recorder.playing import play
+from services.recorder.playback import play
 from services.recorder.reading import RecordedFile
 from services.recorder.recording import Recording
-from services.recorder.wall import Wall
+from services.recorder.wall_clock import Wall
 from tests.fakes.recorder_bench import WALL_NS, cell_with, place
 
 CORPUS = Path(__file__).resolve().parents[1] / "corpus" / "messages-version-1.json"

@@ -11,13 +11,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from common.frames import Oat, R_from_oat, rotation_between, rotation_from_vector
+from common.motion.frames import Oat, R_from_oat, rotation_between, rotation_from_vector
 from services.regulator.adaptive import AdaptiveSettings, advance, begin
-from services.regulator.heat import braked
+from services.regulator.gain_schedule import braked
 from services.regulator.law import LawInput, LawState, start_at
 from services.regulator.settings import law_settings, pi_gains
-from services.regulator.tuning import tune
 from tests.fakes.bench import CELL
+from tuning.gain_rule import tune
 
 DT_S = 0.004
 SETTINGS, PLAIN = AdaptiveSettings.of(CELL), law_settings(CELL)

@@ -5,13 +5,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.cell import Cell
-from common.requests import ForceStartRequest
+from common.config.cell import Cell
+from forcemesh.requests import ForceStartRequest
 from services.regulator.adaptive import AdaptiveSettings, gain_for
-from services.regulator.adaptive_map import MEASURED, remark, softest_N_m
 from services.regulator.settings import law_settings
 from tests.fakes.bench import CELL
 from tests.fakes.regulator_bench import RegulatorBench
+from tuning.adaptive_map import MEASURED, remark, softest_N_m
 
 ADAPTIVE = ForceStartRequest(mode="position", law="adaptive")
 

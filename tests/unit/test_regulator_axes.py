@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cli.virtual import VirtualCell
-from common import topics
-from common.frames import rotation_from_vector
-from common.requests import ArmRequest, Empty, ForceStartRequest
+from common.motion.frames import rotation_from_vector
+from forcemesh import topics
+from forcemesh.requests import ArmRequest, Empty, ForceStartRequest
+from launch.virtual_cell import VirtualCell
 from services.regulator.law import LawInput, PiGains, start_at, step
 from services.regulator.settings import law_settings
 from tests.fakes.arbiter_world import T_START

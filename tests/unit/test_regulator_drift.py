@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from services.regulator.drift import Drift, look
+from services.regulator.surface_motion import Drift, look
 
 DT_S, TIME_S = 0.004, 0.03
 

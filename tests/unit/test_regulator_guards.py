@@ -14,14 +14,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cli.virtual import VirtualCell
-from common import topics
-from common.cell import Cell
-from common.config import cell_from_tree
-from common.convert import pose_of, record_of
-from common.frames import rotation_between
-from common.messages import RegulatorTarget, RobotCommand
-from common.requests import ArmRequest, Empty, ForceStartRequest
+from common.config.cell import Cell
+from common.config.load import cell_from_tree
+from common.motion.convert import pose_of, record_of
+from common.motion.frames import rotation_between
+from forcemesh import topics
+from forcemesh.messages import RegulatorTarget, RobotCommand
+from forcemesh.requests import ArmRequest, Empty, ForceStartRequest
+from launch.virtual_cell import VirtualCell
 from services.regulator.guards import GuardSettings, Seen, Watch, carried, proof_of, watch
 from services.regulator.oscillation import HALF_WAVES, Swing, SwingSettings, follow
 from services.regulator.settings import PROBE_N, law_settings

@@ -11,10 +11,10 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from common.messages import Trip
+from forcemesh.messages import Trip
 from services.regulator.guards import GuardSettings, Seen, Watch, carried, proof_of, watch
 from services.regulator.oscillation import Swing, SwingSettings
-from services.regulator.unproven import Motion, YieldSettings
+from services.regulator.unverified_axes import Motion, YieldSettings
 from tests.fakes.bench import CELL
 
 DOWN = np.diag([1.0, -1.0, -1.0])

@@ -11,7 +11,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from common.frames import Oat, R_from_oat, rotation_between, rotation_from_vector
+from common.motion.frames import Oat, R_from_oat, rotation_between, rotation_from_vector
 from services.regulator.law import (
     LawInput,
     LawSettings,
@@ -22,8 +22,8 @@ from services.regulator.law import (
     step,
 )
 from services.regulator.settings import law_settings, pi_gains
-from services.regulator.tuning import tune
 from tests.fakes.bench import CELL
+from tuning.gain_rule import tune
 
 DT_S = 0.004
 MODES = ("position", "orientation", "both")

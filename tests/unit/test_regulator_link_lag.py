@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from common import topics
-from common.convert import record_of
-from common.frames import rotation_from_vector
-from common.requests import ForceStartRequest, PathRequest
+from common.motion.convert import record_of
+from common.motion.frames import rotation_from_vector
+from forcemesh import topics
+from forcemesh.requests import ForceStartRequest, PathRequest
 from services.regulator.link_lag import Commanded
 from tests.fakes.arbiter_world import T_START
 from tests.fakes.bench import CELL

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from services.regulator.path import PathSettings, at_rest, follow
+from services.regulator.delay_model import PathSettings, at_rest, follow
 
 DT_S = 0.004
 vectors = hnp.arrays(float, 3, elements=st.floats(-0.01, 0.01))

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.cell import Cell
+from common.config.cell import Cell
 from services.regulator.adaptive import AdaptiveSettings, gain_for
 from tests.fakes.bench import CELL
 

@@ -5,10 +5,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from common import topics
-from common.messages import ArbiterStatus
-from common.requests import ForceStartRequest, PathRequest
-from services.regulator.route import MOST_POINTS
+from forcemesh import topics
+from forcemesh.messages import ArbiterStatus
+from forcemesh.requests import ForceStartRequest, PathRequest
+from services.regulator.tcp_path import MOST_POINTS
 from tests.fakes.arbiter_world import T_START
 from tests.fakes.bench import CELL
 from tests.fakes.regulator_bench import (

@@ -4,11 +4,11 @@ import json
 
 import pytest
 
-from common import topics
-from common.requests import ArmRequest, Empty, ForceStartRequest, GainsRequest
-from services.regulator.tuning import tune
+from forcemesh import topics
+from forcemesh.requests import ArmRequest, Empty, ForceStartRequest, GainsRequest
 from tests.fakes.bench import CELL
 from tests.fakes.replay import Capture, replay
+from tuning.gain_rule import tune
 
 GAIN = tune(CELL).force_i_m_per_Ns
 NEAR = CELL.model_copy(

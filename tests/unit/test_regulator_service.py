@@ -5,14 +5,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from common import topics
-from common.convert import pose_of
-from common.endpoints import Origin
-from common.frames import rotation_between
-from common.messages import ArbiterStatus
-from common.requests import Empty, ForceStartRequest, GainsRequest
+from common.motion.convert import pose_of
+from common.motion.frames import rotation_between
+from forcemesh import topics
+from forcemesh.bus import Origin
+from forcemesh.messages import ArbiterStatus
+from forcemesh.requests import Empty, ForceStartRequest, GainsRequest
 from services.regulator.settings import law_settings
-from services.regulator.tuning import tune
 from tests.fakes.arbiter_world import T_START
 from tests.fakes.bench import CELL
 from tests.fakes.regulator_bench import (
@@ -22,6 +21,7 @@ from tests.fakes.regulator_bench import (
     RegulatorBench,
     assert_stopped,
 )
+from tuning.gain_rule import tune
 
 TWO_HOSTS = CELL.robot.model_copy(update={"hosts": ("pc", "controller")})
 

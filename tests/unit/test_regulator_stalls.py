@@ -6,12 +6,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cli import virtual
-from cli.virtual import VirtualCell
-from common import topics
-from common.clock import NS_PER_S
-from common.config import load_cell
-from common.requests import ArmRequest, Empty, ForceStartRequest
+from common.config.load import load_cell
+from forcemesh import topics
+from forcemesh.clock import NS_PER_S
+from forcemesh.requests import ArmRequest, Empty, ForceStartRequest
+from launch import virtual_cell as virtual
+from launch.virtual_cell import VirtualCell
 from tests.fakes.long import long
 from tests.fakes.stalling_wire import StallingWire
 

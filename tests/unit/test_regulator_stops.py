@@ -6,11 +6,11 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from common import topics
-from common.convert import record_of, vec3
-from common.frames import rotation_from_vector
-from common.messages import ArbiterStatus, RobotCommand, RobotState, WrenchAtTcp
-from common.requests import ForceStartRequest
+from common.motion.convert import record_of, vec3
+from common.motion.frames import rotation_from_vector
+from forcemesh import topics
+from forcemesh.messages import ArbiterStatus, RobotCommand, RobotState, WrenchAtTcp
+from forcemesh.requests import ForceStartRequest
 from tests.fakes.arbiter_world import T_START
 from tests.fakes.bench import CELL
 from tests.fakes.regulator_bench import (

@@ -7,11 +7,11 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from common import topics
-from common.convert import pose_of
-from common.frames import rotation_between
-from common.messages import ArbiterStatus, RobotState
-from common.requests import Empty, ForceStartRequest, GainsRequest
+from common.motion.convert import pose_of
+from common.motion.frames import rotation_between
+from forcemesh import topics
+from forcemesh.messages import ArbiterStatus, RobotState
+from forcemesh.requests import Empty, ForceStartRequest, GainsRequest
 from tests.fakes.bench import CELL
 from tests.fakes.regulator_bench import PERIOD_S, T_FLANGE_TCP, RegulatorBench
 

@@ -6,11 +6,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.cell import Cell
-from common.messages import Gains, Preset
+from common.config.cell import Cell
+from forcemesh.messages import Gains, Preset
 from services.regulator.settings import PROBE_N, law_settings, pi_gains
-from services.regulator.tuning import LOOP_GAINS, instability, loop_delay_s, tune
 from tests.fakes.bench import CELL
+from tuning.gain_rule import LOOP_GAINS, instability, loop_delay_s, tune
 
 GAINS = pi_gains(tune(CELL).gains)
 

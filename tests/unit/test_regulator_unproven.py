@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from common import topics
-from common.frames import Array
-from common.requests import Empty, ForceStartRequest
+from common.motion.frames import Array
+from forcemesh import topics
+from forcemesh.requests import Empty, ForceStartRequest
 from services.regulator.settings import law_settings
-from services.regulator.unproven import LIMIT_RAD, Yielding, trip_of
+from services.regulator.unverified_axes import LIMIT_RAD, Yielding, trip_of
 from tests.fakes.bench import CELL
 from tests.fakes.long import long
 from tests.fakes.regulator_bench import PERIOD_S

@@ -10,15 +10,15 @@ from pathlib import Path
 
 import pytest
 
-from chaos.common_net import child
-from chaos.witness import Witness
+from tests.chaos.common_net import child
+from tests.chaos.witness import Witness
 
 ROOT = Path(__file__).parents[2]
 CONFTEST = """
 import os, time
 from pathlib import Path
 import tests.repeats as repeats
-from chaos.witness import Witness
+from tests.chaos.witness import Witness
 
 class Planted(repeats.Repeats):
     '''The witness says what the planted test lets it say.'''
@@ -35,7 +35,7 @@ TEST = """
 import time
 from pathlib import Path
 import pytest
-from chaos.witness import ROW
+from tests.chaos.witness import ROW
 
 def stall(seconds, ago_s=0.0):
     now = time.monotonic_ns() - round(ago_s * 1e9)
@@ -118,7 +118,7 @@ def test_a_witness_that_is_stopped_for_long_has_noted_a_stall(tmp_path):
     noted, processor = tmp_path / "noted", min(os.sched_getaffinity(0))
     noted.touch()
     watch, began_ns = Witness([noted]), time.monotonic_ns()
-    with child("chaos.witness", noted, processor) as late:
+    with child("tests.chaos.witness", noted, processor) as late:
         wait_for(lambda: noted.stat().st_size > 0)
         assert os.sched_getaffinity(late.pid) == {processor}
         os.kill(late.pid, signal.SIGSTOP)

@@ -7,12 +7,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cli.processes import Supervisor
-from cli.revive import MOST, PAUSE_S, WITHIN_S, Patience, Reviver
-from cli.runfile import read_run
-from cli.running import Died, Process
 from cli.status import died_text, restarts_of
-from common.cell import Cell
+from common.config.cell import Cell
+from launch.processes import Supervisor
+from launch.restart import MOST, PAUSE_S, WITHIN_S, Patience, Reviver
+from launch.run_file import read_run
+from launch.started_process import Died, Process
 from tests.unit.test_processes import DEMO, SLEEPER, cell, pids_of, python, until
 
 __all__ = ["cell"]  # the fixture
@@ -168,7 +168,7 @@ def test_one_that_dies_at_once_over_and_over_does_not_take_the_others_with_it(
     cell: Cell, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """It is given up and said so; what else runs goes on, for status and for the hold."""
-    monkeypatch.setattr("cli.revive.PAUSE_S", 0.01)
+    monkeypatch.setattr("launch.restart.PAUSE_S", 0.01)
     said: list[str] = []
     broken = "import sys; print('no sensor'); sys.exit(3)"
     processes = [python("wrench", SLEEPER), python("robot", broken)]

@@ -12,10 +12,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.cell import SensorSection
-from common.clock import NS_PER_S
-from common.config import load_cell
-from common.errors import ConfigError
+from common.config.cell import SensorSection
+from common.config.load import load_cell
+from forcemesh.clock import NS_PER_S
+from forcemesh.errors import ConfigError
 from services.sensor.driver import Sample
 from services.sensor.robotiq import FRAME_BYTES, HEAD, Framer, frame, start
 from services.sensor.robotiq_driver import RobotiqDriver, robotiq_driver

@@ -11,11 +11,11 @@ from pathlib import Path
 
 import pytest
 
-from common import topics
-from common.bus import ENDPOINT_VARIABLE, open_hub
-from common.config import load_cell
-from common.errors import ConfigError
-from common.service import refuse_unless_played_by
+from common.bus.zenoh_bus import ENDPOINT_VARIABLE, open_hub
+from common.config.load import load_cell
+from common.runtime.service import refuse_unless_played_by
+from forcemesh import topics
+from forcemesh.errors import ConfigError
 from services.sensor.rdt import Command, request
 from tests.fakes.rdt_sensor import PATIENCE_S, PERIOD_S, REAL_CELL, ROOT, FakeSensor
 

@@ -8,7 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.clock import NS_PER_S
+from forcemesh.clock import NS_PER_S
+from services.sensor.decimation import Thinning, pause, thin
 from services.sensor.rdt import (
     FROZEN_AFTER_NS,
     FROZEN_RECORDS,
@@ -29,7 +30,6 @@ from services.sensor.rdt import (
     sample_of,
 )
 from services.sensor.rdt_status import MONITOR_CONDITIONS
-from services.sensor.thinning import Thinning, pause, thin
 
 SCALE = Scale(counts_per_N=10_000, counts_per_Nm=100_000, force_range_N=200, torque_range_Nm=8)
 PERIOD_NS = 2_000_000

@@ -2,9 +2,9 @@
 
 from collections.abc import Sequence
 
-from common import topics
-from common.cell import Cell
-from common.endpoints import Bus
+from common.config.cell import Cell
+from forcemesh import topics
+from forcemesh.bus import Bus
 from services.sensor.driver import FINE, Complaint, Info, Sample
 from services.sensor.service import SensorDriver
 from tests.fakes.bench import Bench

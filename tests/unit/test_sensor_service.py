@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import pytest
 
-from common.clock import NS_PER_S
+from forcemesh.clock import NS_PER_S
 from services.sensor.rdt_status import MONITOR_CONDITIONS
 from tests.fakes.rdt_sensor import PERIOD_S, FakeSensor, Rig, assert_no_numbers
 

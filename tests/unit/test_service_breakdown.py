@@ -2,12 +2,12 @@
 
 import pytest
 
-from common import topics
-from common.clock import NS_PER_S
-from common.errors import BusError
-from common.messages import Health, Trip
-from common.requests import ArmRequest, Empty
-from common.service import BREAKDOWN_SHOWN_NS, Containment, Runner, reporter_of
+from common.runtime.service import BREAKDOWN_SHOWN_NS, Containment, Runner, reporter_of
+from forcemesh import topics
+from forcemesh.clock import NS_PER_S
+from forcemesh.errors import BusError
+from forcemesh.messages import Health, Trip
+from forcemesh.requests import ArmRequest, Empty
 from tests.fakes.bench import CELL
 from tests.fakes.cellmates import Cellmates
 from tests.fakes.lab import Lab

@@ -4,13 +4,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common import topics
-from common.clock import ManualClock
-from common.endpoints import Bus
-from common.memory import MemoryTransport
-from common.overruns import Overruns, allowed_gap_s
-from common.service import Runner, reporter_of
-from common.topics import ROLES
+from common.bus.memory_bus import MemoryTransport
+from common.runtime.overruns import Overruns, allowed_gap_s
+from common.runtime.service import Runner, reporter_of
+from forcemesh import topics
+from forcemesh.bus import Bus
+from forcemesh.clock import ManualClock
+from forcemesh.topics import ROLES
 from tests.fakes.bench import CELL
 
 MS = 1_000_000

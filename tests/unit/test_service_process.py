@@ -10,15 +10,10 @@ from typing import Any
 
 import pytest
 
-from common import service as process
-from common import topics
-from common.cell import Cell
-from common.clock import ManualClock
-from common.endpoints import Bus
-from common.errors import BusError, ForcemeshError
-from common.memory import MemoryTransport
-from common.messages import Health, SensorWrench
-from common.service import (
+from common.bus.memory_bus import MemoryTransport
+from common.config.cell import Cell
+from common.runtime import service as process
+from common.runtime.service import (
     LONGEST_PAUSE_S,
     PATIENCE_PERIODS,
     Containment,
@@ -28,6 +23,11 @@ from common.service import (
     reporter_of,
     stop_on_signals,
 )
+from forcemesh import topics
+from forcemesh.bus import Bus
+from forcemesh.clock import ManualClock
+from forcemesh.errors import BusError, ForcemeshError
+from forcemesh.messages import Health, SensorWrench
 from tests.fakes.bench import CELL
 
 DEMO_FILE = Path(__file__).resolve().parents[2] / "cells" / "demo.yaml"

@@ -12,16 +12,16 @@ import numpy as np
 import pytest
 
 from bench.sensor_faults import wirings as all_wirings
-from cli.virtual import VirtualCell
-from common import topics
-from common.cell import Cell
-from common.config import cell_from_tree
-from common.convert import record_of
-from common.errors import ConfigError
-from common.frames import Array
-from common.messages import Mode
-from common.payload import Payload, predict
-from common.requests import ArmRequest, Empty, ForceStartRequest, MoveRequest
+from common.config.cell import Cell
+from common.config.load import cell_from_tree
+from common.config.payload import Payload, predict
+from common.motion.convert import record_of
+from common.motion.frames import Array
+from forcemesh import topics
+from forcemesh.errors import ConfigError
+from forcemesh.messages import Mode
+from forcemesh.requests import ArmRequest, Empty, ForceStartRequest, MoveRequest
+from launch.virtual_cell import VirtualCell
 from services.wrench.tare import TareLimits, tare
 from sim.robot import service as robot_service
 from sim.robot.ft_sensor import FtSample

@@ -6,11 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cli.virtual import VirtualCell
 from common.client import Cell
-from common.config import load_cell
+from common.config.load import load_cell
+from launch.virtual_cell import VirtualCell
 from tests.fakes.axes_checked import axes_are_checked
 from tests.fakes.bench import DEMO, HALF_RATES
+from tools.tree import PRODUCTION
 
 ROOT = Path(__file__).resolve().parents[2]
 PROGRAMS = sorted((ROOT / "examples").glob("*.py"))
@@ -46,8 +47,13 @@ def test_an_example_is_short_and_uses_nothing_but_the_client(path: Path) -> None
     text = path.read_text()
     assert len(text.splitlines()) < 80
     imports = {line.split()[1] for line in text.splitlines() if line.startswith(("import", "from"))}
-    ours = {name for name in imports if name.split(".")[0] in {"cli", "common", "services", "sim"}}
-    assert ours <= {"common.client", "common.client.turning", "common.messages", "common.requests"}
+    ours = {name for name in imports if name.split(".")[0] in set(PRODUCTION)}
+    assert ours <= {
+        "common.client",
+        "common.client.turning",
+        "forcemesh.messages",
+        "forcemesh.requests",
+    }
 
 
 def test_touch_and_press() -> None:

@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cli.skills.path_file import read_points, read_poses, thinned, write_poses
-from common.errors import DataError
-from common.frames import pose, rotation_between, rotation_from_vector
+from common.motion.frames import pose, rotation_between, rotation_from_vector
+from forcemesh.errors import DataError
 
 small = st.floats(-1.0, 1.0)
 poses = st.builds(

@@ -7,19 +7,19 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from common import topics
-from common.convert import pose_of
-from common.messages import Preset, RobotState
-from common.requests import ForceStartRequest, GainsRequest, PathRequest
-from services.regulator import guiding
-from services.regulator.guiding import GuideSettings
+from common.motion.convert import pose_of
+from forcemesh import topics
+from forcemesh.messages import Preset, RobotState
+from forcemesh.requests import ForceStartRequest, GainsRequest, PathRequest
+from services.regulator import admittance as guiding
+from services.regulator.admittance import GuideSettings
 from services.regulator.law import LawInput, start_at
-from services.regulator.route import go, left_m, routed
 from services.regulator.settings import law_settings, pi_gains
-from services.regulator.tuning import LOOP_GAINS, tune
+from services.regulator.tcp_path import go, left_m, routed
 from tests.fakes.arbiter_world import T_START
 from tests.fakes.bench import CELL
 from tests.fakes.regulator_bench import PERIOD_S, T_FLANGE_TCP, RegulatorBench
+from tuning.gain_rule import LOOP_GAINS, tune
 
 DOWN = (T_START * T_FLANGE_TCP).rotation[:, 2]
 SETTINGS, PLAIN, GAINS = GuideSettings.of(CELL), law_settings(CELL), pi_gains(tune(CELL).gains)

@@ -5,15 +5,16 @@ import json
 import numpy as np
 import pytest
 
-from cli.skills import at_work, following, guiding, pressing
-from cli.skills.feel import silent
+from cli.skills import following, guiding, pressing
+from cli.skills import force_session as at_work
+from cli.skills.contact_monitor import silent
 from cli.skills.path_file import read_poses
 from cli.skills.pressing import How
-from cli.virtual import VirtualCell
 from common.client import Cell
-from common.config import load_cell
-from common.convert import pose_of
-from common.errors import ArmStoppedError, DataError, NotReachedError
+from common.config.load import load_cell
+from common.motion.convert import pose_of
+from forcemesh.errors import ArmStoppedError, DataError, NotReachedError
+from launch.virtual_cell import VirtualCell
 from tests.fakes.axes_checked import axes_are_checked
 from tests.fakes.bench import CELL, DEMO, HALF_RATES
 from tests.fakes.verbs import said

@@ -7,10 +7,10 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from common.config import load_cell
-from common.frames import rotation_from_vector
-from common.messages import Trip
-from common.stream_budget import StreamBudget
+from common.config.load import load_cell
+from common.motion.frames import rotation_from_vector
+from common.motion.setpoint_monitor import StreamBudget
+from forcemesh.messages import Trip
 from tests.contract.rig import DEMO_CELL
 
 MS = 1_000_000

@@ -6,18 +6,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.bus_settings import (
+from common.bus.zenoh_settings import (
     ENDPOINT_VARIABLE,
     client_settings,
     endpoint_of,
     hub_settings,
     security_of,
 )
-from common.cell import Cell
-from common.config import load_cell
-from common.errors import BusError, ConfigError
-from common.published import HUB_PUBLISHED
-from common.tls import (
+from common.config.cell import Cell
+from common.config.load import load_cell
+from common.security.published_ports import HUB_PUBLISHED
+from common.security.tls import (
     FOLDER_VARIABLE,
     NAME_VARIABLE,
     NAMES,
@@ -28,7 +27,8 @@ from common.tls import (
     refuse_in_the_clear,
     stays_here,
 )
-from common.topics import CLIENT, HELPERS, ROLES
+from forcemesh.errors import BusError, ConfigError
+from forcemesh.topics import CLIENT, HELPERS, ROLES
 
 DEMO = Path(__file__).resolve().parents[2] / "cells" / "demo.yaml"
 HERE = ["tcp/127.0.0.1:7447", "tcp/127.8.8.8:1", "tcp/[::1]:7447", "tcp/localhost:7447",

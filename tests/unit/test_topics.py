@@ -6,13 +6,13 @@ from typing import Any
 import pytest
 import zenoh
 
-from common import messages as m
-from common import requests as q
-from common import topics
-from common.cell import Cell, Deadlines, Rates
-from common.codec import Header, encode
-from common.config import load_cell
-from common.topics import (
+from common.config.cell import Cell, Deadlines, Rates
+from common.config.load import load_cell
+from forcemesh import messages as m
+from forcemesh import requests as q
+from forcemesh import topics
+from forcemesh.codec import Header, encode
+from forcemesh.topics import (
     CLIENT,
     HEALTH,
     HELPER_HEALTH,

@@ -8,18 +8,19 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cli.tuning import advice, words
-from cli.tuning.advice import Measured, advise
-from cli.tuning.answer import Answer
-from cli.tuning.margins import Loop, margins
-from cli.tuning.servo import Servo
-from cli.tuning.spring import Spring
-from common.cell import Cell
-from common.config import load_cell
-from common.errors import ConfigError, DataError
-from common.messages import Host
-from services.regulator.tuning import tune
+from cli.tune import texts as words
+from common.config.cell import Cell
+from common.config.load import load_cell
+from forcemesh.errors import ConfigError, DataError
+from forcemesh.messages import Host
 from tests.fakes.bench import CELL
+from tuning import advice
+from tuning.advice import Measured, advise
+from tuning.contact_response import Answer
+from tuning.contact_spring import Spring
+from tuning.gain_rule import tune
+from tuning.margins import Loop, margins
+from tuning.servo import Servo
 
 CELL_FILE = Path(__file__).resolve().parents[2] / "cells" / "demo.yaml"
 SERVO = Servo(0.03, 5e-4, 0.005, 0.012)

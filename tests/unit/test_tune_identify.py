@@ -7,12 +7,13 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from cli.tuning import answer, servo
-from cli.tuning.answer import Answer, loop_delay
-from cli.tuning.identify import STAGES, Fit, Steps, identify
-from cli.tuning.servo import servo_of, sums
-from cli.tuning.spring import spring
-from common.errors import DataError
+from forcemesh.errors import DataError
+from tuning import contact_response as answer
+from tuning import servo
+from tuning.contact_response import Answer, loop_delay
+from tuning.contact_spring import spring
+from tuning.identify import STAGES, Fit, Steps, identify
+from tuning.servo import servo_of, sums
 
 FINE_S = 2e-4
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cli.tuning.margins import Loop, forecast, frequencies, margins, release, response
+from tuning.margins import Loop, forecast, frequencies, margins, release, response
 
 loops = st.builds(
     lambda k, delay, lag, low, c, m: Loop(k, 0.0, delay, lag, low, m).with_gain(

@@ -7,19 +7,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cli.skills.feel import silent
-from cli.tuning.identify import Steps
-from cli.tuning.measure import Ears, Measuring, Readings, Trial, measure
-from cli.tuning.servo import Servo
-from cli.tuning.spring import Spring
-from cli.virtual import VirtualCell
+from cli.skills.contact_monitor import silent
+from cli.tune.measure import Ears, Measuring, Readings, Trial, measure
 from common.client import Cell
-from common.config import load_cell
-from common.errors import DataError, NotReachedError, RefusedError
-from services.regulator.tuning import tune
+from common.config.load import load_cell
+from forcemesh.errors import DataError, NotReachedError, RefusedError
+from launch.virtual_cell import VirtualCell
 from sim.robot.arm import motion_lag_s
 from tests.fakes.long import long
 from tests.fakes.verbs import said
+from tuning.contact_spring import Spring
+from tuning.gain_rule import tune
+from tuning.identify import Steps
+from tuning.servo import Servo
 
 CELLS = Path(__file__).resolve().parents[2] / "cells"
 CHAIN_S = 0.003  # at most, from the arbiter's command to the robot, and back in its report
@@ -200,7 +200,7 @@ def test_the_verb_writes_and_sets_nothing_that_the_law_does_not_bear(
     robot = config.robot.model_copy(update={"hosts": ("pc", "controller")})
     cell.client.config = config.model_copy(update={"robot": robot})
     found = Readings(servo=Servo(0.03, 5e-4, 0.005, 0.012), spring=Spring(3e5, 1e3))
-    monkeypatch.setattr("cli.tuning.measure.measure", lambda *_, **__: found)
+    monkeypatch.setattr("cli.tune.measure.measure", lambda *_, **__: found)
     words = ("tune", "--apply", "--write", str(written))
     done = said(monkeypatch, cell.client, silent, *words)
     assert done.exit_code == 1

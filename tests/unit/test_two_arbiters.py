@@ -1,10 +1,10 @@
 """What the robot does when two processes say that they are the arbiter."""
 
-from common.clock import NS_PER_S
-from common.codec import Header
-from common.messages import Permission, RobotCommand
-from common.permission import CommandGate
-from common.reader import Reading
+from common.motion.permission import CommandGate
+from forcemesh.clock import NS_PER_S
+from forcemesh.codec import Header
+from forcemesh.messages import Permission, RobotCommand
+from forcemesh.reader import Reading
 
 
 def test_the_robot_holds_while_two_processes_write_its_commands() -> None:

@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from common.topics import TOPICS
+from forcemesh.topics import TOPICS
 from services.recorder.layout import schema_of
 
 LAYOUT = Path(__file__).parents[2] / "examples" / "viewers" / "foxglove.json"

@@ -8,11 +8,11 @@ import typer
 
 from cli import verbs_motion
 from cli.context import REFUSED, confirmed
-from common import topics
 from common.client import Cell
-from common.config import load_cell
-from common.errors import ArmStoppedError, RefusedError
-from common.requests import HoldRequest
+from common.config.load import load_cell
+from forcemesh import topics
+from forcemesh.errors import ArmStoppedError, RefusedError
+from forcemesh.requests import HoldRequest
 from tests.contract.rig import DEMO_CELL
 from tests.fakes.lab import BRAKE_S, Lab
 

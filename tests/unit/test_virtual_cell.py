@@ -5,9 +5,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from common import topics
-from common.messages import RobotCommand
-from common.requests import Empty
+from forcemesh import topics
+from forcemesh.messages import RobotCommand
+from forcemesh.requests import Empty
 from tests.fakes.bench import CELL
 from tests.fakes.lab import BRAKE_S, Lab
 

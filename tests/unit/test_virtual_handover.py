@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from common import topics
-from common.config import load_cell
-from common.requests import ForceStartRequest, MoveRequest, Reply
+from common.config.load import load_cell
+from forcemesh import topics
+from forcemesh.requests import ForceStartRequest, MoveRequest, Reply
 from tests.fakes.lab import PRESS_N, Lab
 
 TCP = load_cell(Path(__file__).resolve().parents[2] / "cells" / "demo-tcp.yaml")

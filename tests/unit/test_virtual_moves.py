@@ -5,14 +5,14 @@ from functools import partial
 import numpy as np
 import pytest
 
-from common import topics
-from common.convert import pose_of, record_of
-from common.frames import rotation_between
-from common.messages import (
+from common.motion.convert import pose_of, record_of
+from common.motion.frames import rotation_between
+from forcemesh import topics
+from forcemesh.messages import (
     PoseRecord,
     Speed,
 )
-from common.requests import Empty, ForceStartRequest, HoldRequest, MoveRequest
+from forcemesh.requests import Empty, ForceStartRequest, HoldRequest, MoveRequest
 from tests.fakes.lab import BRAKE_S, PRESS_N, Lab
 
 

@@ -9,8 +9,8 @@ from collections.abc import Iterator
 
 import pytest
 
-from common import wakes
-from common.wakes import BUSY, LOOKS, MANY_B, Wakes, connections
+from common.bus import receive_batching as wakes
+from common.bus.receive_batching import BUSY, LOOKS, MANY_B, Wakes, connections
 
 FEW = b"x" * 100
 

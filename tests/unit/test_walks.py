@@ -4,7 +4,8 @@ import re
 
 import pytest
 
-from tools.walks import ROOT, WALKS, main
+from tools.tree import ROOT
+from tools.walks import WALKS, main
 
 
 @pytest.mark.parametrize("name", WALKS)
@@ -27,3 +28,4 @@ def test_a_walk_goes_from_service_to_service_as_the_data_does(capsys) -> None:
     assert places == sorted(places)
     assert "services/regulator/adaptive.py: advance" in sample
     assert "cli/" not in told
+    assert "launch/" not in told

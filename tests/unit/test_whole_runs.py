@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from tools import whole_runs
+from tools.tree import ROOT
 from tools.whole_runs import WholeRun, complaint, failures, git, keep, kept_at
 
 SAYS_42 = WholeRun("echo 42", ("code",))
@@ -113,7 +114,7 @@ def test_every_path_of_the_table_is_there_and_every_command_a_target() -> None:
     """A path that has gone would never be touched again."""
     for run in whole_runs.RUNS.values():
         command = ["make", "-n", *run.command.split()[1:]]
-        done = subprocess.run(command, cwd=whole_runs.ROOT, capture_output=True, check=False)
+        done = subprocess.run(command, cwd=ROOT, capture_output=True, check=False)
         assert done.returncode == 0, run.command
         for path in run.about:
-            assert (whole_runs.ROOT / path).exists(), path
+            assert (ROOT / path).exists(), path

@@ -6,14 +6,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from common import topics
-from common.calibration import CalibrationSection, Residuals
-from common.cell import Cell
-from common.cell_terms import FrameSection
-from common.messages import RegulatorTarget, RobotStatus
-from common.requests import AxesRequest, CalibrationRequest, Empty, Reply
-from common.service import Measuring
-from services.wrench.calibrated import LARGEST, of_cell
+from common.config.calibration import CalibrationSection, Residuals
+from common.config.cell import Cell
+from common.config.cell_terms import FrameSection
+from common.runtime.service import Measuring
+from forcemesh import topics
+from forcemesh.messages import RegulatorTarget, RobotStatus
+from forcemesh.requests import AxesRequest, CalibrationRequest, Empty, Reply
+from services.wrench.active_calibration import LARGEST, of_cell
 from tests.fakes.wrench_bench import BIAS_N, BIAS_NM, IDEAL, WrenchBench
 from tests.unit.test_calibration import NOTHING_LEFT, calibration
 

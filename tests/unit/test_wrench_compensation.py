@@ -9,8 +9,8 @@ from hypothesis import assume, example, given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from common.frames import GRAVITY_M_S2, rotation_from_vector
-from common.payload import Payload, predict
+from common.config.payload import Payload, predict
+from common.motion.frames import GRAVITY_M_S2, rotation_from_vector
 from services.wrench.compensation import Mounting, Wrench, compensate
 from services.wrench.smoothing import Filter, feed
 from services.wrench.tare import WEIGHT_SHARE, TareLimits, tare

@@ -8,15 +8,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common import topics
-from common.codec import Header
-from common.config import load_cell
-from common.convert import record_of
-from common.endpoints import Reading
-from common.errors import ConfigError
-from common.messages import RobotState
-from common.payload import Payload, predict
-from common.requests import MoveRequest
+from common.config.load import load_cell
+from common.config.payload import Payload, predict
+from common.motion.convert import record_of
+from forcemesh import topics
+from forcemesh.bus import Reading
+from forcemesh.codec import Header
+from forcemesh.errors import ConfigError
+from forcemesh.messages import RobotState
+from forcemesh.requests import MoveRequest
 from services.wrench.compensation import Mounting, Wrench, compensate
 from services.wrench.inertia import Acceleration
 from tests.fakes.bench import CELL

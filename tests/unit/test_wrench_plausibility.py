@@ -14,15 +14,15 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from bench.sensor_faults import Disturb, stuck
-from cli.virtual import VirtualCell
-from common import topics
-from common.codec import Header
-from common.config import cell_from_tree
-from common.endpoints import Reading
-from common.errors import ConfigError
-from common.faults import FAULTS
-from common.messages import RobotState, SensorWrench
-from common.requests import ArmRequest, MoveRequest
+from common.config.load import cell_from_tree
+from forcemesh import topics
+from forcemesh.bus import Reading
+from forcemesh.codec import Header
+from forcemesh.errors import ConfigError
+from forcemesh.faults import FAULTS
+from forcemesh.messages import RobotState, SensorWrench
+from forcemesh.requests import ArmRequest, MoveRequest
+from launch.virtual_cell import VirtualCell
 from services.wrench.inputs import Pairing, heard, pair
 from services.wrench.plausibility import FINE, WILD_APART, Bounds, History, judge
 from sim.robot.ft_sensor import FtSample

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from common import topics
-from common.frames import rotation_from_vector
-from common.messages import RobotState
+from common.motion.frames import rotation_from_vector
+from forcemesh import topics
+from forcemesh.messages import RobotState
 from tests.fakes.bench import CELL
 from tests.fakes.wrench_bench import DOWN, SENSOR_S, TOLD_S, WrenchBench
 

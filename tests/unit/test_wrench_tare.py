@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from common import topics
-from common.frames import GRAVITY_M_S2, rotation_from_vector
-from common.messages import RobotStatus
-from common.payload import Payload, residual
-from common.requests import Empty
+from common.config.payload import Payload, residual
+from common.motion.frames import GRAVITY_M_S2, rotation_from_vector
+from forcemesh import topics
+from forcemesh.messages import RobotStatus
+from forcemesh.requests import Empty
 from services.wrench.tare import TareLimits, tare
 from tests.fakes.bench import CELL
 from tests.fakes.wrench_bench import SENSOR_S, TOLD_S, WrenchBench

@@ -6,7 +6,7 @@ import numpy as np
 import viser
 from viser import uplot
 
-from common.markup import Html, html, joined
+from services.panel.markup import Html, html, joined
 from services.panel.prose import Prose, paragraphs
 from services.panel.tabs import Refresh, Tab
 from services.panel.viewer import Answer, Viewer, put

@@ -2,12 +2,12 @@
 
 import viser
 
-from common.faults import FAULTS
-from common.markup import Html, html, joined
-from common.messages import ArbiterStatus
+from forcemesh.faults import FAULTS
+from forcemesh.messages import ArbiterStatus
 from services.panel.faultlog import Happened
+from services.panel.markup import Html, html, joined
 from services.panel.prose import Prose, paragraphs
-from services.panel.strip import services
+from services.panel.status_bar import services
 from services.panel.tabs import Refresh, Tab
 from services.panel.viewer import Viewer
 from services.panel.watch import Snapshot

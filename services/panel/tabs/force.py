@@ -7,12 +7,12 @@ from typing import Any, get_args
 import viser
 
 from common.client import Cell
-from common.clock import NS_PER_S
-from common.errors import ForcemeshError
-from common.markup import Html, html
-from common.messages import Gains, Mode, Preset, StartLaw, Vec3
-from common.requests import ForceStartRequest, GainsRequest
+from forcemesh.clock import NS_PER_S
+from forcemesh.errors import ForcemeshError
+from forcemesh.messages import Gains, Mode, Preset, StartLaw, Vec3
+from forcemesh.requests import ForceStartRequest, GainsRequest
 from services.panel.following import Followed
+from services.panel.markup import Html, html
 from services.panel.prose import Prose, paragraphs
 from services.panel.tabs import Refresh, Tab
 from services.panel.viewer import Viewer, put

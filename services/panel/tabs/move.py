@@ -9,12 +9,12 @@ import numpy as np
 import viser
 
 from common.client import Cell
-from common.convert import pose_of, record_of, vec6
-from common.frames import Oat, R_from_oat, oat_from_R, pose
-from common.markup import Html, html
-from common.messages import RobotState, Vec3
-from common.requests import MoveRequest
+from common.motion.convert import pose_of, record_of, vec6
+from common.motion.frames import Oat, R_from_oat, oat_from_R, pose
+from forcemesh.messages import RobotState, Vec3
+from forcemesh.requests import MoveRequest
 from services.panel.backing_off import BackOff
+from services.panel.markup import Html, html
 from services.panel.prose import Prose, paragraphs
 from services.panel.tabs import Refresh, Tab
 from services.panel.viewer import Answer, Viewer, ask, put

@@ -2,11 +2,11 @@
 
 import viser
 
-from common import topics
-from common.errors import BusError
-from common.markup import Html, html
-from common.messages import RecorderStatus
-from common.requests import Empty, RecordRequest
+from forcemesh import topics
+from forcemesh.errors import BusError
+from forcemesh.messages import RecorderStatus
+from forcemesh.requests import Empty, RecordRequest
+from services.panel.markup import Html, html
 from services.panel.prose import Prose, paragraphs
 from services.panel.tabs import Refresh, Tab
 from services.panel.viewer import Viewer

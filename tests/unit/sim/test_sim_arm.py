@@ -7,8 +7,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from common.errors import SimulationError
-from common.frames import GRAVITY_M_S2
+from common.motion.frames import GRAVITY_M_S2
+from forcemesh.errors import SimulationError
 from sim.robot.arm import SimArm, bandwidth_rad_s, motion_lag_s
 from sim.robot.settings import PLATE_CORNER_M, TICK_S, SensorSettings, SimSettings
 

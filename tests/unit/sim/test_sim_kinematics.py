@@ -9,10 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from common.frames import GRAVITY_M_S2, Array, Oat, R_from_oat, oat_from_R, rotation_between
+from common.motion.frames import GRAVITY_M_S2, Array, Oat, R_from_oat, oat_from_R, rotation_between
+from common.motion.kinematics import MODEL_PATH, ArmKinematics
 from sim.controller.values import Joints, Transformation, se3_of
 from sim.robot.engine import mujoco
-from sim.robot.kinematics import MODEL_PATH, ArmKinematics
 from tests.fakes.as_bench import AsBench, program
 
 ARM = ArmKinematics()

@@ -9,8 +9,8 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from common.frames import rotation_between
-from sim.robot.kinematics import MAX_SPEED_RAD_S, ArmKinematics
+from common.motion.frames import rotation_between
+from common.motion.kinematics import MAX_SPEED_RAD_S, ArmKinematics
 from sim.robot.motion import ACCEL_M_S2, MotionGenerator, MotionSpeed
 
 ARM = ArmKinematics()

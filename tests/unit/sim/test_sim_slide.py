@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from common.frames import rotation_between
+from common.motion.frames import rotation_between
 from sim.robot.arm import SimArm
 from sim.robot.settings import TICK_S, SimSettings
 from tests.fakes.long import long

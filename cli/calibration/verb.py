@@ -1,0 +1,234 @@
+"""`forcemesh calibrate`: find payload and sensor bias of a cell, verify them, write them down."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from cli.context import PATIENCE_S, USAGE, CellOption, fail, find_cell_file, one_line_errors
+from cli.payload import Axes, AxesOption
+
+if TYPE_CHECKING:
+    from cli.calibration import by_arm
+    from cli.calibration.finish import Job
+    from common.config.cell import Cell
+
+USUAL_SPEED_MM_S = 100.0
+
+Yes = Annotated[bool, typer.Option("--yes", help="The box is free: do not ask.")]
+Poses = Annotated[int, typer.Option(min=6, max=40, help="Poses to fit.")]
+VerifyPoses = Annotated[
+    int, typer.Option(min=0, max=20, help="Fresh poses to verify by; 0: none, --manual alone.")
+]
+SpeedOption = Annotated[
+    float | None,
+    typer.Option(min=1.0, max=1000.0, help="Speed of the moves [mm/s]; 100 if the cell allows."),
+]
+DwellOption = Annotated[float, typer.Option(min=0.1, max=10.0, help="Reading time of a pose [s].")]
+Turn = Annotated[
+    float, typer.Option(min=30.0, max=180.0, help="Joints 4 to 6 turn so far at most [deg].")
+]
+MaxForce = Annotated[float, typer.Option(min=0.001, help="Force that may be left [N].")]
+MaxTorque = Annotated[float, typer.Option(min=0.0001, help="Torque that may be left [N m].")]
+Force = Annotated[bool, typer.Option("--force", help="Write it although it failed; never use it.")]
+Use = Annotated[
+    bool,
+    typer.Option(
+        "--use",
+        help="Put it into use when it passed; the wizard that moves the arm does so without --out.",
+    ),
+]
+Free = Annotated[
+    bool,
+    typer.Option("--free", help="The tool hangs free, although a force is shown: another tool."),
+]
+Out = Annotated[
+    Path | None,
+    typer.Option(metavar="FILE", help="Only write it, there; with --use put it into use as well."),
+]
+Manual = Annotated[bool, typer.Option("--manual", help="Move nothing: watch a person do it.")]
+AutoCapture = Annotated[
+    bool, typer.Option("--auto-capture", help="With --manual: take each new pose by itself.")
+]
+FromFile = Annotated[
+    Path | None, typer.Option("--from", metavar="CSV", help="Move nothing: take a recording.")
+]
+VerifyWith = Annotated[
+    Path | None, typer.Option(metavar="CSV", help="With --from: recording to verify by.")
+]
+VerifyOnly = Annotated[
+    bool, typer.Option("--verify-only", help="Judge what the running cell uses; fit nothing.")
+]
+
+
+@dataclass(frozen=True, slots=True)
+class _Way:
+    """Which of the ways to calibrate was chosen."""
+
+    manual: bool
+    auto_capture: bool
+    recording: Path | None
+    verify_with: Path | None
+    verify_only: bool
+    axes: AxesOption
+
+    def mistake(self) -> str:
+        """Say which options do not go together, empty when they do."""
+        chosen = {
+            "--manual": self.manual,
+            "--from": self.recording is not None,
+            "--verify-only": self.verify_only,
+        }
+        names = [name for name, is_chosen in chosen.items() if is_chosen]
+        if len(names) > 1:
+            return f"{' and '.join(names)} do not go together: choose one"
+        if self.verify_with is not None and self.recording is None:
+            return "--verify-with goes with --from: the wizard itself takes fresh poses"
+        if self.axes is not AxesOption.AUTO and self.recording is None:
+            return "--wrench-axes goes with --from: the wizard reads the sensor itself"
+        if self.auto_capture and not self.manual:
+            return "--auto-capture goes with --manual"
+        return ""
+
+
+@dataclass(frozen=True, slots=True)
+class Fate:
+    """What becomes of the result: use needs a wish of its own, and never follows from --out."""
+
+    out: Path | None
+    use: bool
+    force: bool
+    moves_arm: bool
+
+    @property
+    def uses(self) -> bool:
+        """Whether it goes into use when it passed; the wizard that moves the arm is for that."""
+        return self.use or (self.moves_arm and self.out is None and not self.force)
+
+    def mistake(self) -> str:
+        """Say which options do not go together, empty when they do."""
+        if self.use and self.force:
+            return "--use and --force do not go together: what failed is never put into use"
+        return ""
+
+
+def calibrate(
+    *,
+    yes: Yes = False,
+    poses: Poses = 10,
+    verify_poses: VerifyPoses = 4,
+    speed: SpeedOption = None,
+    dwell: DwellOption = 0.5,
+    turn: Turn = 120.0,
+    max_force: MaxForce = 0.5,
+    max_torque: MaxTorque = 0.05,
+    force: Force = False,
+    use: Use = False,
+    free: Free = False,
+    out: Out = None,
+    manual: Manual = False,
+    auto_capture: AutoCapture = False,
+    from_file: FromFile = None,
+    verify_with: VerifyWith = None,
+    verify_only: VerifyOnly = False,
+    wrench_axes: Axes = AxesOption.AUTO,
+    cell: CellOption = None,
+) -> None:
+    """Find payload and sensor bias, verify them on fresh poses, put them into use.
+
+    The arm moves by itself through poses inside the workspace of the cell file, after a person has
+    confirmed that it is free. What fresh poses have proved is written where the cell file says and
+    used by the running cell at once. With --manual, --from or --out it is only written; --use puts
+    it into use, when it passed. This is not a safety function.
+    """
+    way = _Way(manual, auto_capture, from_file, verify_with, verify_only, wrench_axes)
+    fate = Fate(out, use, force, moves_arm=not (manual or from_file))
+    mistake = way.mistake() or fate.mistake()
+    if mistake:
+        fail(mistake, USAGE)
+    with one_line_errors():
+        path = find_cell_file(cell)
+        job = _job(path, fate, (max_force, max_torque))
+        if from_file is not None:
+            code = _by_file(job, from_file, way)
+        elif manual:
+            code = _by_hand(job, way, (poses, verify_poses, dwell))
+        else:
+            if verify_poses == 0:
+                fail("--verify-poses 0 goes with --manual: the wizard verifies what it fits", USAGE)
+            wish = _wish(job.cell, (poses, verify_poses, turn), speed, dwell, assured=(yes, free))
+            code = _by_arm(job, wish, verify_only=verify_only)
+    raise typer.Exit(code)
+
+
+def _job(path: Path, fate: Fate, bounds: tuple[float, float]) -> "Job":
+    from cli.calibration.finish import Job
+    from cli.calibration.places import places_of
+    from common.config.load import load_cell
+    from identification.verification import Bounds
+
+    cell = load_cell(path, {"calibration": None})  # not needed here, and it may be what is broken
+    places = places_of(cell, path, fate.out)
+    if fate.out is not None and not fate.uses and not places.advice:
+        fail(
+            f"--out {fate.out} is the file that the cell takes when it is started: --use puts the "
+            "result into use, another name only writes it",
+            USAGE,
+        )
+    return Job(cell, places, Bounds(*bounds), force=fate.force, use=fate.uses)
+
+
+def _wish(
+    cell: "Cell",
+    poses: tuple[int, int, float],
+    speed_mm_s: float | None,
+    dwell_s: float,
+    *,
+    assured: tuple[bool, bool],
+) -> "by_arm.Wish":
+    from math import radians
+
+    from cli.calibration.by_arm import Wish
+    from cli.calibration.wizard import Pace
+    from identification.excitation.plan import Options
+
+    count, fresh, turn_deg = poses
+    most_mm_s = 1e3 * cell.limits.speed_m_s
+    if speed_mm_s is not None and speed_mm_s > most_mm_s:
+        fail(f"--speed {speed_mm_s:g}: limits.speed_m_s allows {most_mm_s:g} mm/s", USAGE)
+    usual_mm_s = min(USUAL_SPEED_MM_S, most_mm_s)
+    pace = Pace((usual_mm_s if speed_mm_s is None else speed_mm_s) / 1e3, dwell_s)
+    return Wish(Options(count, fresh, radians(turn_deg)), pace, *assured)
+
+
+def _by_arm(job: "Job", wish: "by_arm.Wish", *, verify_only: bool) -> int:
+    from cli.calibration import by_arm
+    from common.bus.zenoh_bus import open_bus
+    from forcemesh.topics import CLIENT
+
+    with open_bus(job.cell, CLIENT, patience_s=PATIENCE_S) as bus:
+        return by_arm.verify(job, wish, bus) if verify_only else by_arm.calibrate(job, wish, bus)
+
+
+def _by_hand(job: "Job", way: _Way, poses: tuple[int, int, float]) -> int:
+    from cli.calibration import by_hand
+    from cli.calibration.screen import Keyboard
+    from common.bus.zenoh_bus import open_bus
+    from forcemesh.topics import CLIENT
+
+    count, fresh, dwell_s = poses
+    wish = by_hand.Wish(count, fresh, dwell_s, way.auto_capture)
+    with open_bus(job.cell, CLIENT, patience_s=PATIENCE_S) as bus:
+        return by_hand.calibrate(job, wish, bus, Keyboard())
+
+
+def _by_file(job: "Job", recording: Path, way: _Way) -> int:
+    from cli.calibration import by_file
+    from cli.payload import named_axes
+    from forcemesh.errors import DataError
+
+    try:
+        return by_file.calibrate(job, recording, way.verify_with, named_axes(way.axes))
+    except DataError as error:  # as everywhere where a file is at fault
+        fail(str(error), USAGE)

@@ -1,0 +1,64 @@
+"""Prints what was found of an installation: for a person, or as one JSON object."""
+
+import json
+
+import typer
+
+from forcemesh import topics
+from forcemesh.bus import Bus
+from forcemesh.clock import NS_PER_S
+from forcemesh.requests import AxesRequest
+from identification.installation.terms import Installation
+
+WRENCH_WITHIN_S, POLL_S = 2.0, 0.01
+HEADLINES = {
+    "right": "right: axes, signs and units are those of the cell file",
+    "wrong": "wrong:",
+    "cannot tell": "cannot tell:",
+}
+
+
+def tell(found: Installation, source: str, *, as_json: bool) -> None:
+    """Print verdict, findings, what to write, what was not seen, and the numbers behind it."""
+    if as_json:
+        typer.echo(json.dumps(as_tree(found, source), allow_nan=False))
+        return
+    typer.echo(f"{source}\n{HEADLINES[found.verdict]}")
+    for finding in found.findings:
+        typer.echo(f"  - {finding.text}\n    -> {finding.mend}")
+    for line in found.unseen:
+        typer.echo(f"  not shown: {line}")
+    numbers = ", ".join(f"{name} {value:.4g}" for name, value in found.evidence.items())
+    if numbers:
+        typer.echo(f"  ({numbers})")
+
+
+def tell_cell(bus: Bus, found: Installation) -> None:
+    """Let the cell know that its axes are right, so that a hand may guide the tool."""
+    if found.verdict != "right":
+        return
+    wrench = bus.reader(topics.WRENCH)
+    give_up_ns = bus.clock.now_ns() + round(WRENCH_WITHIN_S * NS_PER_S)
+    while (heard := wrench.read(bus.clock.now_ns()).fresh) is None:
+        if bus.clock.now_ns() > give_up_ns:
+            typer.echo("warning: no wrench is published: the cell takes no note of it", err=True)
+            return
+        bus.clock.sleep_s(POLL_S)
+    reply = bus.ask(topics.AXES, AxesRequest(calibration=heard.calibration))
+    typer.echo(reply.text if reply.accepted else f"warning: {reply.text}", err=True)
+
+
+def as_tree(found: Installation, source: str) -> dict[str, object]:
+    """Return the same as a program wants it."""
+    wiring = None if found.force_wiring is None else found.force_wiring.tolist()
+    return {
+        "verdict": found.verdict,
+        "source": source,
+        "findings": [
+            {"code": each.code, "kind": each.kind, "text": each.text, "mend": each.mend}
+            for each in found.findings
+        ],
+        "not_shown": list(found.unseen),
+        "force_channels_show": wiring,
+        "evidence": found.evidence,
+    }

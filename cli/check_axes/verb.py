@@ -1,0 +1,151 @@
+"""`forcemesh check axes`: is the sensor installed as the cell file says?"""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from cli.context import (
+    NOT_WELL,
+    OK,
+    USAGE,
+    CellOption,
+    JsonOption,
+    answers_yes,
+    client_of,
+    fail,
+    find_cell_file,
+    one_line_errors,
+)
+from cli.payload import Axes, AxesOption
+
+if TYPE_CHECKING:
+    from common.config.cell import Cell
+    from identification.installation.terms import Belief, Installation
+
+check = typer.Typer(no_args_is_help=True, help="Check the installation of a cell.")
+
+POSES, SPEED_MM_S, DWELL_S = 6, 100.0, 0.3
+
+FromFile = Annotated[
+    Path | None,
+    typer.Option("--from", metavar="CSV", help="Move nothing: judge a recording."),
+]
+Push = Annotated[bool, typer.Option("--push", help="Move nothing: push the tool by hand.")]
+Yes = Annotated[bool, typer.Option("--yes", help="The box is free: do not ask.")]
+Mass = Annotated[
+    float | None,
+    typer.Option(min=0.001, help="True mass below the sensor [kg]; else that of the cell file."),
+]
+Speed = Annotated[float, typer.Option(min=1.0, max=1000.0, help="Speed of the moves [mm/s].")]
+
+
+@check.callback()
+def _group() -> None:
+    """Keep `axes` a word of its own beside what else may be checked."""
+
+
+@check.command()
+def axes(
+    *,
+    from_file: FromFile = None,
+    push: Push = False,
+    yes: Yes = False,
+    mass: Mass = None,
+    speed: Speed = SPEED_MM_S,
+    wrench_axes: Axes = AxesOption.AUTO,
+    as_json: JsonOption = False,
+    cell: CellOption = None,
+) -> None:
+    """Say whether axes, signs and units of the sensor are right, and what to write if not.
+
+    Without an option the arm turns the tool through six poses, after a person has confirmed that
+    the workspace is free; its weight shows the rest. This is not a safety function.
+    """
+    if push and from_file is not None:
+        fail("--push and --from do not go together: choose one", USAGE)
+    if wrench_axes is not AxesOption.AUTO and from_file is None:
+        fail("--wrench-axes goes with --from: else the sensor itself is read", USAGE)
+    from cli.check_axes.result import tell
+
+    with one_line_errors():
+        path = find_cell_file(cell)
+        found, source = (
+            _by_file(path, from_file, wrench_axes, mass)
+            if from_file is not None
+            else _by_hand(path)
+            if push
+            else _by_arm(path, mass, speed, yes=yes)
+        )
+    tell(found, source, as_json=as_json)
+    raise typer.Exit(OK if found.verdict == "right" else NOT_WELL)
+
+
+def _belief(cell: "Cell", mass_kg: float | None) -> "Belief":
+    from dataclasses import replace
+
+    from identification.installation.terms import Belief
+
+    believed = Belief.of(cell)
+    return believed if mass_kg is None else replace(believed, mass_kg=mass_kg)
+
+
+def _by_file(
+    path: Path, recording: Path, option: AxesOption, mass_kg: float | None
+) -> "tuple[Installation, str]":
+    from cli.payload import named_axes
+    from common.config.load import load_cell
+    from forcemesh.errors import DataError
+    from identification.installation.check import judge_recording
+    from identification.recording import read_recording
+
+    believed = _belief(load_cell(path), mass_kg)
+    try:
+        data = read_recording(recording)
+    except DataError as error:  # code 1 would say that the installation is wrong
+        fail(str(error), USAGE)
+    taken, found = judge_recording(data, named_axes(option), believed)
+    return found, f"{recording} in {taken} axes, against {path}"
+
+
+def _by_hand(path: Path) -> "tuple[Installation, str]":
+    from cli.calibration.screen import screen
+    from cli.check_axes.push import PushTest
+    from cli.check_axes.result import tell_cell
+    from identification.installation.terms import Belief
+
+    with client_of(path) as (cell, bus), screen(with_time=False) as teller:
+        try:
+            found = PushTest(bus, cell, teller).run(Belief.of(cell))
+        except KeyboardInterrupt:
+            fail("interrupted: nothing was judged", NOT_WELL)
+        tell_cell(bus, found)
+    return found, f"pushes by hand, against {path}"
+
+
+def _by_arm(
+    path: Path, mass_kg: float | None, speed_mm_s: float, *, yes: bool
+) -> "tuple[Installation, str]":
+    from cli.calibration import by_arm
+    from cli.calibration.screen import screen
+    from cli.calibration.wizard import Pace
+    from cli.check_axes.result import tell_cell
+    from identification.dwells import samples_of
+    from identification.excitation.plan import Options
+    from identification.installation.check import judge_installation
+
+    with client_of(path) as (cell, bus):
+        most_mm_s = 1e3 * cell.limits.speed_m_s
+        pace = Pace(min(speed_mm_s, most_mm_s) / 1e3, DWELL_S)
+        wish = by_arm.Wish(Options(poses=POSES, verify_poses=0), pace, yes)
+        plan = by_arm.planned(cell, bus, wish)
+        typer.echo(by_arm.explained(cell, plan, pace), err=True)
+        if not yes and not answers_yes("is the box free, and may the arm move?"):
+            fail("nothing was moved", NOT_WELL)
+        with screen() as teller:
+            wizard, ended = by_arm.drive(cell, bus, plan, pace, teller=teller)
+        if ended is not None:
+            raise typer.Exit(ended)
+        found = judge_installation(samples_of(wizard.dwells), _belief(cell, mass_kg))
+        tell_cell(bus, found)
+        return found, f"{len(wizard.dwells)} poses of the arm, against {path}"

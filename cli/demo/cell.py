@@ -1,0 +1,133 @@
+"""The cell that the demo runs: the cell file with the plate and the delay that were asked for."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from cli.demo.measures import Surface
+from cli.demo.scenario import Plan
+from common.config.cell import Cell
+from common.config.load import load_cell
+from forcemesh.errors import ConfigError
+from forcemesh.messages import Law
+from sim.robot.scene import plate_at_rest
+from sim.robot.service import sim_settings
+from sim.robot.settings import SimSettings
+
+DEFAULT_TILT_DEG = {"position": 0.0, "orientation": 5.0, "both": 5.0}
+DEFAULT_SETPOINT_N = {"position": 0.0, "orientation": 0.0, "both": 10.0}
+LEAST_PRESS_N = 5.0
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """What the demo puts in the place of the cell file's own; None leaves that as it is."""
+
+    tilt_deg: float = 0.0
+    stiffness_N_m: float | None = None
+    delay_s: float | None = None
+    seed: int | None = None
+    as_step_s: float | None = None
+    pessimistic: bool = False
+    law: Law | None = None
+
+
+def demo_cell(path: Path, trial: Trial) -> Cell:
+    """Load a cell file with the demo's options put in; the gain rule is told the same.
+
+    The plate rests on springs at its corners, so its tilt stiffness goes with its stiffness.
+
+    Raises:
+        ConfigError: The cell file or an option is wrong; the cell is a real one.
+    """
+    plate_of(load_cell(path))  # first: the overrides would make a section `sim` of their own
+    overrides: dict[str, object] = {"sim.tilt_deg": trial.tilt_deg}
+    if trial.law is not None:
+        overrides["force.law"] = trial.law
+    if trial.seed is not None:
+        overrides["sim.seed"] = trial.seed
+    if trial.as_step_s is not None or trial.pessimistic:
+        overrides |= _controller(load_cell(path), trial)
+    if trial.delay_s is not None:
+        plain = load_cell(path, overrides)
+        own_s = 0.0 if plain.sim is None else plain.robot.delay_s - plain.sim.delay_s
+        overrides["sim.delay_s"] = trial.delay_s
+        overrides["robot.delay_s"] = trial.delay_s + own_s  # what a program adds stays
+    if trial.stiffness_N_m is not None:
+        overrides["sim.stiffness_N_m"] = trial.stiffness_N_m
+        overrides["contact.stiffness_N_m"] = trial.stiffness_N_m
+        stiffer = plate_of(load_cell(path, overrides))
+        overrides["contact.tilt_stiffness_Nm_rad"] = stiffer.plate_tilt_stiffness_Nm_rad
+    cell = load_cell(path, overrides)
+    if cell.force.approach_m_s > cell.approach_limit_m_s:  # of the file, for its own plate
+        cell = load_cell(path, overrides | {"force.approach_m_s": cell.approach_limit_m_s})
+    plate_of(cell)
+    return cell
+
+
+def _controller(plain: Cell, trial: Trial) -> dict[str, object]:
+    """Return what another speed of the emulated controller changes.
+
+    All that its program takes, and so its delay and the rate of its reports, goes with the step.
+    """
+    if plain.sim is None or plain.roles.robot != "gateway":
+        text = "--as-step-ms and --pessimistic are for a cell with an emulated controller"
+        raise ConfigError(plain.cell, [f"{text}, such as cells/demo-tcp.yaml"])
+    ratio = 1.0 if trial.as_step_s is None else trial.as_step_s / plain.sim.as_step_s
+    return {
+        "sim.as_step_s": plain.sim.as_step_s * ratio,
+        "sim.as_pessimistic": trial.pessimistic or plain.sim.as_pessimistic,
+        "robot.delay_s": plain.robot.delay_s * ratio,
+        "rates.robot_hz": plain.rates.robot_hz / ratio,
+    }
+
+
+def plate_of(cell: Cell) -> SimSettings:
+    """Return the simulated cell's settings, checked before any process is started."""
+    if cell.sim is None:
+        text = "the demo needs a cell with a section `sim`: it arms and presses without asking"
+        raise ConfigError(cell.cell, [text])
+    return sim_settings(cell, cell.sim)
+
+
+def check_plan(cell: Cell, plan: Plan) -> None:
+    """Raise ConfigError for what the cell cannot show, before anything is started."""
+    mistakes = []
+    highest_N = min(cell.force.setpoint_max_N, cell.limits.force_N)
+    if plan.host not in cell.robot.hosts:
+        mistakes.append(
+            f"--host {plan.host}: it needs a cell with a controller that runs force feedback; "
+            f"cell {cell.cell} offers {', '.join(cell.robot.hosts)}"
+        )
+    if not LEAST_PRESS_N <= plan.press_N <= highest_N:
+        mistakes.append(
+            f"--force {plan.press_N:g}: must be within {LEAST_PRESS_N:g} .. {highest_N:g} N"
+        )
+    if not 0.0 <= plan.setpoint_N <= highest_N:
+        mistakes.append(f"--setpoint {plan.setpoint_N:g}: must be within 0 .. {highest_N:g} N")
+    if plan.mode == "both" and plan.setpoint_N < LEAST_PRESS_N:
+        mistakes.append(
+            f"--setpoint {plan.setpoint_N:g}: a face aligns only while it is pressed, "
+            f"mode both needs at least {LEAST_PRESS_N:g} N"
+        )
+    if plan.mode == "orientation" and plan.setpoint_N > 0.0:
+        mistakes.append(
+            f"--setpoint {plan.setpoint_N:g}: mode orientation regulates the torque alone and "
+            "holds no force: choose position or both"
+        )
+    if mistakes:
+        raise ConfigError("demo", mistakes)
+
+
+def surface_of(cell: Cell) -> Surface:
+    """Return the plate of a simulated cell, where contact truly begins."""
+    settings = plate_of(cell)
+    plate = plate_at_rest(settings)
+    return Surface(
+        point_m=np.asarray(plate.point_m),
+        normal=np.asarray(plate.normal),
+        disc_radius_m=settings.disc_radius_m,
+        stiffness_N_m=settings.stiffness_N_m,
+        T_flange_tcp=cell.tool.T_flange_tcp.pose,
+    )

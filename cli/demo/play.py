@@ -1,0 +1,98 @@
+"""Plays the demo's script on a cell: in real processes, or in one on a virtual clock."""
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+from rich.console import Console
+from rich.progress import BarColumn, TextColumn
+from rich.progress import Progress as Bar
+
+from cli.demo.scenario import Plan, Progress, Scenario, ScenarioError, Trace
+from common.config.cell import Cell
+from forcemesh.errors import ForcemeshError
+
+if TYPE_CHECKING:
+    from launch.processes import Supervisor
+
+REFRESH_S = 0.05
+
+
+def play_virtual(cell: Cell, plan: Plan, progress: Progress, _linger_s: float) -> Trace:
+    """Play in one process on a virtual clock."""
+    from launch.virtual_cell import VirtualCell
+
+    world = VirtualCell(cell)
+    trace = Scenario(world.client, plan, check=lambda: None, progress=progress).run()
+    trace.stages.clear()  # whole steps of the virtual clock are no latency
+    return trace
+
+
+def play_real(
+    cell: Cell,
+    plan: Plan,
+    progress: Progress,
+    linger_s: float,
+    *,
+    panel: bool = False,
+    recorder: bool = False,
+) -> Trace:
+    """Start the cell's processes, play, and stop them all in any case.
+
+    Raises:
+        ScenarioError: A process died or the arm was stopped; after a death the cell stays up for
+            `linger_s` before that, so that `forcemesh status` can be asked.
+        BusError: Nobody answered, and no process died.
+    """
+    from cli.panel import panel_beside
+    from cli.record import recorder_beside
+    from common.bus.zenoh_bus import open_bus
+    from forcemesh.topics import CLIENT
+    from launch.processes import Supervisor
+
+    with Supervisor(cell) as processes:
+        processes.wait_ready()
+        try:
+            with (
+                recorder_beside(processes, wanted=recorder),
+                panel_beside(processes, wanted=panel),
+                open_bus(cell, CLIENT) as client,
+            ):
+                check = _refuse_the_dead(processes)
+                return Scenario(client, plan, check=check, progress=progress).run()
+        except ForcemeshError as error:  # also an unanswered request: who serves it may have died
+            processes.mourn(linger_s)
+            if not processes.died:
+                raise
+            dead = "; ".join(str(died) for died in processes.died)
+            raise ScenarioError(f"{dead}: {error}") from error
+
+
+def _refuse_the_dead(processes: "Supervisor") -> Callable[[], None]:
+    def check() -> None:
+        if processes.died:
+            raise ScenarioError("a process of the cell died")
+
+    return check
+
+
+@contextmanager
+def live_progress(screen: Console, plan: Plan) -> Iterator[Progress]:
+    """Show phase, force and torque while the script runs."""
+    columns = (
+        TextColumn("{task.description:<16}"),
+        BarColumn(bar_width=30),
+        TextColumn("{task.completed:5.1f} N  {task.fields[torque]:6.3f} N m"),
+    )
+    with Bar(*columns, console=screen, transient=False) as bar:
+        task = bar.add_task("starting", total=plan.press_N, torque=0.0)
+        last_s = [0.0]
+
+        def progress(phase: str, force_N: float, torque_Nm: float) -> None:
+            now_s = time.monotonic()
+            if now_s - last_s[0] > REFRESH_S:
+                last_s[0] = now_s
+                bar.update(task, description=phase, completed=force_N, torque=torque_Nm)
+
+        yield progress

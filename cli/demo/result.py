@@ -1,0 +1,93 @@
+"""What the demo shows at its end: a table, a plot, and a picture of the scene."""
+
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+from rich.table import Table
+
+from cli.demo.cell import plate_of
+from cli.demo.measures import Result, Surface
+from cli.demo.scenario import SETTLED_FORCE_N, SETTLED_TORQUE_NM, Plan, Sample, Trace
+from common.config.cell import Cell
+
+
+def table(result: Result, plan: Plan, started: str) -> Table:
+    """Return the result as a table; its title is what the regulator says that it has started."""
+    goal = {
+        "position": f"|F - {plan.setpoint_N:g} N| <= {SETTLED_FORCE_N:g} N",
+        "orientation": f"|M| <= {SETTLED_TORQUE_NM:g} N m",
+        "both": f"|F - {plan.setpoint_N:g} N| <= {SETTLED_FORCE_N:g} N, "
+        f"|M| <= {SETTLED_TORQUE_NM:g} N m",
+    }[plan.mode]
+    rows = Table(title=f"force feedback: {started}", title_justify="left")
+    rows.add_column("measure")
+    rows.add_column("value", justify="right")
+    rows.add_column("what it means")
+    settling = "not settled"
+    if result.settling_s is not None:
+        settling = f"{result.settling_s * 1e3:.0f} ms"
+        settling += f" = {result.settling_s / result.tau_s:.1f} tau"
+    rows.add_row("settled", "yes" if result.settled else "no", f"{goal} for 1 s")
+    rows.add_row("settling time", settling, "from the start of force feedback")
+    rows.add_row("overshoot", f"{result.overshoot_pct:.1f} %", "true lift-off, or force beyond")
+    rows.add_row("peak force", f"{result.peak_force_N:.1f} N", "pressing included")
+    rows.add_row("final force", f"{result.final_force_N:.2f} N", "mean of the last 0.5 s")
+    rows.add_row("final torque", f"{result.final_torque_Nm:.3f} N m", "the same, about the TCP")
+    rows.add_row("misalignment", f"{result.misalignment_deg:.2f} deg", "tool axis to plate normal")
+    rows.add_row("tau", f"{result.tau_s * 1e3:.1f} ms", "delay and lag that the gains are for")
+    for hop, (p50, p99) in result.hops_us.items():
+        rows.add_row(hop, f"{p50:.0f} / {p99:.0f} us", "hop latency, p50 / p99")
+    if result.chain_latency_us_p50 is not None and result.chain_latency_us_p99 is not None:
+        p50, p99 = result.chain_latency_us_p50, result.chain_latency_us_p99
+        rows.add_row("whole chain", f"{p50:.0f} / {p99:.0f} us", "sensor to robot, p50 / p99")
+    for name, number in result.robot_numbers.items():
+        rows.add_row(name, f"{number:.3g}", "from robot/health")
+    return rows
+
+
+def plot(trace: Trace, plan: Plan, surface: Surface, path: Path) -> None:
+    """Write force, torque and depth over time as a PNG."""
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    from matplotlib import pyplot as plt
+
+    samples = trace.press + trace.work
+    t_s = [sample.t_s for sample in samples]
+    figure, (force, torque, depth) = plt.subplots(
+        3, 1, figsize=(9, 8), sharex=True, layout="constrained"
+    )
+    force.plot(t_s, [sample.force for sample in samples], color="tab:blue", label="|F|")
+    force.axhline(plan.setpoint_N, color="black", linewidth=0.8, label="set point")
+    band = (plan.setpoint_N - SETTLED_FORCE_N, plan.setpoint_N + SETTLED_FORCE_N)
+    force.axhspan(*band, color="tab:green", alpha=0.2, label="settled band")
+    force.set(ylabel="force [N]", title=f"Main job, mode {plan.mode}: pressed, then released")
+    torque.plot(t_s, [sample.torque for sample in samples], color="tab:orange", label="|M|")
+    torque.axhspan(0.0, SETTLED_TORQUE_NM, color="tab:green", alpha=0.2, label="settled band")
+    torque.set(ylabel="torque about the TCP [N m]")
+    lift_mm = [surface.lift_off_m(sample) * 1e3 for sample in samples]
+    depth.plot(t_s, lift_mm, color="tab:gray", label="disc above the plate at rest")
+    depth.axhline(0.0, color="black", linewidth=0.8)
+    depth.set(ylabel="height [mm]", xlabel="time since force feedback began [s]")
+    for axes in (force, torque, depth):
+        axes.axvline(0.0, color="tab:red", linestyle=":", label="force feedback starts")
+        if trace.settled_at_s is not None:
+            axes.axvline(trace.settled_at_s, color="tab:green", linestyle=":", label="settled")
+        axes.grid(alpha=0.3)
+        axes.legend(loc="upper right", fontsize=8)
+    figure.savefig(path, dpi=110)
+    plt.close(figure)
+
+
+def picture(cell: Cell, sample: Sample, path: Path) -> None:
+    """Write a picture of the scene at one sample. Raises RenderUnavailable without EGL."""
+    from common.motion.kinematics import ArmKinematics
+    from sim.robot.render import render_png
+    from sim.robot.scene import home_rad
+
+    settings = plate_of(cell)
+    T_base_flange = pin.SE3(sample.T_base_flange)
+    solution = ArmKinematics().solve(T_base_flange, home_rad(settings), jump_rad=np.pi)
+    q = home_rad(settings) if solution.q is None else solution.q
+    render_png(settings, path, q=q, force_N=sample.force_N)

@@ -1,0 +1,238 @@
+"""The main job as a script: press until the plate pushes back, then let force feedback work.
+
+It speaks to the cell as any client does, by requests and topics, so the same script runs against
+real processes and in lock step on a virtual clock.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from common.motion.convert import pose_of
+from common.motion.frames import Array
+from forcemesh import topics
+from forcemesh.bus import Bus, Reader
+from forcemesh.clock import NS_PER_S
+from forcemesh.errors import ForcemeshError
+from forcemesh.messages import Host, Mode
+from forcemesh.requests import ArmRequest, Empty, ForceStartRequest, Reply
+from forcemesh.topics import Q, Request
+
+SAMPLE_S = 0.001
+READY_TIMEOUT_S = 20.0
+PRESS_TIMEOUT_S = 30.0
+PRESS_BAND_N = 1.0
+PRESS_STEADY_S = 0.3
+REST_S = 0.3
+SETTLED_FORCE_N = 1.0
+SETTLED_TORQUE_NM = 0.1
+SETTLED_FOR_S = 1.0
+
+Check = Callable[[], None]
+Progress = Callable[[str, float, float], None]  # phase, force [N], torque [N m]
+
+
+class ScenarioError(ForcemeshError):
+    """The script could not go on: what it was doing, and why."""
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """What the demo is asked to show."""
+
+    mode: Mode = "position"
+    host: Host = "pc"
+    press_N: float = 30.0
+    setpoint_N: float = 0.0
+    timeout_s: float = 60.0
+    settled_for_s: float = SETTLED_FOR_S  # so long it must stay within the band
+
+    def within(self, sample: "Sample") -> bool:
+        """Tell whether a sample is where this job wants to settle."""
+        force_ok = abs(sample.force - self.setpoint_N) <= SETTLED_FORCE_N
+        torque_ok = sample.torque <= SETTLED_TORQUE_NM
+        return (force_ok or self.mode == "orientation") and (torque_ok or self.mode == "position")
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """One wrench message with the pose that was known at the time."""
+
+    t_s: float  # since force feedback was asked for; negative while pressing
+    force_N: Array
+    torque_Nm: Array
+    T_base_flange: Array  # homogeneous, (4, 4)
+
+    @property
+    def force(self) -> float:
+        """Length of the force [N]."""
+        return float(np.linalg.norm(self.force_N))
+
+    @property
+    def torque(self) -> float:
+        """Length of the torque about the TCP [N m]."""
+        return float(np.linalg.norm(self.torque_Nm))
+
+
+@dataclass(slots=True)
+class Trace:
+    """Everything that the script saw."""
+
+    press: list[Sample] = field(default_factory=list)
+    work: list[Sample] = field(default_factory=list)
+    started: str = ""  # what the regulator says that it has started: the law that runs, and why
+    settled_at_s: float | None = None
+    stages: dict[str, dict[int, int]] = field(default_factory=dict)  # stage: sensor seq: age [ns]
+    robot_numbers: dict[str, float] = field(default_factory=dict)  # of its health, at the end
+
+
+class Scenario:
+    """Plays a plan on a cell that is up and IDLE."""
+
+    def __init__(self, client: Bus, plan: Plan, *, check: Check, progress: Progress) -> None:
+        """Subscribe to what is watched."""
+        self._client, self._clock = client, client.clock
+        self._plan, self._check, self._progress = plan, check, progress
+        self._arbiter = client.reader(topics.ARBITER_STATUS)
+        self._robot = client.reader(topics.ROBOT_STATE)
+        self._wrench = client.reader(topics.WRENCH)
+        self._target = client.reader(topics.REGULATOR_TARGET)
+        self._command = client.reader(topics.ROBOT_COMMAND)
+        self._robot_health = client.reader(topics.ROBOT_HEALTH)
+        self._start_ns = self._clock.now_ns()
+        self.trace = Trace()
+
+    def run(self) -> Trace:
+        """Play the plan; raise ScenarioError when the cell will not go along."""
+        self._until_ready()
+        self._ask(topics.TARE, Empty())
+        self._ask(topics.ARM, ArmRequest())
+        self._press()
+        self._work()
+        health = self._robot_health.read(self._clock.now_ns()).message
+        self.trace.robot_numbers = {} if health is None else dict(health.numbers)
+        self._ask(topics.FORCE_STOP, Empty())
+        return self.trace
+
+    def _until_ready(self) -> None:
+        """Wait until arming would be accepted: inputs fresh for the preflight's time."""
+        give_up_ns = self._clock.now_ns() + round(READY_TIMEOUT_S * NS_PER_S)
+        why = "the arbiter is silent"
+        while self._clock.now_ns() < give_up_ns:
+            self._tick("starting")
+            status = self._arbiter.read(self._clock.now_ns()).fresh
+            if status is not None and status.state == "IDLE" and not status.not_ready:
+                return
+            if status is not None:
+                why = f"the arbiter is {status.state}: {'; '.join(status.not_ready)}"
+        raise ScenarioError(f"the cell was not ready within {READY_TIMEOUT_S:g} s: {why}")
+
+    def _press(self) -> None:
+        """Press with the regulator in position mode until the plate pushes back steadily."""
+        self._start_ns = self._clock.now_ns()
+        wanted = ForceStartRequest(mode="position", setpoint_N=self._plan.press_N)
+        self._ask(topics.FORCE_START, wanted)
+        steady_since_s = float("inf")
+        while (sample := self._watch("pressing", self.trace.press)) is None or (
+            sample.t_s - steady_since_s < PRESS_STEADY_S
+        ):
+            if sample is None:
+                continue
+            near = abs(sample.force - self._plan.press_N) <= PRESS_BAND_N
+            steady_since_s = min(steady_since_s, sample.t_s) if near else float("inf")
+            if sample.t_s > PRESS_TIMEOUT_S:
+                raise ScenarioError(
+                    f"the plate did not push back with {self._plan.press_N:g} N within "
+                    f"{PRESS_TIMEOUT_S:g} s: {sample.force:.1f} N"
+                )
+        self._ask(topics.FORCE_STOP, Empty())
+        rest_until_ns = self._clock.now_ns() + round(REST_S * NS_PER_S)
+        while self._clock.now_ns() < rest_until_ns:
+            self._watch("pressing", self.trace.press)
+
+    def _work(self) -> None:
+        """Start force feedback and watch until it has settled or the time is up."""
+        plan, trace = self._plan, self.trace
+        wanted = ForceStartRequest(mode=plan.mode, host=plan.host, setpoint_N=plan.setpoint_N)
+        offset_s = (self._clock.now_ns() - self._start_ns) / NS_PER_S
+        trace.press = [_shifted(sample, -offset_s) for sample in trace.press]
+        self._start_ns = self._clock.now_ns()
+        trace.started = self._ask(topics.FORCE_START, wanted).text
+        inside_since_s: float | None = None
+        while True:
+            sample = self._watch("force feedback", trace.work)
+            if sample is None:
+                continue
+            if not plan.within(sample):
+                inside_since_s = None
+            elif inside_since_s is None:
+                inside_since_s = sample.t_s
+            elif sample.t_s - inside_since_s >= plan.settled_for_s:
+                trace.settled_at_s = inside_since_s
+                return
+            if sample.t_s > plan.timeout_s:
+                return
+
+    def _ask(self, request: Request[Q], message: Q) -> Reply:
+        reply = self._client.ask(request, message)
+        if not reply.accepted:
+            raise ScenarioError(f"{request.key} was refused ({reply.code}): {reply.text}")
+        return reply
+
+    def _watch(self, phase: str, samples: list[Sample]) -> Sample | None:
+        """Let a moment pass; return the newest sample if there is a new one."""
+        fresh = self._tick(phase)
+        now_ns = self._clock.now_ns()
+        status = self._arbiter.read(now_ns)
+        if status.fault or (status.fresh and not status.fresh.goes_on):
+            raise ScenarioError(f"while {phase}: {_why_stopped(status.fresh, status.fault)}")
+        wrench, robot = self._wrench.read(now_ns).message, self._robot.read(now_ns).message
+        if not fresh or wrench is None or robot is None or not wrench.valid:
+            return None
+        sample = Sample(
+            t_s=(now_ns - self._start_ns) / NS_PER_S,
+            force_N=np.array(wrench.force_N),
+            torque_Nm=np.array(wrench.torque_Nm),
+            T_base_flange=np.array(pose_of(robot).homogeneous),
+        )
+        samples.append(sample)
+        self._progress(phase, sample.force, sample.torque)
+        return sample
+
+    def _tick(self, phase: str) -> bool:
+        """Sleep, note latencies, tell whether a new wrench has come."""
+        self._clock.sleep_s(SAMPLE_S)
+        self._check()
+        fresh = self._note("wrench", self._wrench)
+        self._note("regulator", self._target)
+        self._note("arbiter", self._command)
+        if self._robot.poll():
+            accepted = self._robot.read(self._clock.now_ns()).message
+            echo = None if accepted is None else accepted.accepted
+            if echo is not None and echo.sensor_stamp_ns is not None and phase != "starting":
+                ages = self.trace.stages.setdefault("robot", {})
+                ages.setdefault(echo.sensor_seq or 0, echo.at_ns - echo.sensor_stamp_ns)
+        return fresh
+
+    def _note(self, stage: str, reader: Reader[Any]) -> bool:
+        """Note how old the sensor sample was when a stage published."""
+        if not reader.poll():
+            return False
+        header = reader.read(self._clock.now_ns()).header
+        if header is not None and header.sensor_stamp_ns is not None:
+            ages = self.trace.stages.setdefault(stage, {})
+            ages[header.sensor_seq or 0] = header.stamp_ns - header.sensor_stamp_ns
+        return True
+
+
+def _shifted(sample: Sample, by_s: float) -> Sample:
+    return Sample(sample.t_s + by_s, sample.force_N, sample.torque_Nm, sample.T_base_flange)
+
+
+def _why_stopped(status: object, fault: str) -> str:
+    trips = getattr(status, "trips", ())
+    state = getattr(status, "state", "silent")
+    causes = "; ".join(trip.text for trip in trips) or fault or "no cause given"
+    return f"the arm was stopped, the arbiter is {state}: {causes}"

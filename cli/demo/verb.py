@@ -1,0 +1,141 @@
+"""The verb `demo`: the main job on a simulated cell, from nothing to a table and two pictures."""
+
+import json
+import sys
+import tempfile
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from cli.context import NOT_WELL, OK, USAGE, default_cell_file, exit_code_of, fail
+from cli.panel import NoPanel
+from cli.record import NoRecorder
+from forcemesh.errors import ForcemeshError
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from cli.demo.measures import Result
+    from cli.demo.scenario import Plan, Trace
+    from common.config.cell import Cell
+
+PLATE = "The plate and the robot"
+JOB = "The job"
+
+# fmt: off
+CellFile = Annotated[Path | None, typer.Option("--cell", metavar="FILE", show_default=False, help="Cell file with a section `sim`; without it cells/demo.yaml.")]
+ModeOption = Annotated[Literal["position", "orientation", "both"], typer.Option("--mode", rich_help_panel=JOB, help="What force feedback may move.")]
+Setpoint = Annotated[float | None, typer.Option("--setpoint", rich_help_panel=JOB, help="Press force held at the end [N]; 0, in mode both 10.")]
+Force = Annotated[float, typer.Option("--force", rich_help_panel=JOB, help="Force to press with first [N].")]
+HostOption = Annotated[Literal["pc", "controller"], typer.Option("--host", rich_help_panel=JOB, help="Where the regulator runs.")]
+LawOption = Annotated[Literal["plain", "adaptive"] | None, typer.Option("--law", rich_help_panel=JOB, show_default=False, help="The regulator's law; without it the cell file's.")]
+Stiffness = Annotated[float | None, typer.Option("--stiffness", rich_help_panel=PLATE, help="Of the plate [N/m].")]
+DelayMs = Annotated[float | None, typer.Option("--delay-ms", rich_help_panel=PLATE, help="Of the controller [ms].")]
+TiltDeg = Annotated[float | None, typer.Option("--tilt-deg", rich_help_panel=PLATE, help="Of the plate; 0, in mode orientation and both 5.")]
+Seed = Annotated[int | None, typer.Option("--seed", rich_help_panel=PLATE, help="Of the sensor's noise.")]
+AsStepMs = Annotated[float | None, typer.Option("--as-step-ms", rich_help_panel=PLATE, help="Of the emulated controller: time of one AS step [ms].")]
+Pessimistic = Annotated[bool, typer.Option("--pessimistic", rich_help_panel=PLATE, help="It takes the worse reading of every open question.")]
+Virtual = Annotated[bool, typer.Option("--virtual", help="In one process, faster than time.")]
+Linger = Annotated[float, typer.Option("--linger", min=0.0, help="Keep the cell up so long after a failure [s].")]
+Out = Annotated[Path, typer.Option("--out", help="Folder for plot and picture.")]
+AsJson = Annotated[bool, typer.Option("--json", help="One object on standard output.")]
+# fmt: on
+
+
+def demo(
+    *,
+    cell_file: CellFile = None,
+    mode: ModeOption = "position",
+    setpoint: Setpoint = None,
+    force: Force = 30.0,
+    host: HostOption = "pc",
+    law: LawOption = None,
+    stiffness: Stiffness = None,
+    delay_ms: DelayMs = None,
+    tilt_deg: TiltDeg = None,
+    seed: Seed = None,
+    as_step_ms: AsStepMs = None,
+    pessimistic: Pessimistic = False,
+    virtual: Virtual = False,
+    linger: Linger = 5.0,
+    out: Out = Path("out"),
+    as_json: AsJson = False,
+    no_panel: NoPanel = False,
+    no_recorder: NoRecorder = False,
+) -> None:
+    """Run the main job: press on a plate, then let force feedback bring the force to its aim."""
+    from rich.console import Console
+    from rich.markup import escape
+
+    from cli.demo.cell import DEFAULT_SETPOINT_N, DEFAULT_TILT_DEG, Trial, check_plan, demo_cell
+    from cli.demo.play import live_progress, play_real, play_virtual
+    from cli.demo.scenario import Plan
+
+    screen = Console(stderr=True)
+    _make_folder(out)
+    setpoint_N = DEFAULT_SETPOINT_N[mode] if setpoint is None else setpoint
+    plan = Plan(mode=mode, host=host, press_N=force, setpoint_N=setpoint_N)
+    try:
+        cell = demo_cell(
+            cell_file or default_cell_file(),
+            Trial(
+                tilt_deg=DEFAULT_TILT_DEG[mode] if tilt_deg is None else tilt_deg,
+                stiffness_N_m=stiffness,
+                delay_s=_seconds(delay_ms),
+                seed=seed,
+                as_step_s=_seconds(as_step_ms),
+                pessimistic=pessimistic,
+                law=law,
+            ),
+        )
+        check_plan(cell, plan)
+        with live_progress(screen, plan) as progress:
+            real = partial(play_real, panel=not no_panel, recorder=not no_recorder)
+            trace = (play_virtual if virtual else real)(cell, plan, progress, linger)
+    except ForcemeshError as error:
+        text = escape(str(error).removeprefix("demo: "))  # a plan's mistakes come with it
+        screen.print(f"[red]demo:[/red] {text}", highlight=False, soft_wrap=True)
+        if as_json:
+            sys.stdout.write(json.dumps({"settled": False, "error": str(error)}) + "\n")
+        raise typer.Exit(exit_code_of(error)) from None
+    result = report(screen, cell, plan, trace=trace, out=out)
+    if as_json:
+        sys.stdout.write(json.dumps(result.as_dict()) + "\n")
+    raise typer.Exit(OK if result.settled else NOT_WELL)
+
+
+def _make_folder(out: Path) -> None:
+    """Make sure, before minutes of work, that its results can be written."""
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=out):
+            pass
+    except OSError as error:
+        fail(f"--out {out}: cannot be written: {error.strerror}; choose another folder", USAGE)
+
+
+def _seconds(milliseconds: float | None) -> float | None:
+    return None if milliseconds is None else milliseconds / 1e3
+
+
+def report(screen: "Console", cell: "Cell", plan: "Plan", *, trace: "Trace", out: Path) -> "Result":
+    """Print the table, write plot and picture, and say what was left out."""
+    from cli.demo import result as demo_report
+    from cli.demo.cell import surface_of
+    from cli.demo.measures import measure
+    from sim.robot.render import RenderUnavailable
+    from tuning.gain_rule import tune
+
+    surface = surface_of(cell)
+    result = measure(trace, plan, surface, tune(cell).tau_s)
+    screen.print(demo_report.table(result, plan, trace.started))
+    demo_report.plot(trace, plan, surface, out / "demo.png")
+    screen.print(f"plot: {out / 'demo.png'}", highlight=False, soft_wrap=True)
+    try:
+        demo_report.picture(cell, trace.press[-1], out / "demo-scene.png")
+        screen.print(f"picture: {out / 'demo-scene.png'}", highlight=False, soft_wrap=True)
+    except RenderUnavailable as error:
+        screen.print(f"[yellow]picture left out:[/yellow] {error}", highlight=False, soft_wrap=True)
+    return result

@@ -1,0 +1,118 @@
+"""What the bus says of a running cell: health, the robot's state, how often topics come."""
+
+import time
+from dataclasses import dataclass, field
+from typing import Any
+
+from cli.doctor.checks import RoleHeard
+from cli.status import helpers_of
+from common.bus.zenoh_bus import open_bus
+from common.config.cell import Cell
+from common.config.load import cell_hash
+from forcemesh import topics
+from forcemesh.bus import Bus, Reader
+from forcemesh.errors import BusError
+from forcemesh.messages import Health, RobotState
+from launch.cell_view import CellView
+from launch.run_file import read_run
+
+CONNECT_WITHIN_S = 0.5
+WATCH_S = 3.0
+POLL_S = 0.002
+STREAMS = (
+    topics.ROBOT_STATE,
+    topics.SENSOR_WRENCH,
+    topics.WRENCH,
+    topics.REGULATOR_TARGET,
+    topics.ROBOT_COMMAND,
+)
+
+
+@dataclass(slots=True)
+class Overheard:
+    """What was heard on the bus."""
+
+    roles: list[RoleHeard]
+    robot: Health | None  # the robot's process, while its health is fresh
+    state: RobotState | None  # the newest, valid or not
+    stream_hz: dict[str, float | None] = field(default_factory=dict)
+
+
+def listen(cell: Cell, watch_s: float = WATCH_S) -> Overheard | None:
+    """Listen to a cell for some seconds; None when no hub answers."""
+    try:
+        with open_bus(cell, topics.CLIENT, patience_s=CONNECT_WITHIN_S) as bus:
+            view, counts = CellView(bus, cell), [_Count(bus.reader(row)) for row in STREAMS]
+            end_s = time.monotonic() + max(watch_s, view.longest_wait_s)
+            while time.monotonic() < end_s:
+                for count in counts:
+                    count.poll()
+                time.sleep(POLL_S)
+            return _overheard(cell, bus, view, counts)
+    except BusError:
+        return None
+
+
+class _Count:
+    """How often a topic comes, by the numbers that its messages carry: none is missed."""
+
+    def __init__(self, reader: Reader[Any]) -> None:
+        """Begin with the next message."""
+        self.reader = reader
+        self._first: tuple[int, int, int] | None = None  # epoch, seq, at
+        self._last = (0, 0, 0)
+
+    def poll(self) -> None:
+        """Look for a newer message."""
+        if not self.reader.poll():
+            return
+        now_ns = time.monotonic_ns()
+        header = self.reader.read(now_ns).header
+        if header is not None:
+            self._last = (header.epoch, header.seq, now_ns)
+            if self._first is None or self._first[0] != header.epoch:
+                self._first = self._last
+
+    @property
+    def hz(self) -> float | None:
+        """Messages per second, None when fewer than two came."""
+        if self._first is None or self._first == self._last:
+            return None
+        return (self._last[1] - self._first[1]) * 1e9 / (self._last[2] - self._first[2])
+
+
+def _overheard(cell: Cell, bus: Bus, view: CellView, counts: list[_Count]) -> Overheard:
+    state = counts[0].reader.read(bus.clock.now_ns()).message
+    return Overheard(
+        roles=[
+            _role(cell, view, role)
+            for role in (*topics.ROLES, *helpers_of(view, read_run(cell.cell)))
+        ],
+        robot=_fresh_health(view, "robot"),
+        state=state if isinstance(state, RobotState) else None,
+        stream_hz={count.reader.topic.key: count.hz for count in counts},
+    )
+
+
+def _fresh_health(view: CellView, role: str) -> Health | None:
+    message = view.health(role).fresh
+    return message if isinstance(message, Health) else None
+
+
+def _role(cell: Cell, view: CellView, role: str) -> RoleHeard:
+    reading = view.health(role)
+    message = reading.message
+    if message is None:
+        return RoleHeard(role, None, is_fresh=False)
+    heard = RoleHeard(role, reading.age_s, is_fresh=not reading.silent)
+    if not isinstance(message, Health):
+        return heard
+    return RoleHeard(
+        role,
+        reading.age_s,
+        is_fresh=not reading.silent,
+        rate_hz=message.rate_hz,
+        fault=message.fault,
+        same_config=message.config_hash == cell_hash(cell),
+        version=message.version,
+    )

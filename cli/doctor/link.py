@@ -1,0 +1,225 @@
+"""Asks the controller itself, over the gateway's link: hello, command 12, and hold. Nothing moves.
+
+Command 12 arms the program's watchdog, for which silence is a fault. So each 12 goes out together
+with a hold (command 8), which disarms it, in one write: whatever becomes of this process, the
+controller is left held, and not latched.
+"""
+
+import secrets
+import select
+import socket
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from cli.doctor.checks import Greeted, Opened
+from controller.packet import PACKET_CHARS, Packet, PacketReader
+from controller.packet_table import ID_COUNT, ID_FIRST
+from forcemesh.clock import NS_PER_S
+from forcemesh.errors import RemoteProtocolError
+from services.gateway.commands import Pacing
+from services.gateway.dialogue import Dialogue
+from services.gateway.reports import HealthReport, JointReport, PoseReport
+from services.gateway.round_trips import Rate, RoundTrips, Spread, Turns
+from services.gateway.scales import Scales
+
+PROBE_EVERY_S = 0.1
+RECEIVE_BYTES = 16_384
+LOOPS_SPAN = 500_000
+
+
+@dataclass(frozen=True, slots=True)
+class Patience:
+    """How long a visit waits for what, and how long it watches."""
+
+    connect_s: float = 2.0
+    hello_s: float = 5.0  # the program may take 4 s to be done with the client before
+    reports_s: float = 2.0
+    watch_s: float = 4.0
+    confirm_s: float = 1.0
+
+
+PATIENCE = Patience()
+
+
+@dataclass(slots=True)
+class Heard:
+    """What the controller said while it was watched."""
+
+    pose: PoseReport | None = None
+    joints: JointReport | None = None
+    health: HealthReport | None = None
+    sender_hz: float | None = None
+    longest_gap_s: float | None = None
+    loop_hz: float | None = None
+    round_trip: Spread | None = None
+    held: bool = False  # the last hold was echoed
+    broken: str = ""  # why the connection ended early
+
+
+@dataclass(slots=True)
+class Visit:
+    """How far a visit to the controller came."""
+
+    opened: Opened = "open"
+    opened_detail: str = ""
+    opened_s: float = 0.0
+    greeted: Greeted = "silent"
+    greeted_detail: str = ""
+    greeted_s: float = 0.0
+    hello: Packet | None = None
+    heard: Heard | None = None  # None: version or scales did not fit
+
+
+def visit(
+    host: str, port: int, scales: Scales, patience: Patience | None = None, *, arm: int = 1
+) -> Visit:
+    """Connect, greet, watch for some seconds, leave. Raises nothing for what the peer does."""
+    found, patience = Visit(), patience or PATIENCE
+    started_s = time.monotonic()
+    sock = _open((host, port), found, patience)
+    found.opened_s = time.monotonic() - started_s
+    if sock is None:
+        return found
+    with sock:
+        dialogue = Dialogue(scales, Pacing(heartbeat_after_s=0.0), arm=arm, last_id=_any_id())
+        talk = _Talk(sock, dialogue, patience)
+        talk.greet(found)
+        if talk.dialogue.ready:
+            found.heard = talk.watch()
+    return found
+
+
+def _any_id() -> int:
+    """Return an ID that the reports of an earlier client will not be about."""
+    return ID_FIRST + secrets.randbelow(ID_COUNT)
+
+
+def _open(where: tuple[str, int], found: Visit, patience: Patience) -> socket.socket | None:
+    """Open the connection, or note why it cannot be."""
+    try:
+        address = socket.getaddrinfo(*where, socket.AF_INET, socket.SOCK_STREAM)[0][4]
+    except OSError as error:
+        found.opened, found.opened_detail = "unresolved", error.strerror or str(error)
+        return None
+    sock = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+    sock.settimeout(patience.connect_s)
+    try:
+        sock.connect(address)
+        if sock.getsockname() == sock.getpeername():  # TCP met itself: nobody listens
+            raise ConnectionRefusedError
+    except OSError as error:
+        sock.close()
+        found.opened, found.opened_detail = _why_not(error)
+        return None
+    sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    return sock
+
+
+def _why_not(error: OSError) -> tuple[Opened, str]:
+    if isinstance(error, ConnectionRefusedError):
+        return "refused", ""
+    if isinstance(error, TimeoutError):
+        return "silent", ""
+    return "unreachable", error.strerror or str(error)
+
+
+@dataclass(slots=True)
+class _Talk:
+    """One connection to the controller."""
+
+    sock: socket.socket
+    dialogue: Dialogue
+    patience: Patience
+    heard: Heard = field(default_factory=Heard)
+    samples: Rate = field(default_factory=Rate)
+    loops: Turns = field(default_factory=lambda: Turns(LOOPS_SPAN))
+    trips: RoundTrips = field(default_factory=RoundTrips)
+    sample_ns: int | None = None  # when the last one came
+    pending: PoseReport | None = None
+
+    def greet(self, found: Visit) -> None:
+        """Say hello, read the answer, and let the dialogue judge it."""
+        started_ns = time.monotonic_ns()
+        data = b""
+        try:
+            self.sock.sendall(self.dialogue.connected(started_ns))
+            while len(data) < PACKET_CHARS:
+                left_s = self.patience.hello_s - (time.monotonic_ns() - started_ns) / NS_PER_S
+                if left_s <= 0.0:
+                    break
+                self.sock.settimeout(left_s)
+                data += self._received()
+        except TimeoutError:
+            pass
+        except OSError as error:
+            found.greeted, found.greeted_detail = "closed", error.strerror or str(error)
+        now_ns = time.monotonic_ns()
+        found.greeted_s = (now_ns - started_ns) / NS_PER_S
+        if len(data) < PACKET_CHARS:
+            return
+        try:
+            (found.hello,) = PacketReader().feed(data[:PACKET_CHARS])
+            found.greeted = "answered"
+            self._take(data, now_ns)
+        except RemoteProtocolError as error:
+            if found.hello is None:
+                found.greeted, found.greeted_detail = "garbled", str(error)
+
+    def watch(self) -> Heard:
+        """Listen, and every now and then send command 12 with a hold behind it."""
+        try:
+            self._listen(self.patience.reports_s, lambda: self.heard.joints is not None)
+            end_ns = time.monotonic_ns() + round(self.patience.watch_s * NS_PER_S)
+            while time.monotonic_ns() < end_ns and self.heard.joints is not None:
+                self._probe()
+                self._listen(PROBE_EVERY_S)
+            self._probe()
+            self._listen(self.patience.confirm_s, lambda: self.dialogue.unframed == 0)
+            self.heard.held = self.dialogue.unframed == 0
+        except (OSError, RemoteProtocolError) as error:
+            self.heard.broken = str(error)
+        now_ns = time.monotonic_ns()
+        self.heard.sender_hz, self.heard.loop_hz = self.samples.hz(now_ns), self.loops.hz(now_ns)
+        self.heard.round_trip = self.trips.spread(now_ns)
+        return self.heard
+
+    def _probe(self) -> None:
+        now_ns = time.monotonic_ns()
+        beat = self.dialogue.tick(now_ns, permitted=True)
+        self.trips.sent(self.dialogue.last, now_ns)
+        self.sock.sendall(beat + self.dialogue.hold(now_ns))
+
+    def _listen(self, duration_s: float, until: Callable[[], bool] = lambda: False) -> None:
+        """Take what comes in for a while, or until a condition holds."""
+        end_ns = time.monotonic_ns() + round(duration_s * NS_PER_S)
+        while not until():
+            left_s = (end_ns - time.monotonic_ns()) / NS_PER_S
+            if left_s <= 0.0 or not select.select([self.sock], [], [], left_s)[0]:
+                return
+            self._take(self._received(), time.monotonic_ns())
+
+    def _received(self) -> bytes:
+        data = self.sock.recv(RECEIVE_BYTES)
+        if not data:
+            raise ConnectionError("closed by the controller")
+        return data
+
+    def _take(self, data: bytes, now_ns: int) -> None:
+        for event in self.dialogue.feed(data, now_ns):
+            if isinstance(event, HealthReport):
+                self.heard.health = event
+                self.loops.read(event.loop_count, now_ns)
+            elif isinstance(event, PoseReport):
+                self.pending = event
+            elif isinstance(event, JointReport) and self.pending is not None:
+                self._sampled(self.pending, event, now_ns)
+
+    def _sampled(self, pose: PoseReport, joints: JointReport, now_ns: int) -> None:
+        self.heard.pose, self.heard.joints = pose, joints
+        self.trips.reached(self.dialogue.framed, now_ns)
+        self.samples.count(1, now_ns)
+        if self.sample_ns is not None:
+            gap_s = (now_ns - self.sample_ns) / NS_PER_S
+            self.heard.longest_gap_s = max(self.heard.longest_gap_s or 0.0, gap_s)
+        self.sample_ns = now_ns

@@ -1,0 +1,149 @@
+"""Does the pose that the controller reports agree with its joints? And if not, by which mistake?
+
+101 is HERE of AS: the TOOL's frame in BASE. With both NULL it is the flange in the robot base:
+
+    T_reported = T_base^-1 T_robot_flange(q) T_tool
+
+One sample cannot tell every mistake from every other, so the likely ones are tried in turn, and
+the first that explains what was seen is named.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from math import degrees, radians
+
+import numpy as np
+import pinocchio as pin
+
+from cli.doctor.checks import Line, passed, trouble
+from common.motion.frames import Array, oat_from_R
+from common.motion.kinematics import JOINTS, ArmKinematics
+from services.gateway.scales import Scales
+
+SLACK = 2.0  # times the rounding: the controller's trigonometry is single precision
+SMALL_M, SMALL_RAD = 1e-3, radians(0.1)  # below: this arm's own geometry, no mistake of frames
+
+
+@dataclass(frozen=True, slots=True)
+class Tolerance:
+    """How far apart two right poses may be."""
+
+    position_m: float
+    rotation_rad: float
+
+
+def rounding(q: Array, scales: Scales, arm: ArmKinematics) -> Tolerance:
+    """Return what half a packet unit of each joint, position and angle can make, with slack.
+
+    Args:
+        q: Joint angles [rad]. Shape (6,).
+        scales: Packet units.
+        arm: The model.
+    """
+    joint_rad = radians(0.5 / scales.joint_per_deg)
+    lever_m = np.linalg.norm(arm.jacobian(q)[:3], axis=0)
+    position_m = float(lever_m.sum()) * joint_rad + 3**0.5 * 0.5e-3 / scales.position_per_mm
+    rotation_rad = JOINTS * joint_rad + 3.0 * radians(0.5 / scales.oat_per_deg)
+    return Tolerance(SLACK * position_m, SLACK * rotation_rad)
+
+
+def distance(T_a: pin.SE3, T_b: pin.SE3) -> Tolerance:
+    """Return how far apart two poses are [m], [rad]."""
+    turn_rad = float(np.linalg.norm(pin.log3(T_a.rotation.T @ T_b.rotation)))
+    return Tolerance(float(np.linalg.norm(T_a.translation - T_b.translation)), turn_rad)
+
+
+@dataclass(frozen=True, slots=True)
+class Frames:
+    """Frames of the cell file that somebody may have set as TOOL."""
+
+    T_flange_tcp: pin.SE3
+    T_flange_sensor: pin.SE3
+
+
+def check_pose(
+    T_reported: pin.SE3, q: Array, *, scales: Scales, frames: Frames, arm: ArmKinematics
+) -> Line:
+    """Judge the reported pose by forward kinematics of the reported joints [rad]."""
+    T_model, limit = arm.flange_pose(q), rounding(q, scales, arm)
+    off = distance(T_model, T_reported)
+    found = (
+        f"{1e3 * off.position_m:.3f} mm and {degrees(off.rotation_rad):.4f} deg from the model,"
+        f" rounding makes {1e3 * limit.position_m:.3f} mm and {degrees(limit.rotation_rad):.4f} deg"
+    )
+    if _within(off, limit):
+        return passed("pose", found)
+    if _within(off, Tolerance(SMALL_M, SMALL_RAD)):
+        return trouble("pose", "WARN", found, "pose.small")
+    near = Tolerance(limit.position_m + SMALL_M, limit.rotation_rad + SMALL_RAD)
+    for text, remedy, T_explained in _explanations(T_model, q, frames, arm):
+        if _within(distance(T_explained, T_reported), near):
+            return trouble("pose", "FAIL", f"{found}: {text}", remedy)
+    text, remedy = _frame_that_would(T_model, T_reported, near)
+    return trouble("pose", "FAIL", f"{found}: {text}", remedy)
+
+
+def _within(off: Tolerance, limit: Tolerance) -> bool:
+    return off.position_m <= limit.position_m and off.rotation_rad <= limit.rotation_rad
+
+
+def _explanations(
+    T_model: pin.SE3, q: Array, frames: Frames, arm: ArmKinematics
+) -> Iterator[tuple[str, str, pin.SE3]]:
+    """Yield mistakes that have a name, with the pose that each would report."""
+    yield "TOOL is the cell file's TCP, not NULL", "pose.TOOL", T_model * frames.T_flange_tcp
+    yield "TOOL is the sensor's frame, not NULL", "pose.TOOL", T_model * frames.T_flange_sensor
+    for factor in (0.1, 0.5, 2.0, 10.0, 1000.0, 0.001):
+        T_scaled = pin.SE3(T_model.rotation, factor * T_model.translation)
+        yield f"positions are {factor:g} times as long", "pose.scale", T_scaled
+    for joint in range(JOINTS):
+        flipped = q.copy()
+        flipped[joint] = -flipped[joint]
+        text = f"joint {joint + 1} counts the other way in the model"
+        yield text, "pose.model", arm.flange_pose(flipped)
+    for joint in range(JOINTS):
+        for offset_deg in (90, -90, 180):
+            turned = q.copy()
+            turned[joint] += radians(offset_deg)
+            text = f"joint {joint + 1}'s zero is {offset_deg:+d} deg away from the model's"
+            if joint == 0:
+                text += f" (or BASE is turned by {offset_deg:+d} deg)"
+            if joint == JOINTS - 1:
+                text += f" (or TOOL is turned by {offset_deg:+d} deg)"
+            yield text, "pose.model", arm.flange_pose(turned)
+
+
+def _frame_that_would(T_model: pin.SE3, T_reported: pin.SE3, near: Tolerance) -> tuple[str, str]:
+    """Say which TOOL or which BASE would report that pose, and which of them is likely."""
+    T_tool, T_base = T_model.actInv(T_reported), T_model * T_reported.inverse()
+    as_tool = f"TOOL {_pendant(T_tool)}"
+    as_base = f"BASE {_pendant(T_base)}"
+    if np.linalg.norm(T_tool.translation[:2]) <= near.position_m and _is_upright(T_tool, near):
+        return f"as {as_tool} would report, along the flange's axis", "pose.TOOL"
+    if np.linalg.norm(T_base.translation[:2]) <= near.position_m and _is_upright(T_base, near):
+        return f"as {as_base} would report, a base at another height or turned", "pose.BASE"
+    return f"as {as_tool} would report, or {as_base}, or another arm", "pose.unclear"
+
+
+def _is_upright(T: pin.SE3, near: Tolerance) -> bool:
+    """Tell whether a frame is turned about its z axis at most."""
+    return bool(np.hypot(T.rotation[0, 2], T.rotation[1, 2]) <= near.rotation_rad) and bool(
+        T.rotation[2, 2] > 0.0
+    )
+
+
+def _pendant(T: pin.SE3) -> str:
+    """Return a frame as the pendant shows it: X, Y, Z [mm], O, A, T [deg]."""
+    numbers = [*(1e3 * T.translation), *(degrees(angle) for angle in oat_from_R(T.rotation))]
+    return "(" + ", ".join(f"{round(number, 1) + 0.0:.1f}" for number in numbers) + ")"
+
+
+def model_of(
+    joint_min_deg: tuple[float, ...], joint_max_deg: tuple[float, ...]
+) -> ArmKinematics | None:
+    """Return the RS007L's model when these are its joint limits [deg]: another arm has others."""
+    arm = ArmKinematics()
+    same = np.allclose(np.degrees(arm.lower_rad), joint_min_deg, atol=0.5) and np.allclose(
+        np.degrees(arm.upper_rad), joint_max_deg, atol=0.5
+    )
+    return arm if same else None

@@ -1,0 +1,203 @@
+"""Which checks a cell gets, from what was found on its link or on its bus: pure."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from cli.doctor.checks import (
+    SLOW_BELOW,
+    Line,
+    check_address,
+    check_arm,
+    check_error_code,
+    check_goodbye,
+    check_hello,
+    check_loops,
+    check_monitor_speed,
+    check_peer,
+    check_protocol,
+    check_role,
+    check_round_trip,
+    check_scales,
+    check_sender,
+    check_status,
+    check_stream,
+    passed,
+    skipped,
+    trouble,
+)
+from cli.doctor.pose import Frames, check_pose, model_of
+from common.motion.convert import pose_of
+from controller.packet_table import Status, greeted
+from forcemesh import topics
+from services.gateway.round_trips import Spread
+
+if TYPE_CHECKING:
+    import pinocchio as pin
+
+    from cli.doctor.bus import Overheard
+    from cli.doctor.link import Heard, Visit
+    from common.config.cell import Cell, GatewaySection
+    from forcemesh.messages import Health, RobotState, RobotStatus, Vec6
+    from services.gateway.scales import Scales
+
+THINNED_BELOW = 0.6
+WAY = ("address", "hello", "protocol", "arm", "scales")
+REST = ("sender", "status bits", "error code", "pose", "program loop", "monitor speed",
+        "peer", "round trip", "left behind")  # fmt: skip
+
+
+def link_lines(
+    cell: "Cell", section: "GatewaySection", scales: "Scales", found: "Visit"
+) -> list[Line]:
+    """Return the lines of a visit to the controller; what was not reached is skipped by name."""
+    where = f"{section.host}:{section.port}"
+    lines = [
+        check_address(
+            where,
+            found.opened,
+            found.opened_detail,
+            found.opened_s,
+            is_emulated=cell.roles.sensor == "sim",
+        )
+    ]
+    if found.opened == "open":
+        lines.append(check_hello(found.greeted, found.greeted_detail, found.greeted_s))
+    if found.hello is not None and found.greeted == "answered":
+        version, number = greeted(found.hello.param)
+        lines += [check_protocol(version), check_arm(number, section.arm)]
+        lines.append(check_scales(scales, found.hello.vec))
+    if found.heard is not None:
+        return [*lines, *_heard_lines(cell, section, scales, found.heard)]
+    done = {line.check for line in lines}
+    missing = [check for check in (*WAY, *REST) if check not in done]
+    return [*lines, *(skipped(check, "not tried: see above") for check in missing)]
+
+
+def _heard_lines(
+    cell: "Cell", section: "GatewaySection", scales: "Scales", heard: "Heard"
+) -> list[Line]:
+    stale_after_s = cell.stale_after_s(topics.ROBOT_STATE)
+    lines = []
+    if heard.broken:
+        lines.append(trouble("connection", "FAIL", heard.broken, "reports.broken"))
+    lines.append(
+        check_sender(
+            heard.sender_hz,
+            heard.longest_gap_s,
+            robot_hz=cell.rates.robot_hz,
+            stale_after_s=stale_after_s,
+        )
+    )
+    health = heard.health
+    if heard.pose is None or heard.joints is None:
+        lines += [skipped(check, "no 101 and 102 came") for check in ("status bits", "pose")]
+    else:
+        status, q = heard.joints.status, heard.joints.joint_rad
+        T_base_flange = heard.pose.T_base_flange
+        lines += check_status(status)
+        lines.append(_pose_line(cell, scales, T_base_flange=T_base_flange, q=q, status=status))
+    return [
+        *lines,
+        check_error_code(None if health is None else health.error_code),
+        check_loops(heard.loop_hz),
+        check_monitor_speed(None if health is None else health.monitor_speed_fraction),
+        check_peer(any_peer=None if health is None else health.any_peer),
+        check_round_trip(heard.round_trip, section.watchdog_s),
+        check_goodbye(heard.held),
+    ]
+
+
+def bus_lines(cell: "Cell", scales: "Scales", found: "Overheard") -> list[Line]:
+    """Return the lines of a cell that is up: its gateway's words instead of the link."""
+    lines = [check_role(heard) for heard in found.roles]
+    lines += [
+        check_stream(row.key, hz, cell.rate_hz(row), slow_below=_slow_below(cell, row.key))
+        for row in topics.TOPICS
+        for hz in (found.stream_hz.get(row.key),)
+        if row.key in found.stream_hz
+    ]
+    if cell.gateway is None or cell.roles.robot != "gateway":
+        lines += unused_lines(cell, skip=("pose",))
+        return [*lines, _state_pose(cell, scales, found.state)]
+    why = "the cell is up and its gateway holds the only connection: read from the bus"
+    lines += [skipped(check, why) for check in (*WAY, "left behind")]
+    state = found.state
+    if state is None or not state.valid or not state.link.connected:
+        reason = "robot/state is silent" if state is None else state.reason or "not connected"
+        lines.append(trouble("link", "FAIL", reason, "link"))
+        rest = (check for check in REST if check != "left behind")
+        return [*lines, *(skipped(check, "no reports: see link") for check in rest)]
+    times = f"{state.link.reconnects} reconnects, {state.link.errors} protocol errors"
+    lines.append(passed("link", f"connected; {times}"))
+    lines += check_status(status_of(state.status))
+    lines.append(check_error_code(state.error_code))
+    lines.append(_state_pose(cell, scales, state))
+    return [*lines, *_number_lines(cell, cell.gateway, found.robot)]
+
+
+def unused_lines(cell: "Cell", skip: tuple[str, ...] = ()) -> list[Line]:
+    """Return a line for each check of the link, in a cell that has none."""
+    why = f"not used by this cell: roles.robot is {cell.roles.robot}"
+    return [skipped(check, why) for check in (*WAY, *REST) if check not in skip]
+
+
+def _slow_below(cell: "Cell", key: str) -> float:
+    """Return the share of its rate below which a topic is slow.
+
+    The gateway passes on whole samples of the sender: of a faster one each second or third.
+    """
+    is_thinned = key == topics.ROBOT_STATE.key and cell.roles.robot == "gateway"
+    return THINNED_BELOW if is_thinned else SLOW_BELOW
+
+
+def status_of(status: "RobotStatus") -> Status:
+    """Return named status bits as the controller sends them."""
+    bits = Status(0)
+    for bit in Status:
+        if bit.name and getattr(status, bit.name.lower()):
+            bits |= bit
+    return bits
+
+
+def _number_lines(cell: "Cell", section: "GatewaySection", robot: "Health | None") -> list[Line]:
+    """Judge what the gateway has measured."""
+    numbers = {} if robot is None else robot.numbers
+    p50_s, p99_s = (numbers.get(f"framed_round_trip_{p}_s") for p in ("p50", "p99"))
+    any_peer = numbers.get("any_peer_may_connect")
+    if p50_s is None or p99_s is None:
+        round_trip = skipped("round trip", "nothing was sent in the last minute: arm, ask again")
+    else:
+        round_trip = check_round_trip(Spread(p50_s, p99_s), section.watchdog_s)
+    return [
+        check_sender(
+            numbers.get("sender_hz"),
+            None,
+            robot_hz=cell.rates.robot_hz,
+            stale_after_s=cell.stale_after_s(topics.ROBOT_STATE),
+        ),
+        check_loops(numbers.get("program_loop_hz")),
+        check_monitor_speed(numbers.get("monitor_speed_fraction")),
+        check_peer(any_peer=None if any_peer is None else bool(any_peer)),
+        round_trip,
+    ]
+
+
+def _state_pose(cell: "Cell", scales: "Scales", state: "RobotState | None") -> Line:
+    if state is None or not state.valid:
+        return skipped("pose", "robot/state is silent or not valid")
+    T_base_flange, status = pose_of(state), status_of(state.status)
+    return _pose_line(cell, scales, T_base_flange=T_base_flange, q=state.joint_rad, status=status)
+
+
+def _pose_line(
+    cell: "Cell", scales: "Scales", *, T_base_flange: "pin.SE3", q: "Vec6", status: Status
+) -> Line:
+    arm = model_of(cell.robot.joint_min_deg, cell.robot.joint_max_deg)
+    if arm is None:
+        why = "the cell's joint limits are not the RS007L's, the only arm there is a model of"
+        return skipped("pose", why)
+    if status & Status.MOVING:
+        return trouble("pose", "WARN", "not compared: the arm moves", "pose.moving")
+    frames = Frames(cell.tool.T_flange_tcp.pose, cell.sensor.T_flange_sensor.pose)
+    return check_pose(T_base_flange, np.array(q), scales=scales, frames=frames, arm=arm)

@@ -1,0 +1,89 @@
+"""What `forcemesh doctor` tries of the sensor of a cell that is not up: does it talk?"""
+
+import socket
+import time
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from cli.doctor.checks import Line, passed, skipped, trouble
+from services.sensor.rdt import Command, Record, parse, request
+from services.sensor.rdt_status import is_good, status_text
+
+if TYPE_CHECKING:
+    from common.config.cell import Cell, SensorSection
+
+LISTEN_S = 0.5
+PACKAGES = {"robotiq": "serial", "bota": "bota_driver"}
+
+
+@dataclass(frozen=True, slots=True)
+class Stream:
+    """What came from a sensor that was asked for its stream."""
+
+    records: int
+    newest: Record | None
+    trouble: str = ""  # what the system said
+
+
+def sensor_line(cell: "Cell", *, is_up: bool) -> Line:
+    """Try the cell's sensor, where it is ours to try: it sends to the one who asked last."""
+    player, sensor = cell.roles.sensor, cell.sensor
+    if player != "driver":
+        return skipped("sensor", f"not used by this cell: roles.sensor is {player}")
+    if is_up:
+        return skipped("sensor", "the cell is up and takes its only stream: see sensor/wrench")
+    if sensor.driver == "rdt":
+        where = f"{sensor.address}:{sensor.port}"
+        return check_stream_of(where, listen(sensor.address, sensor.port, LISTEN_S), LISTEN_S)
+    return check_device(
+        sensor, is_there=Path(sensor.device).exists(), has_package=bool(find_spec(_package(sensor)))
+    )
+
+
+def check_stream_of(where: str, found: Stream, listened_s: float) -> Line:
+    """Judge what came from a sensor on the network."""
+    if found.newest is None:
+        detail = found.trouble or f"nothing came in {listened_s:g} s"
+        return trouble("sensor", "FAIL", f"{where}: {detail}", "sensor.silent")
+    text = f"{where}: {found.records / listened_s:.0f} records/s"
+    if not is_good(found.newest.status):
+        said = f"{text}, its status: {status_text(found.newest.status)}"
+        return trouble("sensor", "FAIL", said, "sensor.status")
+    return passed("sensor", text)
+
+
+def check_device(sensor: "SensorSection", *, is_there: bool, has_package: bool) -> Line:
+    """Judge whether a sensor on a line of its own can be opened at all."""
+    if not has_package:
+        found = f"driver {sensor.driver} needs the package {_package(sensor)}"
+        return trouble("sensor", "FAIL", found, f"sensor.{sensor.driver}")
+    if not is_there:
+        return trouble("sensor", "FAIL", f"there is no {sensor.device}", "sensor.device")
+    return passed("sensor", f"{sensor.driver}: {sensor.device} is there; it was not opened")
+
+
+def listen(address: str, port: int, for_s: float) -> Stream:
+    """Ask a sensor for its stream, count what comes, stop it again."""
+    records, newest = 0, None
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as line:
+        try:
+            line.connect((address, port))
+            line.send(request(Command.START))
+            end_s = time.monotonic() + for_s
+            while (left_s := end_s - time.monotonic()) > 0.0:
+                line.settimeout(left_s)
+                record = parse(line.recv(2048))
+                if record is not None:
+                    records, newest = records + 1, record
+        except TimeoutError:
+            pass
+        except OSError as error:
+            return Stream(records, newest, error.strerror or str(error))
+        line.send(request(Command.STOP))
+    return Stream(records, newest)
+
+
+def _package(sensor: "SensorSection") -> str:
+    return PACKAGES.get(sensor.driver, "socket")

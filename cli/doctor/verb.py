@@ -1,0 +1,153 @@
+"""The verb `doctor`: what can be checked between this PC and the arm, and what to do about it."""
+
+import json
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from cli.context import (
+    NO_ANSWER,
+    NOT_WELL,
+    OK,
+    USAGE,
+    CellOption,
+    JsonOption,
+    find_cell_file,
+    one_line_errors,
+    waiting,
+)
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from cli.doctor.bus import Overheard
+    from cli.doctor.checks import Line
+    from common.config.cell import Cell
+
+COLOURS = {"PASS": "green", "WARN": "yellow", "FAIL": "red", "SKIP": "dim"}
+# A FAIL of one of these, and there was nothing that could have been tried.
+NOBODY_THERE = ("address", "hello", "bus")
+
+
+def doctor(as_json: JsonOption = False, cell: CellOption = None) -> None:
+    """Check this PC, sensor and controller line by line, with remedies; moves nothing.
+
+    It looks at versions, clock, priority, ports and calibration and asks the sensor for its stream.
+    To the controller it says hello, sends command 12 with a hold behind it, looks, leaves it held.
+    While the cell is up it asks the bus instead: sensor and controller take one client only.
+    """
+    with one_line_errors():
+        path = find_cell_file(cell)
+        lines, loaded = _cell_line(path)
+        if loaded is not None:
+            if not as_json:
+                typer.echo(f"cell {loaded.cell} ({path}): looking, a few seconds")
+            with waiting("this PC, the sensor, the robot or the bus"):
+                lines += _look(loaded)
+    code = exit_code(lines)
+    if as_json:
+        print(json.dumps(_as_object(loaded, path, lines, code)))
+    else:
+        print_lines(lines)
+    raise typer.Exit(code)
+
+
+def exit_code(lines: "list[Line]") -> int:
+    """Return the exit code of a report."""
+    failed = [line.check for line in lines if line.word == "FAIL"]
+    if "cell file" in failed:
+        return USAGE
+    if any(check in NOBODY_THERE for check in failed):
+        return NO_ANSWER
+    return NOT_WELL if failed else OK
+
+
+def print_lines(lines: "list[Line]") -> None:
+    """Print a report for people."""
+    from rich.console import Console
+    from rich.markup import escape
+
+    console = Console(highlight=False, soft_wrap=True)
+    width = max(len(line.check) for line in lines)
+    for line in lines:
+        word = f"[{COLOURS[line.word]}]{line.word}[/]"
+        console.print(f"{word}  {line.check:{width}}  {escape(line.found)}")
+        if line.remedy:
+            console.print(f"      {'':{width}}  -> {escape(line.remedy)}")
+    counts = {word: sum(line.word == word for line in lines) for word in COLOURS}
+    console.print(
+        f"{counts['PASS']} passed, {counts['WARN']} warnings, {counts['FAIL']} failed, "
+        f"{counts['SKIP']} not looked at"
+    )
+
+
+def _cell_line(path: "Path") -> "tuple[list[Line], Cell | None]":
+    from cli.doctor.checks import passed, trouble
+    from common.config.load import cell_hash, load_cell
+    from forcemesh.errors import ConfigError
+
+    try:
+        loaded = load_cell(path)
+    except ConfigError as error:
+        return [trouble("cell file", "FAIL", str(error), "cell file")], None
+    return [passed("cell file", f"{path}, {cell_hash(loaded)}")], loaded
+
+
+def _look(cell: "Cell") -> "list[Line]":
+    """Look at this PC and the sensor; then at the bus when the cell is up, else at the link."""
+    from cli.doctor.bus import listen
+    from cli.doctor.machine import machine_lines
+    from cli.doctor.sensor import sensor_line
+    from launch.run_file import read_run
+
+    run, found = read_run(cell.cell), listen(cell)
+    is_up = (run is not None and run.live) or found is not None
+    lines = [*machine_lines(cell, is_up=is_up), _zenoh(cell, found), sensor_line(cell, is_up=is_up)]
+    return [*lines, *_look_at_robot(cell, found, has_run=run is not None and run.live)]
+
+
+def _zenoh(cell: "Cell", found: "Overheard | None") -> "Line":
+    """Tell whether the bus answers; a cell that is not up has none."""
+    from cli.doctor.checks import passed, skipped
+    from common.bus.zenoh_settings import endpoint_of
+
+    where = endpoint_of(cell)
+    if found is None:
+        return skipped("zenoh", f"no hub answers at {where}: it comes with `forcemesh up`")
+    return passed("zenoh", f"the hub answers at {where}")
+
+
+def _look_at_robot(cell: "Cell", found: "Overheard | None", *, has_run: bool) -> "list[Line]":
+    """Look at the bus when the cell is up, else at the link; say which and why."""
+    from cli.doctor.checks import skipped, trouble
+    from cli.doctor.report import bus_lines, link_lines, unused_lines
+    from services.gateway.scales import Scales
+    from services.gateway.service import scales_of
+
+    section = cell.gateway if cell.roles.robot == "gateway" else None
+    scales = Scales() if section is None else scales_of(section)
+    if found is not None and (has_run or found.robot is not None or section is None):
+        return bus_lines(cell, scales, found)
+    if has_run:
+        return [trouble("bus", "FAIL", "the cell is up, and its hub does not answer", "bus")]
+    if section is None:
+        nobody = trouble("bus", "FAIL", "no hub answers: the cell is not up", "bus.down")
+        return [nobody, *unused_lines(cell)]
+    from cli.doctor.link import visit
+
+    lines = link_lines(
+        cell, section, scales, visit(section.host, section.port, scales, arm=section.arm)
+    )
+    return [*lines, skipped("processes", "the cell is not up: so the link itself was tried")]
+
+
+def _as_object(cell: "Cell | None", path: "Path", lines: "list[Line]", code: int) -> dict[str, Any]:
+    return {
+        "cell": None if cell is None else cell.cell,
+        "cell_file": str(path),
+        "lines": [
+            {"check": row.check, "result": row.word, "found": row.found, "remedy": row.remedy}
+            for row in lines
+        ],
+        "exit_code": code,
+    }

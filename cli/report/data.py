@@ -1,0 +1,161 @@
+"""What a recording tells: numbers over time, states, stops with their remedies, how topics came."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+from cli.recording_tables import NS_PER_S
+from forcemesh import topics
+from forcemesh.bus import Reading
+from forcemesh.codec import Header, decode_recorded
+from forcemesh.errors import DataError, MessageError
+from forcemesh.faults import FAULTS
+from forcemesh.messages import ArbiterStatus, Message, Trip, WrenchAtTcp
+from forcemesh.topics import TOPICS
+from services.panel.readout import Readout
+from services.panel.watch import Snapshot
+
+if TYPE_CHECKING:
+    from common.config.cell import Cell
+    from services.recorder.reading import RecordedFile
+
+POINTS = 3000  # of a plot: more than a screen has
+STOPPED = ("HOLDING", "FAULT")
+PLACES = {
+    topics.ROBOT_STATE.key: "robot",
+    topics.WRENCH.key: "wrench",
+    topics.SENSOR_WRENCH.key: "sensor",
+    topics.REGULATOR_TARGET.key: "target",
+    topics.ROBOT_COMMAND.key: "command",
+    topics.ARBITER_STATUS.key: "arbiter",
+}
+TYPES = {topic.key: topic.message for topic in TOPICS}
+
+
+@dataclass(frozen=True, slots=True)
+class Stop:
+    """A moment at which the arm was stopped, and what a person should do."""
+
+    at_s: float
+    state: str
+    trip: Trip
+
+    @property
+    def remedy(self) -> str:
+        """What the table of faults says to do, empty for a code of another version."""
+        row = FAULTS.get(self.trip.code)
+        return "" if row is None else row.remedy
+
+
+@dataclass(slots=True)
+class Came:
+    """How one topic came."""
+
+    count: int = 0
+    lost: int = 0
+    longest_gap_s: float = 0.0
+    first_ns: int = 0
+    last_ns: int = 0
+    last: tuple[int, int] | None = None  # epoch and number of its newest message
+
+    @property
+    def rate_hz(self) -> float:
+        """How often it came."""
+        lasted_s = (self.last_ns - self.first_ns) / NS_PER_S
+        return (self.count - 1) / lasted_s if lasted_s > 0.0 else 0.0
+
+    def saw(self, header: Header, at_ns: int) -> None:
+        """Count a message."""
+        self.first_ns = self.first_ns or at_ns
+        if self.count:
+            self.longest_gap_s = max(self.longest_gap_s, (at_ns - self.last_ns) / NS_PER_S)
+        if self.last is not None and self.last[0] == header.epoch:
+            self.lost += max(header.seq - self.last[1] - 1, 0)
+        self.last = (header.epoch, header.seq)
+        self.count, self.last_ns = self.count + 1, at_ns
+
+
+@dataclass(slots=True)
+class Story:
+    """All of it."""
+
+    begin_ns: int
+    lasted_s: float
+    times_s: list[float] = field(default_factory=list)
+    series: dict[str, list[float]] = field(default_factory=dict)
+    states: list[tuple[float, str]] = field(default_factory=list)  # since when, of the arbiter
+    stops: list[Stop] = field(default_factory=list)
+    came: dict[str, Came] = field(default_factory=dict)
+    force_max_N: float = 0.0
+    torque_max_Nm: float = 0.0
+    unreadable: int = 0
+
+
+def story_of(read: "RecordedFile", cell: "Cell") -> Story:
+    """Go through a recording twice: once for its length, once for what is in it."""
+    times = [heard.at_ns for heard in read.heard()]
+    if not times:
+        raise DataError(f"{read.path}: there is no message in it")
+    story = Story(times[0], (times[-1] - times[0]) / NS_PER_S)
+    readout, next_s = Readout(cell), 0.0
+    for at_s, key, snapshot in _snapshots(read, story):
+        if key == topics.ARBITER_STATUS.key:
+            _note_state(story, at_s, snapshot.arbiter.message)
+        elif key == topics.WRENCH.key:
+            _note_extremes(story, snapshot.wrench.message)
+        elif key == topics.ROBOT_STATE.key and at_s >= next_s:
+            next_s = at_s + story.lasted_s / POINTS
+            _add_point(story, at_s, readout.numbers(snapshot))
+    return story
+
+
+def moments(read: "RecordedFile", begin_ns: int, rate_hz: float) -> Iterator[tuple[float, Any]]:
+    """Yield time [s] and what was known then, at most so often."""
+    next_s = 0.0
+    for at_s, key, snapshot in _snapshots(read, Story(begin_ns, 0.0)):
+        if key == topics.ROBOT_STATE.key and at_s >= next_s:
+            next_s = at_s + 1.0 / rate_hz
+            yield at_s, snapshot
+
+
+def _snapshots(read: "RecordedFile", story: Story) -> Iterator[tuple[float, str, Snapshot]]:
+    """Yield after each message what was known: time [s], topic, the newest of every topic."""
+    snapshot = Snapshot()
+    for heard in read.heard():
+        try:
+            header, message = decode_recorded(heard.data, TYPES[heard.topic], heard.topic)
+        except (MessageError, KeyError):
+            story.unreadable += 1
+            continue
+        story.came.setdefault(heard.topic, Came()).saw(header, heard.at_ns)
+        if heard.topic in PLACES:
+            reading = Reading(message, header, 0.0, "" if message.valid else message.reason or "-")
+            changes: Any = {PLACES[heard.topic]: reading}
+            snapshot = replace(snapshot, **changes)
+            yield (heard.at_ns - story.begin_ns) / NS_PER_S, heard.topic, snapshot
+
+
+def _note_state(story: Story, at_s: float, status: Message | None) -> None:
+    if not isinstance(status, ArbiterStatus):
+        return
+    before = story.states[-1][1] if story.states else ""
+    if status.state == before:
+        return
+    story.states.append((at_s, status.state))
+    if status.state in STOPPED and before not in STOPPED:
+        story.stops += [Stop(at_s, status.state, trip) for trip in status.trips]
+
+
+def _note_extremes(story: Story, wrench: Message | None) -> None:
+    if isinstance(wrench, WrenchAtTcp) and wrench.valid:
+        story.force_max_N = max(story.force_max_N, math.hypot(*wrench.force_N))
+        story.torque_max_Nm = max(story.torque_max_Nm, math.hypot(*wrench.torque_Nm))
+
+
+def _add_point(story: Story, at_s: float, numbers: dict[str, float]) -> None:
+    for name in (*story.series, *numbers):
+        column = story.series.setdefault(name, [math.nan] * len(story.times_s))
+        if len(column) == len(story.times_s):
+            column.append(numbers.get(name, math.nan))
+    story.times_s.append(at_s)

@@ -1,0 +1,44 @@
+"""The verb `report`: a recording as one page of HTML that opens anywhere."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from cli.context import USAGE, fail, one_line_errors, waiting
+from cli.replay import RecordingArgument, cell_in
+
+
+def report(
+    file: RecordingArgument,
+    *,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", metavar="FILE", help="Else beside FILE.", show_default=False),
+    ] = None,
+    no_3d: Annotated[bool, typer.Option("--no-3d", help="Leave the 3D replay out.")] = False,
+) -> None:
+    """Write a page with plots, summary, stops and their remedies, and the arm's motion in 3D."""
+    with one_line_errors():
+        from cli.report.data import story_of
+        from cli.report.page import page_of
+        from cli.report.plots import plots_of
+        from services.recorder.reading import RecordedFile
+
+        read = RecordedFile(file)
+        cell = cell_in(read)
+        path = out or file.with_suffix(".html")
+        with waiting(f"reading {file}"):
+            story = story_of(read, cell)
+            plots = plots_of(story)
+        scene = ""
+        if not no_3d:
+            from cli.report.scene import scene_html
+
+            with waiting("drawing the arm's motion"):
+                scene = scene_html(read, cell, story)
+        try:
+            path.write_text(page_of(read, story, plots, scene), encoding="utf-8")
+        except OSError as error:
+            fail(f"{path}: cannot be written: {error.strerror}", USAGE)
+    typer.echo(f"{path}: {story.lasted_s:.1f} s, {len(story.stops)} stops")

@@ -1,0 +1,56 @@
+"""What every verb that works with force needs: the cell, a bar, and an end that holds the arm."""
+
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import typer
+
+from cli.context import cell_of
+
+if TYPE_CHECKING:
+    from cli.skills.contact_monitor import Tell
+    from common.client import Cell
+
+INTERRUPTED = 130
+TAKEN_OVER = "force feedback runs already: this takes it over, and ends it at its own end"
+
+LOADED = "the tool is loaded with {:.1f} N already: `forcemesh retract` leaves a contact"
+
+
+@contextmanager
+def at_work(named: Path | None) -> "Iterator[tuple[Cell, Tell]]":
+    """Connect and show a bar; Ctrl-C, a closed terminal and a request to end hold the arm."""
+    from cli.skills.contact_monitor import deaf, like_ctrl_c
+    from forcemesh.errors import ForcemeshError
+
+    with cell_of(named) as cell:
+        if cell.status().commander == "regulator":
+            typer.echo(TAKEN_OVER, err=True)
+        elif (load_N := cell.load_N()) is not None:
+            typer.echo(LOADED.format(load_N), err=True)
+        try:
+            with bar() as tell, like_ctrl_c():
+                yield cell, tell
+        except KeyboardInterrupt:
+            text = "the arm holds"
+            with deaf():
+                try:
+                    cell.hold("a verb was interrupted")
+                except ForcemeshError as error:
+                    text = f"the hold was not answered: {error}"
+            typer.echo(f"interrupted: {text}", err=True)
+            raise typer.Exit(INTERRUPTED) from None
+
+
+@contextmanager
+def bar() -> "Iterator[Tell]":
+    """Show how it goes, on a terminal; elsewhere nothing."""
+    from cli.calibration.screen import screen
+    from cli.skills.contact_monitor import silent
+
+    shown = screen(with_time=False) if sys.stderr.isatty() else nullcontext()
+    with shown as on_screen:
+        yield silent if on_screen is None else on_screen.progress

@@ -1,0 +1,360 @@
+"""Measures a running cell: small steps in free space, a gentle press, a step inside the controller.
+
+Each is measured again until it repeats, a few times at most; what does not repeat is refused. It is
+a client like any other, so it runs against real processes and in virtual time alike. The arm must
+be armed and free; at the end, and after every refusal, it is where it began.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from itertools import pairwise
+from math import ceil
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from cli.skills.contact_monitor import Feeler, Felt, Steady, Tell, force_ends, silent
+from common.client import Cell
+from common.client.asking import stopped
+from common.motion.convert import pose_of, record_of
+from common.motion.frames import Array
+from forcemesh import topics
+from forcemesh.bus import Reader
+from forcemesh.clock import NS_PER_S
+from forcemesh.errors import DataError, NotReachedError, RefusedError
+from forcemesh.faults import FAULTS
+from forcemesh.messages import Vec3
+from forcemesh.requests import ForceStartRequest, MoveRequest, PathRequest
+from tuning import contact_response as answer
+from tuning import servo
+from tuning.contact_response import Answer, loop_delay
+from tuning.contact_spring import Spring, spring
+from tuning.identify import Steps, identify
+from tuning.servo import Round, Servo
+
+STILL = (False,) * 6
+STEP_ACCEL_SHARE, STEP_ACCEL_M_S2 = 0.7, 1.5
+STEP_M_S = 0.02
+LISTEN_S, REST_S = 0.001, 0.4
+STEPS_WITHIN_S = 20.0  # for each time that they are gone
+LEAST_REPORTS_HZ, MOST_LAPS = 100.0, 15  # rarer reports: so many times more steps in a round
+NEAR_N, STEADY_S, READ_S = 0.6, 0.4, 0.3
+SHARES = (1 / 3, 2 / 3, 1.0, 2 / 3, 1 / 3)  # of the press force, one place after the other
+MOST_PRESSES = 3
+LEVEL_WITHIN_S = 30.0
+ANSWER_S = 2.5
+BACK_M_S = 0.02
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """How far and how hard it may go."""
+
+    step_m: float = 0.003
+    force_N: float = 12.0
+
+
+@dataclass(slots=True)
+class Readings:
+    """Everything that was read: what the picture shows."""
+
+    steps: tuple[Steps, ...] = ()  # of the last round, one for each axis
+    rounds: list[Round] = field(default_factory=list)
+    servo: Servo | None = None
+    ways_m: list[float] = field(default_factory=list)
+    forces_N: list[float] = field(default_factory=list)
+    spring: Spring | None = None
+    answers: list[Answer] = field(default_factory=list)
+    controller: Answer | None = None
+
+    @property
+    def arm(self) -> Servo:
+        """How late the arm is. Raises DataError before it was measured."""
+        if self.servo is None:
+            raise DataError("delay and lag were not measured")
+        return self.servo
+
+
+class Measuring:
+    """One measurement of a cell."""
+
+    def __init__(self, cell: Cell, trial: Trial, tell: Tell = silent) -> None:
+        """Look where the arm is; nothing moves yet. Raises LostError, NotValidError."""
+        self._cell, self._trial, self._tell = cell, trial, tell
+        self._clock = cell.session.clock
+        self._T_flange_tcp = cell.config.tool.T_flange_tcp.pose
+        self._start = pose_of(cell.state())
+        self.readings = Readings()
+
+    def check(self) -> None:
+        """Raise ForcemeshError, in one sentence, when it should not begin."""
+        status, touch_N = self._cell.status(), self._cell.config.force.touch_N
+        if status.state != "ARMED":
+            text = f"the arbiter is {status.state}: tune begins armed and at rest"
+            raise RefusedError("not_armed", text, remedy=FAULTS["not_armed"].remedy)
+        found_N = float(np.linalg.norm(self._cell.wrench().force_N))
+        if found_N > touch_N:
+            text = f"the tool feels {found_N:.1f} N before it touches anything"
+            raise NotReachedError(f"{text}: move it free, then tare")
+
+    def steps(self) -> None:
+        """Go rounds of small steps across the tool's axis, in free space, until two are the same.
+
+        Raises:
+            DataError: The records show no delay, or another one each time.
+            NotReachedError: The steps leave the workspace, or take too long.
+        """
+        T = self._start * self._T_flange_tcp
+        axes = (T.rotation[:, 0], T.rotation[:, 1])
+        request, laps = self._lap(T.translation, axes)
+        rounds = self.readings.rounds
+        with force_ends(self._cell):
+            self._cell.force.begin(ForceStartRequest(mode="position", law="plain", axes=STILL))
+            while not servo.repeats(rounds):
+                if len(rounds) == servo.MOST_ROUNDS:
+                    raise DataError(_no_repetition(rounds))
+                hear = Ears(self._cell, self._T_flange_tcp)
+                hear.for_s(REST_S)
+                self._cell.ask(topics.FORCE_PATH, request)
+                self._listen(hear, laps, f"steps in free space, round {len(rounds) + 1}")
+                self.readings.steps = tuple(hear.along(axis) for axis in axes)
+                rounds.append(tuple(identify(steps) for steps in self.readings.steps))
+        self.readings.servo = servo.servo_of(rounds[-servo.LEAST_ROUNDS :])
+
+    def press(self) -> None:
+        """Press with some forces, one after the other, until the stiffness repeats.
+
+        Raises DataError where it does not, and as `until`.
+        """
+        feeler, readings = Feeler(self._cell), self.readings
+        for press in range(1, MOST_PRESSES + 1):
+            for number, share in enumerate(SHARES):
+                level_N = share * self._trial.force_N
+                what = f"press {press}, {number + 1} of {len(SHARES)}"
+                self._cell.force.begin(_press(level_N))
+                way_m, force_N = self._place(feeler, level_N, what)
+                readings.ways_m.append(way_m)
+                readings.forces_N.append(force_N)
+            found = spring(np.array(readings.ways_m), np.array(readings.forces_N))
+            readings.spring = found
+            if found.repeats:
+                return
+            if press == MOST_PRESSES and not found.is_known:
+                text = f"{press} presses showed {found.k_N_m:.0f} +- {found.spread_N_m:.0f} N/m"
+                raise DataError(f"{text}: press harder (--force), on something that does not move")
+
+    def controller(self, gain: float) -> None:
+        """Let the controller go from one force to another and back until it is as late each time.
+
+        Args:
+            gain: Integral gain along the tool's axis that it has [m/(N s)].
+
+        Raises:
+            DataError: The force did not follow, or never twice alike.
+        """
+        answers = self.readings.answers
+        levels_N = (SHARES[0] * self._trial.force_N, self._trial.force_N)
+        while not answer.repeats(answers):
+            if len(answers) == answer.MOST_ANSWERS:
+                seen = ", ".join(f"{1e3 * one.tau_s:.0f}" for one in answers)
+                raise DataError(
+                    f"in the controller the force answers after {seen} ms, never twice alike: "
+                    "`--no-controller` leaves it out"
+                )
+            first_N, then_N = levels_N if len(answers) % 2 == 0 else levels_N[::-1]
+            answers.append(self._answer(gain, first_N, then_N))
+        self.readings.controller = answer.together(answers[-answer.LEAST_ANSWERS :])
+
+    def _answer(self, gain: float, first_N: float, then_N: float) -> Answer:
+        """Return how late the controller's force follows one step of its set point."""
+        assert self.readings.spring is not None  # noqa: S101 - it presses before
+        feeler = Feeler(self._cell)
+        self._cell.force.begin(_press(first_N, host="controller"))
+        rested = self._place(feeler, first_N, "in the controller")[1]
+        sent_s = feeler.t_s
+        self._cell.force.begin(_press(then_N, host="controller"))
+        felt = feeler.until(
+            lambda one: one.t_s - sent_s > ANSWER_S,
+            within_s=2.0 * ANSWER_S,
+            what="in the controller",
+            tell=self._tell,
+        )
+        return loop_delay(
+            np.array([one.t_s - sent_s for one in felt]),
+            np.array([one.press_N for one in felt]),
+            first_N=rested,
+            then_N=then_N,
+            ramp_N_s=self._cell.config.force.setpoint_ramp_N_s,
+            rate=self.readings.spring.k_N_m * gain,
+        )
+
+    def back(self) -> None:
+        """Go back to where it began. Raises as a move does."""
+        speed_m_s = min(BACK_M_S, self._cell.config.limits.speed_m_s)
+        request = MoveRequest(
+            kind="pose",
+            pose=record_of(self._start),
+            speed_m_s=speed_m_s,
+            commander=self._cell.session.commander,
+        )
+        self._cell.move.begin(request).wait()
+
+    def _lap(self, p_tcp_m: Array, axes: tuple[Array, Array]) -> tuple[PathRequest, int]:
+        """Return the steps of one round, and how many times they are gone in it."""
+        reach = [p_tcp_m + self._trial.step_m * axis for axis in axes]
+        self._refuse_outside(reach)
+        config = self._cell.config
+        laps = min(MOST_LAPS, max(1, ceil(LEAST_REPORTS_HZ / config.rates.robot_hz)))
+        points = (reach[0], p_tcp_m, reach[1], p_tcp_m) * laps
+        request = PathRequest(
+            points_m=tuple(_vec3(point) for point in points),
+            speed_m_s=min(STEP_M_S, config.force.speed_max_m_s),
+            accel_m_s2=min(STEP_ACCEL_M_S2, STEP_ACCEL_SHARE * config.limits.accel_m_s2),
+            in_contact=False,
+        )
+        return request, laps
+
+    def _listen(self, hear: "Ears", laps: int, what: str) -> None:
+        began_ns, within_s = self._clock.now_ns(), laps * STEPS_WITHIN_S
+        arrived_ns: int | None = None
+        while arrived_ns is None or self._clock.now_ns() - arrived_ns < REST_S * NS_PER_S:
+            hear.for_s(LISTEN_S)
+            spent_s = (self._clock.now_ns() - began_ns) / NS_PER_S
+            self._tell(spent_s, within_s, what)
+            target = self._cell.target.reading().message
+            if target is not None and target.path_left_m == 0.0 and arrived_ns is None:
+                arrived_ns = self._clock.now_ns()
+            if spent_s > within_s:
+                raise NotReachedError(f"the small steps took longer than {within_s:g} s")
+            if not self._cell.status().goes_on:
+                raise stopped(self._cell.status(), "the arm was stopped")
+
+    def _place(self, feeler: Feeler, level_N: float, what: str) -> tuple[float, float]:
+        """Return way along the tool's axis and force, at rest at a level."""
+        there = Steady(lambda felt: abs(felt.press_N - level_N) <= NEAR_N, STEADY_S)
+        feeler.until(there, within_s=LEVEL_WITHIN_S, what=what, tell=self._tell)
+        read = Steady(lambda _: True, READ_S)
+        felt = feeler.until(read, within_s=2.0, what=what, tell=self._tell)
+        return self._way_m(felt), float(np.mean([one.press_N for one in felt]))
+
+    def _way_m(self, felt: list[Felt]) -> float:
+        T = self._start * self._T_flange_tcp
+        places = np.array([one.T_base_tcp.translation for one in felt])
+        return float((places.mean(axis=0) - T.translation) @ T.rotation[:, 2])
+
+    def _refuse_outside(self, points: list[Array]) -> None:
+        limits = self._cell.config.limits
+        low, high = np.array(limits.workspace_min_m), np.array(limits.workspace_max_m)
+        if any((point < low).any() or (point > high).any() for point in points):
+            step_mm = 1e3 * self._trial.step_m
+            raise NotReachedError(f"steps of {step_mm:g} mm leave the workspace: begin inside it")
+
+
+class Ears:
+    """Notes every command and every pose, as they were stamped."""
+
+    def __init__(self, cell: Cell, T_flange_tcp: pin.SE3) -> None:
+        """Subscribe."""
+        self._clock, self._T_flange_tcp = cell.session.clock, T_flange_tcp
+        self._period_s = 1.0 / cell.config.rates.control_hz
+        self._command = cell.session.bus.reader(topics.ROBOT_COMMAND)
+        self._robot = cell.session.bus.reader(topics.ROBOT_STATE)
+        self._sent: list[tuple[float, Array]] = []
+        self._seen: list[tuple[float, Array]] = []
+
+    def for_s(self, duration_s: float) -> None:
+        """Listen for so long."""
+        end_ns = self._clock.now_ns() + round(duration_s * NS_PER_S)
+        while self._clock.now_ns() < end_ns:
+            self._clock.sleep_s(LISTEN_S)
+            self._hear(self._command, self._sent, lambda said: said.pose)
+            self._hear(self._robot, self._seen, lambda said: said)
+
+    def along(self, axis: Array) -> Steps:
+        """Return what was heard along an axis of the base.
+
+        A machine that is late hears the newest command alone: those between are put back.
+        """
+        sent_s, sent = (np.array(part) for part in zip(*self._sent, strict=True))
+        seen_s, seen = (np.array(part) for part in zip(*self._seen, strict=True))
+        every_s = np.concatenate(
+            [
+                np.linspace(a, b, max(1, round((b - a) / self._period_s)), endpoint=False)
+                for a, b in pairwise(sent_s)
+            ]
+        )
+        return Steps(every_s, np.interp(every_s, sent_s, sent @ axis), seen_s, seen @ axis)
+
+    def _hear(
+        self, reader: Reader[Any], notes: list[tuple[float, Array]], pose: Callable[[Any], Any]
+    ) -> None:
+        if not reader.poll():
+            return
+        reading = reader.read(self._clock.now_ns())
+        if reading.fresh is None or reading.header is None or pose(reading.fresh) is None:
+            return
+        # Stamps of another machine are of another clock: there the arrival has to do.
+        mine = reading.header.boot == self._clock.boot
+        at_ns = reading.header.stamp_ns if mine else self._clock.now_ns()
+        T = pose_of(pose(reading.fresh)) * self._T_flange_tcp
+        notes.append((at_ns / NS_PER_S, np.array(T.translation)))
+
+
+def measure(
+    cell: Cell,
+    trial: Trial,
+    *,
+    gain: float,
+    with_press: bool,
+    with_controller: bool,
+    tell: Tell = silent,
+) -> Readings:
+    """Measure all that is asked for; the arm ends where it began unless somebody stopped it.
+
+    Args:
+        cell: An armed cell, its tool in free space, something to press on in front of it.
+        trial: How far and how hard.
+        gain: Integral gain along the tool's axis that is set now [m/(N s)].
+        with_press: Whether to press; without, the stiffness stays unknown.
+        with_controller: Whether to press with the controller's own regulator, too.
+        tell: Told how it goes.
+
+    Raises:
+        DataError: The records do not tell.
+        NotReachedError: The arm is not free, a step or a force was not reached in time.
+        RefusedError, ArmStoppedError, LostError: As the client raises them.
+    """
+    measuring = Measuring(cell, trial, tell)
+    measuring.check()
+    measuring.steps()
+    if not with_press:
+        return measuring.readings
+    try:
+        with force_ends(cell):
+            measuring.press()
+            if with_controller:
+                measuring.controller(gain)
+    except (DataError, NotReachedError):
+        measuring.back()
+        raise
+    measuring.back()
+    return measuring.readings
+
+
+def _press(level_N: float, host: Any = "pc") -> ForceStartRequest:
+    return ForceStartRequest(mode="position", host=host, setpoint_N=level_N, law="plain")
+
+
+def _no_repetition(rounds: list[Round]) -> str:
+    sums_ms = ", ".join(f"{1e3 * sum_s:.1f}" for sum_s in servo.sums(rounds))
+    return (
+        f"delay and lag together were {sums_ms} ms in {len(rounds)} rounds, never twice within "
+        f"{1e3 * servo.REPEATS_S:g} ms: free this machine of other work (`forcemesh doctor` looks "
+        "at it and at the link), then tune again"
+    )
+
+
+def _vec3(point: Array) -> Vec3:
+    x, y, z = (float(part) for part in point)
+    return (x, y, z)

@@ -1,0 +1,170 @@
+"""`forcemesh tune`: what the loop is made of, what gains it bears, what the present ones do."""
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from cli.context import NOT_WELL, OK, USAGE, CellOption, JsonOption, fail
+from cli.skills.force_session import at_work
+
+if TYPE_CHECKING:
+    from cli.tune.measure import Readings
+    from common.client import Cell
+    from forcemesh.messages import Gains
+    from tuning.advice import Advice, Measured
+
+SMALLEST_STEP_MM, LEAST_N = 0.5, 3.0
+
+Step = Annotated[
+    float, typer.Option(min=SMALLEST_STEP_MM, max=10.0, help="Of the steps in free space [mm].")
+]
+Force = Annotated[float, typer.Option(min=LEAST_N, help="To press with at most [N].")]
+NoPress = Annotated[
+    bool, typer.Option("--no-press", help="Steps alone; stiffness as the cell file says.")
+]
+NoController = Annotated[
+    bool, typer.Option("--no-controller", help="Do not try the controller's own force feedback.")
+]
+Apply = Annotated[bool, typer.Option("--apply", help="Set the recommended gains, on a ramp.")]
+ForHost = Annotated[
+    str, typer.Option("--for", metavar="HOST", help="With --apply: gains for pc or controller.")
+]
+Write = Annotated[
+    Path | None,
+    typer.Option(metavar="FILE", help="Write a file that the cell file may name as `tuning`."),
+]
+Report = Annotated[Path | None, typer.Option("--out", metavar="FILE", help="Picture, a PNG.")]
+
+
+def tune(
+    *,
+    step: Step = 3.0,
+    force: Force = 12.0,
+    no_press: NoPress = False,
+    no_controller: NoController = False,
+    apply: Apply = False,
+    for_host: ForHost = "pc",
+    write: Write = None,
+    out: Report = None,
+    as_json: JsonOption = False,
+    cell: CellOption = None,
+) -> None:
+    """Measure the loop of a running cell and recommend gains with their margins.
+
+    Begin armed, in free space, with something to press on in front of the tool: it makes small
+    steps and presses gently until what it finds repeats, and comes back. Ctrl-C holds the arm.
+    """
+    with at_work(cell) as (client, tell):
+        from cli.tune.measure import Trial, measure
+        from tuning.advice import Measured, refused
+
+        hosts = client.config.robot.hosts
+        _refuse_wrong_options(client, force, for_host, apply=apply)
+        gains = client.force.gains()
+        readings = measure(
+            client,
+            Trial(step / 1e3, force),
+            gain=_along(client, gains),
+            with_press=not no_press,
+            with_controller="controller" in hosts and not no_controller and not no_press,
+            tell=tell,
+        )
+        measured = Measured(readings.arm, readings.spring, readings.controller)
+        advices = _advices(client, measured, gains)
+        _tell(client, measured, advices, readings, as_json=as_json, out=out)
+        if why_not := refused(client.config, measured, advices):
+            fail(f"nothing is recommended, written or set: {why_not}", NOT_WELL)
+        if write is not None:
+            _write(client, measured, advices, write)
+        if apply:
+            _apply(client, next((one for one in advices if one.host == for_host), None), for_host)
+        first = advices[0].force_now.margins
+    raise typer.Exit(OK if first.stable else NOT_WELL)
+
+
+def _refuse_wrong_options(client: "Cell", force_N: float, host: str, *, apply: bool) -> None:
+    config = client.config
+    largest_N = min(config.force.setpoint_max_N, config.limits.force_N)
+    if force_N > largest_N:
+        fail(f"--force {force_N:g}: the cell allows {largest_N:g} N", USAGE)
+    if host not in config.robot.hosts:
+        fail(f"--for {host}: this cell offers {', '.join(config.robot.hosts)}", USAGE)
+    if host != "pc" and not apply:
+        fail("--for goes with --apply: the table shows every host", USAGE)
+
+
+def _along(client: "Cell", gains: "Gains") -> float:
+    """Return the gain of force along the tool's axis [m/(N s)]."""
+    import numpy as np
+
+    from common.motion.convert import pose_of
+
+    axis = (pose_of(client.state()) * client.config.tool.T_flange_tcp.pose).rotation[:, 2]
+    return float((axis * axis) @ np.array(gains.force_i_m_per_Ns))
+
+
+def _advices(client: "Cell", measured: "Measured", gains: "Gains") -> "list[Advice]":
+    from tuning.advice import advise
+
+    return [
+        advise(
+            client.config,
+            measured,
+            host,
+            force_now=_along(client, gains),
+            torque_now=max(gains.torque_i_rad_per_Nms),
+        )
+        for host in client.config.robot.hosts
+        if host == "pc" or measured.controller is not None
+    ]
+
+
+def _tell(
+    client: "Cell",
+    measured: "Measured",
+    advices: "list[Advice]",
+    readings: "Readings",
+    *,
+    as_json: bool,
+    out: Path | None,
+) -> None:
+    from cli.tune import texts as words
+    from tuning import advice
+
+    sections = advice.lines(client.config, measured, advices)
+    if as_json:
+        typer.echo(json.dumps(advice.as_dict(client.config, measured, advices, sections)))
+    else:
+        for line in words.told(client.config, measured, advices, sections):
+            typer.echo(line)
+    if out is not None:
+        from cli.tune import picture
+
+        title = f"{client.config.cell}: tau {1e3 * advices[0].tau_s:.1f} ms"
+        picture.save(out, readings, advices, title)
+        typer.echo(f"picture: {out}", err=True)
+
+
+def _write(client: "Cell", measured: "Measured", advices: "list[Advice]", path: Path) -> None:
+    from cli.tune import texts as words
+    from tuning import advice
+
+    words.save(path, advice.lines(client.config, measured, advices))
+    typer.echo(f"written to {path}; {words.advice_for(path)}", err=True)
+
+
+def _apply(client: "Cell", advice: "Advice | None", host: str) -> None:
+    from forcemesh.requests import GainsRequest
+
+    if advice is None:
+        fail(f"--for {host}: its loop was not measured, so no gains are set", USAGE)
+    gains = advice.gains
+    client.force.ask_gains(
+        GainsRequest(
+            force_i_m_per_Ns=gains.force_i_m_per_Ns,
+            torque_i_rad_per_Nms=gains.torque_i_rad_per_Nms,
+        )
+    )
+    typer.echo(f"the gains for host {advice.host} are set until the regulator ends", err=True)

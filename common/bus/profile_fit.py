@@ -1,0 +1,115 @@
+"""What may be in use in containers: a profile, its cell file, and where the cell is published.
+
+Without certificates and token a cell is for this machine alone: compose publishes hub and panel on
+127.0.0.1, tells the containers so, and on any other address they refuse to start.
+"""
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from common.security.published_ports import HUB_PUBLISHED, PANEL_PUBLISHED, is_loopback
+
+# Who plays robot and sensor in the containers of a profile.
+PLAYERS: dict[str, dict[str, tuple[str, ...]]] = {
+    "sim": {"robot": ("sim",), "sensor": ("sim",)},
+    "emulated": {"robot": ("gateway",), "sensor": ("driver",)},
+    "real": {"robot": ("gateway",), "sensor": ("driver", "external")},
+}
+# The simulation is what is there when nothing else is asked for: what is asked for replaces it.
+REPLACED_BY: dict[str, tuple[str, ...]] = {"sim": ("emulated", "real")}
+
+ENCRYPTED = "tls"
+PKI, SCHEME, TOKEN = "FORCEMESH_CERTIFICATES", "FORCEMESH_BUS", "FORCEMESH_PANEL_TOKEN"
+CALIBRATION, RENAMED = "FORCEMESH_CALIBRATION", "FORCEMESH_PUBLISH"
+
+
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """A profile and its cell file."""
+
+    profile: str
+    file: Path
+
+
+def command_of(profile: str, verb: str) -> str:
+    """Return the command that does something with a profile, as a person types it."""
+    word = "" if profile == "sim" else f"--profile {profile} "
+    return f"docker compose {word}{verb}"
+
+
+def misfit(choice: Choice, settings: Mapping[str, str] = os.environ) -> str:
+    """Return why a cell file cannot be used with its profile here, empty when it can."""
+    if choice.file.is_dir():
+        return (
+            f"the profile {choice.profile} needs a cell file of yours, one in cells/: "
+            f"CELL=my-cell.yaml {command_of(choice.profile, 'up')}"
+        )
+    if why := unsafe(choice.profile, settings):
+        return why
+    # Long imports, which a process that only waits is spared.
+    from common.config.load import load_cell  # noqa: PLC0415
+    from forcemesh.errors import ConfigError  # noqa: PLC0415
+
+    try:
+        cell = load_cell(choice.file)
+    except ConfigError as error:
+        return str(error)
+    for role, players in PLAYERS[choice.profile].items():
+        if getattr(cell.roles, role) not in players:
+            return _wrong_player(choice, role, getattr(cell.roles, role))
+    if choice.profile == "real" and not (settings.get(TOKEN) or cell.panel.token):
+        return (
+            f"the profile real needs a token for its panel: {TOKEN} in .env, where `make pki` "
+            "puts one"
+        )
+    return ""
+
+
+def _wrong_player(choice: Choice, role: str, player: str) -> str:
+    fitting = [name for name, plays in PLAYERS.items() if player in plays[role]]
+    other = command_of(fitting[-1], "up") if fitting else "none"
+    return (
+        f"{choice.file} says `{role}: {player}`, and in the profile {choice.profile} it is "
+        f"{' or '.join(PLAYERS[choice.profile][role])}: take another profile "
+        f"(CELL={choice.file.name} {other}), or say another file with CELL"
+    )
+
+
+def unsafe(profile: str, settings: Mapping[str, str]) -> str:
+    """Return why a cell may not run with these settings, empty when it may."""
+    hub = settings.get(HUB_PUBLISHED, "127.0.0.1")
+    panel = settings.get(PANEL_PUBLISHED, "127.0.0.1")
+    has_certificates = bool(settings.get(PKI))
+    encrypted = settings.get(SCHEME) == ENCRYPTED
+    if old := settings.get(RENAMED):
+        return (
+            f"{RENAMED}={old} is two settings now, one for each port: FORCEMESH_PUBLISH_HUB and "
+            "FORCEMESH_PUBLISH_PANEL; write them in its place, or leave it out"
+        )
+    if encrypted != has_certificates:
+        return (
+            "FORCEMESH_PKI (where the certificates are) and FORCEMESH_BUS=tls (that the bus uses "
+            "them) go together: write both into .env, as `make pki` does, or leave out both"
+        )
+    if not is_loopback(hub) and not encrypted:
+        return (
+            f"FORCEMESH_PUBLISH_HUB={hub} is reached from outside this machine, and without "
+            "certificates anybody there may move the arm: `make pki` first, or leave it at "
+            "127.0.0.1"
+        )
+    if not is_loopback(panel) and not (encrypted and settings.get(TOKEN)):
+        return (
+            f"FORCEMESH_PUBLISH_PANEL={panel} is reached from outside this machine, and without "
+            f"certificates and {TOKEN} anybody there may move the arm: `make pki` makes both; "
+            "or leave it at 127.0.0.1"
+        )
+    if profile == "real" and not encrypted:
+        return 'the profile real needs certificates: `make pki ARGS="--cell cells/my-cell.yaml"`'
+    if profile == "real" and not settings.get(CALIBRATION):
+        return (
+            f"the profile real keeps its calibration on this machine: {CALIBRATION}=./calibration "
+            "and FORCEMESH_RECORDINGS=./recordings in .env, where `make pki` puts them"
+        )
+    return ""

@@ -1,0 +1,303 @@
+"""Which cell file the containers of a cell run with: a profile says it, every process waits.
+
+`/in-use` is a small volume in memory. `keep` is what the container of a profile's own does: it puts
+the profile's cell file there, as a link. `run` is how every other container starts: it waits for
+the link and holds a lock while its process lives. The link changes only when nobody holds the lock,
+so processes that run together have one cell file, whatever was started, in whichever order.
+
+The simulation needs no profile, so compose starts it with every other one too: while another
+profile's `keep` lives, that of the simulation stands back, and what runs with it is ended.
+
+    python -m common.bus.profile_lock keep PROFILE                    FORCEMESH_CELL says which file
+    python -m common.bus.profile_lock check PROFILE                   exit code 0 once it is in use
+    python -m common.bus.profile_lock run [PROFILE ...] -- COMMAND    of these profiles, or of any
+"""
+
+import ctypes
+import fcntl
+import os
+import signal
+import subprocess
+import sys
+import time
+from contextlib import suppress
+from pathlib import Path
+from typing import NoReturn
+
+from common.bus.profile_fit import PLAYERS, REPLACED_BY, Choice, command_of, misfit
+from common.runtime.heartbeat import Heartbeat, heartbeat_of_this_process
+
+FOLDER = Path("/in-use")
+LINK = "cell.yaml"
+LOCK = "profile"  # its text is the profile's name
+
+POLL_S = 0.1
+RETRY_S = 0.5  # while another profile is in use, or the cell file holds mistakes
+PATIENCE_S = 8.0  # a profile that was started has said its cell file by then
+GRACE_S = 2.0  # what was started together has been heard of by then
+END_WITHIN_S = 3.0
+PR_SET_PDEATHSIG = 1
+
+
+def chosen(folder: Path) -> Choice | None:
+    """Return what is in use, None when nothing is."""
+    try:
+        return Choice((folder / LOCK).read_text("utf-8"), (folder / LINK).readlink())
+    except FileNotFoundError:
+        return None
+
+
+def announce(folder: Path, profile: str) -> int:
+    """Say that a profile is asked for, until the lock that is returned is closed."""
+    lock = os.open(folder / f"asked-{profile}", os.O_RDWR | os.O_CREAT, 0o644)
+    fcntl.flock(lock, fcntl.LOCK_EX)
+    return lock
+
+
+def replaced_by(folder: Path, profile: str) -> str:
+    """Return the profile that is asked for and replaces another one, empty when none does."""
+    return next((each for each in REPLACED_BY.get(profile, ()) if _is_asked(folder, each)), "")
+
+
+def _is_asked(folder: Path, profile: str) -> bool:
+    """Tell whether the container of a profile lives. Whoever asks shares: they never meet."""
+    try:
+        lock = os.open(folder / f"asked-{profile}", os.O_RDONLY)
+    except FileNotFoundError:
+        return False
+    try:
+        fcntl.flock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    finally:
+        os.close(lock)
+    return False
+
+
+def claim(folder: Path, wanted: Choice) -> int | None:
+    """Put a choice in use where nobody runs with another one.
+
+    Returns:
+        The lock that keeps it in use, None when another choice is.
+    """
+    lock = os.open(folder / LOCK, os.O_RDWR | os.O_CREAT, 0o644)
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        pass  # somebody runs, perhaps with this very choice
+    else:
+        (folder / LINK).unlink(missing_ok=True)
+        (folder / LOCK).write_text(wanted.profile, "utf-8")
+        (folder / LINK).symlink_to(wanted.file)
+    return _share(lock, folder, wanted)
+
+
+def hold(folder: Path, profiles: tuple[str, ...]) -> int | None:
+    """Take part in what is in use, if it is one of these profiles; in any, where none is named.
+
+    Returns:
+        The lock that keeps it in use, None when there is nothing to take part in.
+    """
+    there = chosen(folder)
+    if there is None or (profiles and there.profile not in profiles):
+        return None
+    if replaced_by(folder, there.profile):
+        return None
+    return _share(os.open(folder / LOCK, os.O_RDONLY), folder, there)
+
+
+def _share(lock: int, folder: Path, wanted: Choice) -> int | None:
+    fcntl.flock(lock, fcntl.LOCK_SH)
+    if chosen(folder) == wanted:
+        return lock
+    os.close(lock)  # another choice came before the lock was had
+    return None
+
+
+def taken(there: Choice | None, wanted: Choice) -> str:
+    """Return what to say while a choice is not in use, though nothing speaks against it.
+
+    One that goes on waiting would be as good as the other after the next start of the machine.
+    """
+    if there is None:
+        return "not in use yet; the log of this container says why"
+    return (
+        f"the profile {there.profile} is in use with {there.file}, and one cell has one profile "
+        f"and one file: first `{command_of(there.profile, 'down')}`, or take this one "
+        f"back: `{command_of(wanted.profile, f'rm -s -f {wanted.profile}-cell')}`"
+    )
+
+
+def stands_back(other: str) -> str:
+    """Return what the simulation says while another profile is asked for."""
+    return (
+        f"stands back: the profile {other} replaces the simulation, until "
+        f"`{command_of(other, 'down')}`"
+    )
+
+
+class Keeper:
+    """Keeps a choice in use, or says once what is in the way."""
+
+    def __init__(self, folder: Path, wanted: Choice) -> None:
+        """Announce it; the profiles that it replaces go."""
+        self._folder, self._wanted = folder, wanted
+        (folder / LOCK).touch()  # who waits need not say that no profile was started
+        self._asked = announce(folder, wanted.profile)
+        self._lock: int | None = None
+        self._said = ""
+        self._since_s = time.monotonic()
+        self._heartbeat = heartbeat_of_this_process()
+
+    def step(self) -> str:
+        """Do what is due; return what is in the way, empty when it is in use or stands back."""
+        if other := replaced_by(self._folder, self._wanted.profile):
+            self._give_back()
+            return self._tell("", stands_back(other))
+        if self._lock is not None:
+            return self._tell("", f"in use with {self._wanted.file}")
+        if complaint := misfit(self._wanted):
+            return self._tell(complaint, complaint)
+        self._lock = claim(self._folder, self._wanted)
+        if self._lock is not None:
+            return self._tell("", f"in use with {self._wanted.file}")
+        there = chosen(self._folder)
+        if there is not None and replaced_by(self._folder, there.profile):
+            return self._tell("replacing the simulation", "")
+        complaint = taken(there, self._wanted)
+        return self._tell(complaint, complaint)
+
+    def _give_back(self) -> None:
+        if self._lock is not None:
+            os.close(self._lock)
+            self._lock = None
+
+    def _tell(self, complaint: str, words: str) -> str:
+        """Say something new. What only looks wrong until another container is there, waits."""
+        self._heartbeat.beat(time.monotonic_ns(), complaint)
+        replaceable = self._wanted.profile in REPLACED_BY
+        too_early = time.monotonic() - self._since_s < GRACE_S
+        if words and words != self._said and not (complaint and replaceable and too_early):
+            _say(f"{self._wanted.profile}-cell: {words}")
+            self._said = words
+        return complaint
+
+
+def keep(folder: Path, wanted: Choice) -> NoReturn:
+    """Keep a choice in use until the process is ended."""
+    keeper = Keeper(folder, wanted)
+    while True:
+        keeper.step()
+        time.sleep(RETRY_S)
+
+
+def run(folder: Path, profiles: tuple[str, ...], command: list[str]) -> NoReturn:
+    """Run a command with the cell file that is in use; wait anew when that one is replaced."""
+    heartbeat = heartbeat_of_this_process()
+    while True:
+        lock = _wait(folder, profiles, command, heartbeat)
+        there = chosen(folder)
+        os.set_inheritable(lock, True)  # noqa: FBT003 - the lock lives as long as the process
+        code = _play(folder, command, "" if there is None else there.profile, lock)
+        os.close(lock)
+        if code is not None:
+            sys.exit(code if code >= 0 else 128 - code)
+
+
+def _wait(folder: Path, profiles: tuple[str, ...], command: list[str], heartbeat: Heartbeat) -> int:
+    """Return the lock of what is in use, once there is something to take part in."""
+    patient_until_s = time.monotonic() + PATIENCE_S
+    said = ""
+    while (lock := hold(folder, profiles)) is None:
+        why = waiting(folder, profiles)
+        if time.monotonic() > patient_until_s and why != said:
+            _say(f"{' '.join(command[:3])} waits: {why}" if why else "")
+            said = why
+        is_meant = any(replaced_by(folder, profile) for profile in profiles)
+        heartbeat.beat(time.monotonic_ns(), "" if is_meant else why or "waits for a cell file")
+        time.sleep(POLL_S)
+    return lock
+
+
+def _play(folder: Path, command: list[str], profile: str, lock: int) -> int | None:
+    """Run a command to its end; return its exit code, None when its profile was replaced."""
+    child = subprocess.Popen(command, pass_fds=(lock,), preexec_fn=_die_with_parent)  # noqa: PLW1509
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda passed, _frame: child.send_signal(passed))
+    while (code := child.poll()) is None:
+        if other := replaced_by(folder, profile):
+            _say(f"{' '.join(command[:3])} ends: the profile {other} replaces the simulation")
+            _end(child)
+            return None
+        with suppress(subprocess.TimeoutExpired):
+            child.wait(RETRY_S)
+    return code
+
+
+def _end(child: subprocess.Popen[bytes]) -> None:
+    child.terminate()
+    with suppress(subprocess.TimeoutExpired):
+        child.wait(END_WITHIN_S)
+    child.kill()
+    child.wait()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, signal.SIG_DFL)
+
+
+def _die_with_parent() -> None:
+    """Let the kernel end a command whose `run` was killed: nobody would end it otherwise."""
+    prctl = getattr(ctypes.CDLL(None), "prctl", None)
+    if prctl is not None:
+        prctl(PR_SET_PDEATHSIG, int(signal.SIGKILL), 0, 0, 0)
+
+
+def waiting(folder: Path, profiles: tuple[str, ...] = ()) -> str:
+    """Return why there is nothing to take part in, empty where a profile's container says it."""
+    if other := next((each for name in profiles if (each := replaced_by(folder, name))), ""):
+        return stands_back(other)
+    there = chosen(folder)
+    if there is not None and not replaced_by(folder, there.profile):
+        return f"the profile {there.profile} is in use, and this container belongs to another one"
+    if (folder / LOCK).exists():
+        return ""
+    return "no cell file is in use: start the whole cell, `docker compose up`"
+
+
+def check(folder: Path, wanted: Choice) -> int:
+    """Wait a little until a choice is in use; say why it is not; return the exit code."""
+    patient_until_s = time.monotonic() + PATIENCE_S
+    while chosen(folder) != wanted or replaced_by(folder, wanted.profile):
+        complaint = misfit(wanted)
+        if not complaint and time.monotonic() > patient_until_s:
+            other = replaced_by(folder, wanted.profile)
+            complaint = stands_back(other) if other else taken(chosen(folder), wanted)
+        if complaint:
+            _say(f"{wanted.profile}-cell: {complaint}")
+            return 1
+        time.sleep(POLL_S)
+    return 0
+
+
+def _say(line: str) -> None:
+    if line:
+        sys.stderr.write(f"{line}\n")
+        sys.stderr.flush()
+
+
+def main(words: list[str], folder: Path = FOLDER) -> int:
+    """Do what the first word says."""
+    file = Path(os.environ.get("FORCEMESH_CELL", ""))
+    match words:
+        case ["keep", profile] if profile in PLAYERS:
+            keep(folder, Choice(profile, file))
+        case ["check", profile] if profile in PLAYERS:
+            return check(folder, Choice(profile, file))
+        case ["run", *rest] if "--" in rest[:-1]:
+            end = rest.index("--")
+            run(folder, tuple(rest[:end]), rest[end + 1 :])
+    _say(__doc__ or "")
+    return 2
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

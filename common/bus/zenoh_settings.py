@@ -1,0 +1,145 @@
+"""What Zenoh is told: where the hub is, who we are, what a hub lets through. Pure but for files."""
+
+import os
+import re
+from collections.abc import Mapping
+from typing import Any
+
+from common.config.cell import Cell
+from common.security.access_control import access_control, rate_limits
+from common.security.tls import identity_of, is_encrypted, refuse_in_the_clear
+from forcemesh.errors import ConfigError
+from forcemesh.topics import HELPERS
+
+ENDPOINT_VARIABLE = "FORCEMESH_ENDPOINT"
+ENDPOINT = r"[a-z-]+/\S+"
+RUNTIME_VARIABLE = "ZENOH_RUNTIME"
+ONE_THREAD = "(rx: (worker_threads: 1), app: (handover: rx))"
+CONNECT_ATTEMPT_MS = 500
+ROOM_B = 4_000_000  # which the kernel doubles, for its own part
+LEASE_MS = 500
+# Messages of a priority that wait for a thread which does not run just now. Urgent ones are never
+# put together: with Zenoh's two, the third that a millisecond brings is dropped.
+WAITING = {"real_time": 16, "data": 16}
+# Each message that nobody has taken yet keeps a buffer of this size, which is cleared before it is
+# used: with Zenoh's 64 kB, to clear them is a third of what it costs to hear a cell.
+BATCH_B = 8192
+# What no honest client needs more of: the longest message of the table has less than 4 kB.
+LONGEST_MESSAGE_B = 16_384
+LONGEST_TRANSPORT_MESSAGE_B = 65_536  # before the hub even knows what it is
+MOST_CLIENTS = 64
+
+SHORT = {
+    "id": "no long messages",
+    "flows": ["ingress"],
+    "messages": ["put", "delete", "query", "reply"],
+    "key_exprs": ["**"],
+    "size_limit": LONGEST_MESSAGE_B,
+}
+HUB_TRANSPORT = {
+    "unicast": {"max_sessions": MOST_CLIENTS},
+    "link": {"rx": {"max_message_size": LONGEST_TRANSPORT_MESSAGE_B}},
+}
+
+
+def listen_with_one_thread() -> None:
+    """Let Zenoh take in with one thread what else wakes three; to be called before its first use.
+
+    A process that hears all and says little saves a third of what hearing costs.
+    """
+    os.environ.setdefault(RUNTIME_VARIABLE, ONE_THREAD)
+
+
+def endpoint_of(cell: Cell) -> str:
+    """Return where the hub is: the environment may move it, the cell file says where it is.
+
+    Raises:
+        ConfigError: What the environment says is no endpoint.
+    """
+    moved = os.environ.get(ENDPOINT_VARIABLE)
+    if moved and not re.fullmatch(ENDPOINT, moved):
+        raise ConfigError(
+            ENDPOINT_VARIABLE, [f"{moved!r} is no endpoint, one is like tcp/127.0.0.1:7447"]
+        )
+    return moved or cell.bus.endpoint
+
+
+def hub_settings(cell: Cell, endpoint: str, role: str = "hub") -> dict[str, Any]:
+    """Return what makes a Zenoh router the hub of a cell; `zenohd` takes the same.
+
+    Raises:
+        BusError: As `open_hub`.
+    """
+    security = security_of(cell, role, endpoint)
+    part: dict[str, Any] = {
+        "mode": "router",
+        "listen": {"endpoints": [endpoint]},
+        "low_pass_filter": [SHORT],
+    }
+    if security:
+        part |= {"access_control": access_control(cell), "downsampling": rate_limits(cell)}
+    if cell.bus.upstream is not None:
+        refuse_in_the_clear(cell, cell.bus.upstream.endpoint)
+        part["connect"] = {
+            "endpoints": [cell.bus.upstream.endpoint],
+            "timeout_ms": -1,
+            "exit_on_failure": False,
+        }
+    return _settings(part, role, security, HUB_TRANSPORT)
+
+
+def client_settings(endpoint: str, role: str, security: Mapping[str, object]) -> dict[str, Any]:
+    """Return what makes a Zenoh client of a hub; it tries once."""
+    part = {
+        "mode": "client",
+        "connect": {
+            "endpoints": [with_room(endpoint) if role in HELPERS else endpoint],
+            "timeout_ms": CONNECT_ATTEMPT_MS,
+            "exit_on_failure": True,
+            "retry": {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 2},
+        },
+    }
+    return _settings(part, role, security)
+
+
+def with_room(endpoint: str) -> str:
+    """Return an endpoint whose socket lets seconds of a cell wait, as far as the machine allows.
+
+    For a process that must miss nothing and yet goes behind every control loop.
+    """
+    scheme, _, where = endpoint.partition("/")
+    if scheme not in ("tcp", "tls") or "so_rcvbuf" in where:
+        return endpoint
+    return f"{endpoint}{';' if '#' in where else '#'}so_rcvbuf={ROOM_B}"
+
+
+def security_of(cell: Cell, role: str, endpoint: str) -> Mapping[str, object]:
+    """Return Zenoh's settings of a role's certificate; nothing where none is asked for."""
+    refuse_in_the_clear(cell, endpoint)
+    return identity_of(cell, role).settings() if is_encrypted(endpoint) else {}
+
+
+def _settings(
+    part: Mapping[str, Any],
+    name: str,
+    security: Mapping[str, object],
+    transport: Mapping[str, Any] | None = None,
+) -> dict[str, Any]:
+    own = transport or {}
+    link = {
+        **own.get("link", {}),
+        "tx": {
+            "lease": LEASE_MS,
+            "keep_alive": 4,
+            "queue": {"size": WAITING},
+            "batch_size": BATCH_B,
+        },
+    }
+    if security:
+        link |= {"protocols": ["tls", "quic"], "tls": security}
+    return {
+        **part,
+        "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
+        "transport": {**own, "link": link, "shared_memory": {"enabled": False}},
+        "metadata": {"name": name},
+    }

@@ -1,0 +1,407 @@
+"""What a cell file may say: one robot cell, every field with its unit, its bounds, its default.
+
+SI units. Angles of frames are Kawasaki's O, A, T in degrees, as on the teach pendant.
+"""
+
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, model_validator
+
+from common.config.calibration import CalibrationSection, PayloadSection
+from common.config.cell_bus import BusSection
+from common.config.cell_panel import PanelSection
+from common.config.cell_recorder import RecorderSection
+from common.config.cell_sim import SimSection
+from common.config.cell_terms import Angle, Fraction, FrameSection, Positive, Section
+from forcemesh.messages import Host, Law, Vec3
+from forcemesh.patterns import CELL_NAME
+from forcemesh.topics import Topic
+from forcemesh.units import (
+    COUNTS_MOST,
+    LONGEST_LEVER_M,
+    SLOWEST_DEG_S,
+    joints_in_radians,
+    question,
+)
+
+SHORTEST_DEADLINE_PERIODS = 3.0
+SLOWEST_INERTIAL_HZ = 100.0
+SETPOINT_SHARE = 0.7  # of the ceiling: what the law overshoots, and a hold after it, fit above
+USUAL_FORCE_N = 50.0  # above these two a person has thought of what is between tool and plate
+USUAL_SPEED_M_S = 0.25
+FARTHEST_M = 10.0  # that any arm reaches, on a rail too
+
+Angles = tuple[Angle, Angle, Angle, Angle, Angle, Angle]
+JointSpeed = Annotated[float, Field(gt=0.0, le=3000.0)]  # [degrees/s]
+JointSpeeds = tuple[JointSpeed, JointSpeed, JointSpeed, JointSpeed, JointSpeed, JointSpeed]
+Far = Annotated[float, Field(ge=-FARTHEST_M, le=FARTHEST_M)]  # [m] in base
+Place = tuple[Far, Far, Far]
+
+
+class Roles(Section):
+    """Which process plays the robot and which the sensor: the swap of sim and real."""
+
+    robot: Literal["sim", "gateway"]
+    sensor: Literal["sim", "driver", "external"]
+
+
+class Rates(Section):
+    """How often things happen in this cell [Hz]."""
+
+    robot_hz: float = Field(250.0, ge=5.0, le=1000.0)
+    sensor_hz: float = Field(500.0, ge=50.0, le=8000.0)
+    control_hz: float = Field(250.0, ge=5.0, le=1000.0)
+    status_hz: float = Field(20.0, ge=1.0, le=100.0)
+    health_hz: float = Field(4.0, ge=1.0, le=20.0)
+
+
+class Deadlines(Section):
+    """Shortest stale time of each class of input; three of its periods when those are longer."""
+
+    command_s: float = Field(0.040, ge=0.040, le=1.0)
+    sensor_s: float = Field(0.020, ge=0.020, le=1.0)
+    status_s: float = Field(0.5, ge=0.1, le=5.0)
+    health_s: float = Field(1.0, ge=0.3, le=10.0)
+
+
+class RobotSection(Section):
+    """What the regulator must know of the robot, whoever plays it."""
+
+    hosts: tuple[Host, ...] = ("pc",)  # where force feedback can run
+    delay_s: float = Field(0.0, ge=0.0, le=0.5)  # pure delay from command to first motion
+    lag_s: float = Field(0.012, gt=0.0, le=0.5)  # area lag of servo and set-point smoothing
+    bandwidth_rad_s: float = Field(150.0, gt=0.0, le=5000.0)  # -3 dB of the same
+    joint_min_deg: Angles
+    joint_max_deg: Angles
+    joint_speed_max_deg_s: JointSpeeds
+
+    @model_validator(mode="after")
+    def _joints_are_in_degrees(self) -> "RobotSection":
+        if joints_in_radians(self.joint_min_deg, self.joint_max_deg):
+            raise ValueError(
+                f"joint_min_deg {self.joint_min_deg} to joint_max_deg {self.joint_max_deg}: no arm "
+                "turns as little as that; is that in radians?"
+            )
+        if max(self.joint_speed_max_deg_s) <= SLOWEST_DEG_S:
+            raise ValueError(
+                f"joint_speed_max_deg_s {self.joint_speed_max_deg_s}: the fastest joint of an arm "
+                f"is faster than {SLOWEST_DEG_S:g} degrees/s; is that in radians a second?"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _joint_ranges_are_not_empty(self) -> "RobotSection":
+        ranges = enumerate(zip(self.joint_min_deg, self.joint_max_deg, strict=True), start=1)
+        empty = [
+            f"joint {joint} has {low} and {high} degrees"
+            for joint, (low, high) in ranges
+            if not low < high
+        ]
+        if empty:
+            raise ValueError(
+                f"joint_min_deg must be below joint_max_deg for each joint: {', '.join(empty)}"
+            )
+        return self
+
+
+class SensorSection(Section):
+    """The force/torque sensor: where it sits, what it can read, how it is reached."""
+
+    T_flange_sensor: FrameSection
+    force_range_N: float = Field(500.0, gt=0.0, le=10_000.0)
+    torque_range_Nm: float = Field(20.0, gt=0.0, le=1000.0)
+    frozen_s: float = Field(0.08, ge=0.0, le=0.1)  # one reading for so long; 0: it has no noise
+    driver: Literal["rdt", "robotiq", "bota"] = "rdt"  # rdt: ATI Net F/T, ATI Axia, OnRobot
+    address: str = "192.168.1.1"
+    port: int = Field(49152, ge=1, le=65535)
+    counts_per_N: Positive = 1_000_000.0
+    counts_per_Nm: Positive = 1_000_000.0
+    # Whose counts hold: those above, those of the sensor's page netftapi2.xml, or both must agree.
+    calibration: Literal["cell", "page", "both"] = "cell"
+    page_port: int = Field(80, ge=1, le=65535)
+    device: str = "/dev/ttyUSB0"  # robotiq: its serial line; bota: its configuration file
+
+    @model_validator(mode="after")
+    def _ranges_belong_together(self) -> "SensorSection":
+        lever_m = self.torque_range_Nm / self.force_range_N
+        if lever_m > LONGEST_LEVER_M:
+            raise ValueError(
+                f"torque_range_Nm {self.torque_range_Nm:g} is that of {self.force_range_N:g} N on "
+                f"a lever of {lever_m:.3g} m, at most {LONGEST_LEVER_M:g} m is plausible; is that "
+                "in newton millimetres?"
+            )
+        return self
+
+
+class ToolSection(Section):
+    """Tool centre point in the flange frame; its z axis points out of the tool."""
+
+    name: str = Field("", max_length=100)  # two tools with one name have one calibration
+    T_flange_tcp: FrameSection
+
+
+class FilterSection(Section):
+    """Filter of the wrench: median of `median` samples, then a first-order low-pass."""
+
+    median: Literal[1, 3, 5] = 3
+    lowpass_s: float = Field(0.005, ge=0.0, le=0.5)
+    inertial: bool = False  # take away what the tool's acceleration adds; costs no delay, but noise
+
+
+class ContactSection(Section):
+    """Stiffest contact that the gains must be safe for: the gain rule starts here."""
+
+    stiffness_N_m: float = Field(ge=250.0, le=1e7)
+    tilt_stiffness_Nm_rad: float = Field(gt=0.0, le=1e4)
+    inertia_kg: float = Field(1.5, gt=0.0, le=100.0)  # mass in front of the sensor
+    inertia_kg_m2: float = Field(
+        0.005, gt=0.0, le=4.0
+    )  # moment of inertia in front of the sensor, about the TCP
+
+
+class ForceSection(Section):
+    """How the regulator behaves around its gains."""
+
+    chain_s: float = Field(
+        0.004, ge=0.0, le=0.1
+    )  # from sensor sample to robot, as the demo's last line says
+    deadband_N: float = Field(0.3, ge=0.0, le=20.0)
+    deadband_Nm: float = Field(0.02, ge=0.0, le=2.0)
+    speed_max_m_s: float = Field(0.05, gt=0.0, le=0.25)
+    speed_max_rad_s: float = Field(0.5, gt=0.0, le=2.0)
+    approach_m_s: float = Field(0.01, gt=0.0, le=0.25)
+    approach_budget_N: float = Field(10.0, gt=0.0, le=200.0)  # force that the first touch may add
+    idle_max_N: float = Field(
+        2.0, gt=0.0, le=50.0
+    )  # more than this left in free space: payload or bias is wrong
+    idle_max_Nm: float = Field(0.3, gt=0.0, le=5.0)  # the same of the torque about the TCP
+    touch_N: float = Field(2.0, gt=0.0, le=50.0)  # contact begins above, ends below half of it
+    search_m: float = Field(0.05, gt=0.0, le=0.5)  # longest way to the first contact
+    lost_m: float = Field(
+        0.005, gt=0.0, le=0.1
+    )  # longest way to the next one after contact was lost
+    given_J: float = Field(
+        0.002, gt=0.0, le=1.0
+    )  # work that what is pressed on may do on the tool, beyond what it got
+    setpoint_ramp_N_s: float = Field(200.0, gt=0.0, le=5000.0)
+    setpoint_max_N: float = Field(40.0, gt=0.0, le=1000.0)
+    law: Law = "plain"  # adaptive: gains from the stiffness met, not from the stiffest
+    delay_compensation: bool = True  # adaptive: foresee the force of commands on their way
+    surface_tracking: bool = True  # adaptive: follow a surface that moves
+    # Opt-in: above 80 % of a ceiling the tool goes back along its axis by so much, then holds.
+    retreat_m: float = Field(0.0, ge=0.0, le=0.002)
+    retreat_m_s: float = Field(0.005, gt=0.0, le=0.01)
+    tare_max_N: float = Field(5.0, gt=0.0, le=100.0)  # a larger change of bias is taken for contact
+    tare_max_Nm: float = Field(1.0, gt=0.0, le=10.0)
+    tare_age_max_s: float = Field(
+        28_800.0, ge=60.0, le=864_000.0
+    )  # of the last tare when the arm is armed
+
+
+class PlaneSection(Section):
+    """A wall in base axes: the TCP must stay on the side that the normal points to."""
+
+    point_m: Place  # any point of the wall
+    normal: Vec3  # its length does not matter
+
+    @model_validator(mode="after")
+    def _normal_points_somewhere(self) -> "PlaneSection":
+        if not any(abs(part) > 1e-6 for part in self.normal):
+            raise ValueError("the normal has no length, so the plane has no sides")
+        return self
+
+
+class LimitsSection(Section):
+    """What the arbiter and, again, the robot's own process let through at most.
+
+    The upper bounds here are ceilings of the code: a cell file above them is not loaded.
+    """
+
+    workspace_min_m: Vec3  # of the TCP
+    workspace_max_m: Vec3
+    planes: tuple[PlaneSection, ...] = Field((), max_length=16)  # walls inside the box
+    joint_speed_share: Fraction = 0.5  # of robot.joint_speed_max_deg_s, as measured
+    step_m: float = Field(0.02, gt=0.0, le=0.2)
+    step_deg: float = Field(10.0, gt=0.0, le=90.0)
+    speed_m_s: float = Field(0.25, gt=0.0, le=2.0)
+    speed_deg_s: float = Field(60.0, gt=0.0, le=360.0)
+    accel_m_s2: float = Field(2.0, gt=0.0, le=20.0)  # of commanded set points
+    accel_deg_s2: float = Field(480.0, gt=0.0, le=5000.0)
+    tracking_m: float = Field(0.01, gt=0.0, le=0.2)  # between commanded and measured pose
+    tracking_deg: float = Field(5.0, gt=0.0, le=90.0)
+    tether_m: float = Field(1.0, gt=0.0, le=5.0)  # of the flange, from where it was armed
+    # How far the flange may turn from there: below 180, or a tool could be turned round and round.
+    tether_deg: float = Field(150.0, gt=0.0, le=175.0)
+    force_N: float = Field(50.0, gt=0.0, le=1000.0)
+    torque_Nm: float = Field(10.0, gt=0.0, le=100.0)
+    move_rise_N: float = Field(20.0, gt=0.0, le=1000.0)  # that a move may add to the least force
+    # Above 50 N or 250 mm/s: which assessment of the risks of this cell says that it may be.
+    risk_assessment: str = Field("", max_length=500)
+
+    @model_validator(mode="after")
+    def _more_than_usual_is_assessed(self) -> "LimitsSection":
+        for name, value, most, unit in (
+            ("force_N", self.force_N, USUAL_FORCE_N, "N"),
+            ("speed_m_s", self.speed_m_s, USUAL_SPEED_M_S, "m/s"),
+        ):
+            if value > most and not self.risk_assessment.strip():
+                raise ValueError(
+                    f"{name} is {value:g} {unit}: above {most:g} {unit} name the risk assessment "
+                    "of this cell in limits.risk_assessment (a text: its title, date, author), or "
+                    "write less"
+                )
+        return self
+
+    @model_validator(mode="after")
+    def _box_is_not_empty(self) -> "LimitsSection":
+        for axis, low, high in zip("xyz", self.workspace_min_m, self.workspace_max_m, strict=True):
+            if not low < high:
+                raise ValueError(f"workspace is empty along {axis}: {low} m is not below {high} m")
+            if max(abs(low), abs(high)) > FARTHEST_M:
+                raise ValueError(
+                    f"workspace from {low} to {high} m along {axis}: no arm reaches farther than "
+                    f"{FARTHEST_M:g} m; is that in millimetres?"
+                )
+        return self
+
+
+class GatewaySection(Section):
+    """How the controller is reached, and the scales it is asked for (design section 3)."""
+
+    host: str = "192.168.0.2"
+    port: int = Field(49152, ge=8192, le=65535)
+    position_per_mm: int = Field(50, ge=10, le=99)
+    oat_per_deg: int = Field(500, ge=100, le=555)
+    joint_per_deg: int = Field(250, ge=50, le=277)
+    force_per_N: int = Field(100, ge=1, le=999)
+    torque_per_Nm: int = Field(1000, ge=10, le=9999)
+    speed_per_mm_s: int = Field(10, ge=1, le=1000)
+    arm: int = Field(1, ge=0, le=999)  # its number, fm.num in fm.config: swapped cables are found
+    # Longest time between two set points that the controller takes; none goes farther in it than
+    # limits.speed_m_s allows, and the controller refuses one that does.
+    segment_s: float = Field(0.1, ge=0.02, le=1.0)
+    max_untaken_setpoints: int = Field(1, ge=1, le=10)
+    watchdog_s: float = Field(0.25, ge=0.1, le=2.0)
+    heartbeat_s: float = Field(0.04, gt=0.0, le=0.1)
+
+
+class Cell(Section):
+    """One robot cell."""
+
+    cell: str = Field(pattern=CELL_NAME)
+    bus: BusSection = BusSection()
+    panel: PanelSection = PanelSection()
+    recorder: RecorderSection = RecorderSection()
+    roles: Roles
+    rates: Rates = Rates()
+    deadlines: Deadlines = Deadlines()
+    robot: RobotSection
+    sensor: SensorSection
+    tool: ToolSection
+    payload: PayloadSection  # until there is a calibration
+    # In the file: the name of another one beside it, which `forcemesh calibrate` writes.
+    calibration: CalibrationSection | None = None
+    filter: FilterSection = FilterSection()
+    contact: ContactSection
+    force: ForceSection = ForceSection()
+    limits: LimitsSection
+    gateway: GatewaySection | None = None
+    sim: SimSection | None = None
+
+    @model_validator(mode="after")
+    def _roles_have_their_sections(self) -> "Cell":
+        if self.roles.robot == "gateway" and self.gateway is None:
+            raise ValueError("roles.robot is gateway, so a section `gateway` is needed")
+        if "sim" in (self.roles.robot, self.roles.sensor) and self.sim is None:
+            raise ValueError("a role is played by sim, so a section `sim` is needed")
+        if self.sim is not None and self.sim.netft and self.roles.sensor != "driver":
+            raise ValueError(
+                "sim.netft: the sensor on the arm talks RDT, so roles.sensor is driver"
+            )
+        if self.filter.inertial and self.rates.robot_hz < SLOWEST_INERTIAL_HZ:
+            raise ValueError(
+                f"filter.inertial: poses at {self.rates.robot_hz:g} Hz do not show accelerations, "
+                f"rates.robot_hz must be {SLOWEST_INERTIAL_HZ:g} at least"
+            )
+        is_sim = self.roles.sensor == "sim" or (self.sim is not None and self.sim.netft)
+        noiseless = is_sim and self.sim is not None and self.sim.noiseless
+        if noiseless and self.sensor.frozen_s > 0.0:
+            raise ValueError("sensor.frozen_s must be 0: the simulated sensor has no noise")
+        return self
+
+    @model_validator(mode="after")
+    def _set_point_is_below_the_ceiling(self) -> "Cell":
+        most_N = SETPOINT_SHARE * self.limits.force_N
+        if self.force.setpoint_max_N > most_N:
+            raise ValueError(
+                f"force.setpoint_max_N is {self.force.setpoint_max_N:g} N, at most {most_N:g} N is "
+                f"allowed ({SETPOINT_SHARE:g} of limits.force_N, {self.limits.force_N:g} N): a "
+                "press near the ceiling would be stopped by it"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _sensor_carries_its_numbers(self) -> "Cell":
+        payloads = [("payload", self.payload)]
+        if self.calibration is not None:
+            payloads.append(("calibration.payload", self.calibration.payload))
+        for where, payload in payloads:
+            for name, bias, most in (
+                ("bias_force_N", payload.bias_force_N, self.sensor.force_range_N),
+                ("bias_torque_Nm", payload.bias_torque_Nm, self.sensor.torque_range_Nm),
+            ):
+                worst = max(bias, key=abs)
+                if abs(worst) > most:
+                    asked = question(name, worst, most)
+                    raise ValueError(
+                        f"{where}.{name} is {worst:g}, beyond the sensor's range of {most:g}{asked}"
+                    )
+        if self.roles.sensor == "driver" and self.sensor.driver == "rdt":
+            self._check_counts()
+        return self
+
+    def _check_counts(self) -> None:
+        sensor = self.sensor
+        for name, counts, most in (
+            ("counts_per_N", sensor.counts_per_N, sensor.force_range_N),
+            ("counts_per_Nm", sensor.counts_per_Nm, sensor.torque_range_Nm),
+        ):
+            if counts * most > COUNTS_MOST:
+                asked = question(name, counts, COUNTS_MOST / most)
+                raise ValueError(
+                    f"sensor.{name} is {counts:g}: a reading of 32 bits would end at "
+                    f"{COUNTS_MOST / counts:.3g}, the range is {most:g}{asked}"
+                )
+
+    @property
+    def loop_delay_s(self) -> float:
+        """Time from a change of force to the arm's answer to it, tau [s].
+
+        Controller's delay, servo lag, wrench filter, half a control period, and the processes.
+        """
+        waiting_s = 0.5 / self.rates.control_hz
+        robot_s = self.robot.delay_s + self.robot.lag_s
+        return robot_s + self.filter_delay_s + waiting_s + self.force.chain_s
+
+    @property
+    def filter_delay_s(self) -> float:
+        """Time by which the wrench's filter delays what the sensor reads [s]."""
+        return self.filter.lowpass_s + (self.filter.median - 1) / 2 / self.rates.sensor_hz
+
+    @property
+    def approach_limit_m_s(self) -> float:
+        """Fastest approach whose first touch adds no more than the force budget [m/s].
+
+        Until the arm answers, the force grows by stiffness times speed times tau.
+        """
+        return self.force.approach_budget_N / (self.contact.stiffness_N_m * self.loop_delay_s)
+
+    def rate_hz(self, topic: Topic[Any]) -> float:
+        """Return how often a topic comes in this cell [Hz]."""
+        rate: float = getattr(self.rates, f"{topic.rate}_hz")
+        return rate
+
+    def stale_after_s(self, topic: Topic[Any]) -> float:
+        """Return the age [s] from which on a topic is stale: three periods, or its deadline."""
+        deadline_s: float = getattr(self.deadlines, f"{topic.deadline}_s")
+        return max(SHORTEST_DEADLINE_PERIODS / self.rate_hz(topic), deadline_s)

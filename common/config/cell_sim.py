@@ -1,0 +1,44 @@
+"""What a cell file may say of a simulated arm, its controller, its sensor and what it touches."""
+
+from typing import Annotated
+
+from pydantic import Field
+
+from common.config.calibration import BiasForce, ComPart
+from common.config.cell_terms import Section
+
+SimTorque = Annotated[float, Field(ge=-20.0, le=20.0)]  # [N m] of the simulated sensor's bias
+
+
+class SimSection(Section):
+    """The simulated arm, its controller, its sensor, its tool and the plate below it."""
+
+    seed: int = 0
+    delay_s: float = Field(0.010, ge=0.0, le=0.2)  # of the controller, whole milliseconds
+    smoothing_s: float = Field(0.008, ge=0.001, le=0.1)  # of its set points
+    as_step_s: float = Field(0.0001, ge=1e-6, le=0.01)  # of the emulated controller's programs
+    netft: bool = False  # the emulated controller serves its sensor over RDT at sensor.port
+    as_pessimistic: bool = False  # the worse reading of what the controller's manuals leave open
+    stiffness_N_m: float = Field(2e4, ge=1e3, le=2e5)  # of the plate
+    tilt_stiffness_Nm_rad: float | None = Field(None, gt=0.0, le=1e4)
+    tilt_deg: float = Field(0.0, ge=0.0, le=20.0)
+    gap_m: float = Field(0.005, ge=0.0005, le=0.1)
+    tool_mass_kg: float = Field(1.0, ge=0.05, le=7.0)
+    tool_com_m: tuple[ComPart, ComPart, ComPart] = (
+        0.012,
+        -0.008,
+        0.055,
+    )  # sensor axes, from the sensor's origin
+    disc_radius_m: float = Field(0.025, ge=0.005, le=0.05)
+    noise_force_N: float = Field(0.1, ge=0.0, le=20.0)
+    noise_torque_Nm: float = Field(0.005, ge=0.0, le=1.0)
+    bias_force_N: BiasForce = (1.5, -2.0, 3.0)
+    bias_torque_Nm: tuple[SimTorque, SimTorque, SimTorque] = (0.05, -0.04, 0.03)
+    quantum_force_N: float = Field(0.01, ge=0.0, le=2.0)
+    quantum_torque_Nm: float = Field(0.0005, ge=0.0, le=0.1)
+
+    @property
+    def noiseless(self) -> bool:
+        """Whether the sensor may repeat itself at rest: its noise hides within its quanta."""
+        forces = self.noise_force_N <= self.quantum_force_N
+        return forces and self.noise_torque_Nm <= self.quantum_torque_Nm

@@ -1,0 +1,37 @@
+"""What every section of a cell file is made of."""
+
+from math import radians
+from typing import TYPE_CHECKING, Annotated
+
+from pydantic import BaseModel, ConfigDict, Field
+
+if TYPE_CHECKING:
+    import pinocchio as pin
+
+Positive = Annotated[float, Field(gt=0.0)]
+NotNegative = Annotated[float, Field(ge=0.0)]
+Coordinate = Annotated[float, Field(ge=-2.0, le=2.0)]  # [m] of something on the flange
+Angle = Annotated[float, Field(ge=-720.0, le=720.0)]  # [degrees]
+AxisGain = Annotated[float, Field(ge=0.5, le=1.5)]
+Fraction = Annotated[float, Field(gt=0.0, le=1.0)]
+
+
+class Section(BaseModel):
+    """Base of every section: unknown keys and non-finite numbers are mistakes."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class FrameSection(Section):
+    """Pose of one frame in another, as on the pendant."""
+
+    position_m: tuple[Coordinate, Coordinate, Coordinate]
+    oat_deg: tuple[Angle, Angle, Angle] = (0.0, 0.0, 0.0)
+
+    @property
+    def pose(self) -> "pin.SE3":
+        """The pose."""
+        # Loading the mathematics takes half a second, and most verbs only need the bus's address.
+        from common.motion.frames import Oat, R_from_oat, pose  # noqa: PLC0415
+
+        return pose(self.position_m, R_from_oat(Oat(*(radians(angle) for angle in self.oat_deg))))

@@ -1,0 +1,201 @@
+"""Reads a cell file: all its mistakes at once, each with its path and the nearest valid name."""
+
+import difflib
+import hashlib
+from collections.abc import Iterator
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, get_args
+
+import yaml
+from pydantic import BaseModel, ValidationError
+from yaml.constructor import SafeConstructor
+
+from common.config.cell import Cell
+from forcemesh.errors import ConfigError
+from forcemesh.validation_texts import what_is_wrong
+
+TUNED = (  # what the file that a cell file names as `tuning` may say
+    "robot.delay_s",
+    "robot.lag_s",
+    "robot.bandwidth_rad_s",
+    "contact.stiffness_N_m",
+    "contact.tilt_stiffness_Nm_rad",
+    "force.approach_m_s",
+)
+
+
+def load_cell(path: Path | str, overrides: dict[str, Any] | None = None) -> Cell:
+    """Read a cell file.
+
+    Args:
+        path: The YAML file, or a link to it: what it names is beside the file itself.
+        overrides: Values that replace the file's, by dotted path ("sim.tilt_deg").
+
+    Raises:
+        ConfigError: The file cannot be read or holds mistakes; all of them are listed.
+    """
+    path = _followed(Path(path))
+    source = str(path)
+    tree = _read_tree(path, source)
+    _take_tuning(tree, path, source)
+    for dotted, value in (overrides or {}).items():
+        _set(tree, dotted, value, source)
+    if (calibration := _calibration_file(tree, path)) is not None:
+        tree["calibration"] = _read_calibration(calibration) if calibration.exists() else None
+    return cell_from_tree(tree, source)
+
+
+def calibration_file(path: Path) -> Path | None:
+    """Return where the calibration of a cell file is or would be, None when it names no place.
+
+    Raises:
+        ConfigError: The cell file cannot be read.
+    """
+    path = _followed(path)
+    return _calibration_file(_read_tree(path, str(path)), path)
+
+
+def _followed(path: Path) -> Path:
+    return path.resolve() if path.is_symlink() else path
+
+
+def _calibration_file(tree: Any, path: Path) -> Path | None:
+    named = tree.get("calibration") if isinstance(tree, dict) else None
+    return path.parent / named if isinstance(named, str) else None
+
+
+def _take_tuning(tree: Any, path: Path, source: str) -> None:
+    """Put what `forcemesh tune` has measured before the cell file's own numbers."""
+    named = tree.get("tuning") if isinstance(tree, dict) else None
+    if not isinstance(named, str):
+        return
+    file = path.parent / tree.pop("tuning")
+    measured = _read_tree(file, str(file))
+    sections = measured.values() if isinstance(measured, dict) else [None]
+    if not all(isinstance(section, dict) for section in sections):
+        raise ConfigError(str(file), ["it must hold sections of what `forcemesh tune` measures"])
+    for section, values in measured.items():
+        for name, value in values.items():
+            dotted = f"{section}.{name}"
+            if dotted not in TUNED:
+                mistake = f"{dotted}: not of a tuning, known here: {', '.join(TUNED)}"
+                raise ConfigError(str(file), [mistake])
+            _set(tree, dotted, value, source)
+
+
+def cell_from_tree(tree: object, source: str) -> Cell:
+    """Validate an already parsed cell file. Raise ConfigError as `load_cell` does."""
+    if not isinstance(tree, dict):
+        raise ConfigError(source, ["the file must hold a map of sections"])
+    try:
+        return Cell.model_validate(tree)
+    except ValidationError as error:
+        raise ConfigError(source, [_explain(item) for item in error.errors()]) from None
+
+
+def cell_hash(cell: Cell) -> str:
+    """Return a short hash of the effective configuration: equal in every process of a cell.
+
+    The calibration is left out: one process uses it, says which one, and may get a newer one. So
+    are the sections of panel and recorder: nobody who moves the arm reads them.
+    """
+    text = cell.model_dump_json(exclude={"calibration", "panel", "recorder"})
+    return hashlib.sha256(text.encode()).hexdigest()[:12]
+
+
+def dump_cell(cell: Cell) -> str:
+    """Return a cell file that loads into the same cell."""
+    text: str = yaml.safe_dump(cell.model_dump(mode="json", exclude_none=True), sort_keys=False)
+    return text
+
+
+def _read_calibration(path: Path) -> Any:
+    source = str(path.resolve())
+    try:
+        return _read_tree(path, source)
+    except ConfigError as error:
+        remedy = "move the file away, start the cell and calibrate"
+        raise ConfigError(source, [f"{what}; {remedy}" for what in error.mistakes]) from error
+
+
+def _read_tree(path: Path, source: str) -> Any:
+    try:
+        text = path.read_text(encoding="utf-8")
+        node, twice = _parsed(text)
+        if twice:
+            raise ConfigError(source, list(twice))
+        return None if node is None else SafeConstructor().construct_document(node)
+    except RecursionError:
+        raise ConfigError(source, ["not a cell file: lists or sections too deep"]) from None
+    except FileNotFoundError:
+        nearby = sorted(str(other) for other in path.parent.glob("[!.]*.yaml"))
+        there = f"; there are {', '.join(nearby)}" if nearby else ""
+        raise ConfigError(source, [f"no such file{there}"]) from None
+    except OSError as error:
+        raise ConfigError(source, [f"cannot be read: {error.strerror or error}"]) from None
+    except UnicodeDecodeError as error:
+        raise ConfigError(source, [f"cannot be read: {error}"]) from None
+    except (yaml.YAMLError, ValueError, TypeError, LookupError, AttributeError) as error:
+        raise ConfigError(source, [f"not YAML: {' '.join(str(error).split())}"]) from None
+
+
+@lru_cache(maxsize=16)
+def _parsed(text: str) -> tuple[yaml.Node | None, tuple[str, ...]]:
+    """Return what a text says, and what it says twice.
+
+    The parser in C would be quicker, but a file of nothing but brackets ends the process in it.
+    """
+    node = yaml.compose(text, Loader=yaml.SafeLoader)
+    return node, tuple(_said_twice(node))
+
+
+def _said_twice(
+    node: yaml.Node | None, path: str = "", inside: tuple[yaml.Node, ...] = ()
+) -> Iterator[str]:
+    """Yield the names that stand twice in one section; YAML itself takes the last one."""
+    if not isinstance(node, yaml.MappingNode) or any(node is other for other in inside):
+        return
+    lines: dict[str, int] = {}
+    for key, value in node.value:
+        name, line = f"{path}{key.value}", key.start_mark.line + 1
+        if name in lines:
+            yield f"{name}: stands there twice, in lines {lines[name]} and {line}"
+        lines.setdefault(name, line)
+        yield from _said_twice(value, f"{name}.", (*inside, node))
+
+
+def _set(tree: Any, dotted: str, value: object, source: str) -> None:
+    keys = dotted.split(".")
+    if not isinstance(tree, dict):
+        return  # there is no cell file here, which will be said of the whole
+    for depth, key in enumerate(keys[:-1], start=1):
+        tree[key] = {} if tree.get(key) is None else tree[key]
+        tree = tree[key]
+        if not isinstance(tree, dict):
+            mistake = f"{dotted}: {'.'.join(keys[:depth])} holds no section"
+            raise ConfigError(source, [mistake])
+    tree[keys[-1]] = value
+
+
+def _explain(item: Any) -> str:
+    path = ".".join(str(part) for part in item["loc"])
+    if item["type"] == "extra_forbidden":
+        names = _names_at(item["loc"][:-1])
+        near = difflib.get_close_matches(str(item["loc"][-1]), names, n=1, cutoff=0.5)
+        hint = f"did you mean {near[0]}?" if near else f"known here: {', '.join(sorted(names))}"
+        return f"{path}: unknown name; {hint}"
+    what = what_is_wrong(item)
+    return f"{path}: {what}" if path else what
+
+
+def _names_at(location: tuple[int | str, ...]) -> list[str]:
+    """Return the field names of the section that a location points into."""
+    section: type[BaseModel] = Cell
+    for part in location:
+        if isinstance(part, int):  # a place in a list of sections
+            continue
+        annotation = section.model_fields[part].annotation
+        choices = (annotation, *get_args(annotation))
+        section = next(c for c in choices if isinstance(c, type) and issubclass(c, BaseModel))
+    return list(section.model_fields)

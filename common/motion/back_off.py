@@ -1,0 +1,305 @@
+"""Backing off: how a person frees an arm above a ceiling or outside the workspace. Pure.
+
+The way is computed from what is measured, never asked for: straight along the force that pushes
+the tool; outside the workspace straight back in; where no force can be followed, a little back
+along the tool's axis. Arbiter and robot each compute and judge it by themselves, with these rules.
+The ceilings are a ratchet: they come down with the load, and never rise.
+"""
+
+from dataclasses import dataclass, replace
+from math import degrees, hypot, inf, radians
+from typing import Literal
+
+import numpy as np
+import pinocchio as pin
+
+from common.motion.frames import Array, is_finite_pose, length, rotation_between
+from common.motion.limits import Limits, check_workspace
+from forcemesh.faults import tripped
+from forcemesh.messages import Speed, Trip, WrenchAtTcp
+
+SPEED_M_S = 0.005
+FARTHEST_M = 0.020
+BLIND_M = 0.005  # without a force to follow
+RISE_N, RISE_Nm = 3.0, 0.3  # above the lowest load so far
+ENDS_BELOW = 0.5  # of the ceilings
+LEAST_FORCE_N = 5.0  # a smaller one has no direction that could be trusted
+MOST_FORWARD = 0.5  # cosine: a force that points farther out of the tool has a wrong sign or bias
+OUTWARD_SHARE = 0.3  # of a way that may be left out of it
+INSIDE_M = 1e-3  # so far inside the workspace the way back in ends
+SHORTEST_M = 1e-3
+LONGEST_S = 10.0
+TURN_RAD = radians(1.0)  # of the flange as it is measured
+# A force that does not fall over half the way is no contact: a lost bias, or what is hooked.
+MUST_FALL_AFTER_M, MUST_FALL_N = 0.5 * FARTHEST_M, 3.0
+LATE_M, FAST = 2e-3, 1.5  # what the measured way may be ahead of the speed: rounding, reports
+SAME_WAY = 0.9  # cosine between the ways that two processes compute from their own readings
+SAME_WAY_M, SAME_TURN_RAD = 1e-3, radians(0.2)
+
+Kind = Literal["force", "workspace", "blind"]
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """A way of the tool, straight and without a turn, in base axes."""
+
+    kind: Kind
+    way_m: Array  # shape (3,)
+
+    def goal(self, T_base_flange: pin.SE3) -> pin.SE3:
+        """Return where the flange is at the end."""
+        return pin.SE3(T_base_flange.rotation, T_base_flange.translation + self.way_m)
+
+    def __str__(self) -> str:
+        """Return it in words."""
+        along = {
+            "force": "along the measured force",
+            "workspace": "straight back into the workspace",
+            "blind": "back along the tool's axis, without a force to follow",
+        }
+        way_mm, most_mm_s = 1e3 * length(self.way_m), 1e3 * SPEED_M_S
+        return f"{way_mm:.1f} mm {along[self.kind]}, at most {most_mm_s:g} mm/s"
+
+
+def plan(
+    limits: Limits,
+    T_base_flange: pin.SE3,
+    T_flange_tcp: pin.SE3,
+    wrench: WrenchAtTcp | None,
+    *,
+    confirmed: bool,
+) -> Plan | Trip:
+    """Return the way out, or why there is none.
+
+    Args:
+        limits: The cell's own.
+        T_base_flange: Where the flange is.
+        T_flange_tcp: The tool.
+        wrench: What is measured now; None when it is not known.
+        confirmed: Whether a person has agreed to go back without a force to follow.
+    """
+    if not is_finite_pose(T_base_flange):
+        return tripped("not_finite", "the pose of the flange is not finite")
+    T_base_tcp = T_base_flange * T_flange_tcp
+    found = _followed(limits, T_base_tcp, wrench)
+    if isinstance(found, Trip):
+        if found.code != "no_direction" or not confirmed:
+            return found
+        found = Plan("blind", -BLIND_M * T_base_tcp.rotation[:, 2])
+    way_m = _not_outward(limits, T_base_tcp.translation, found.way_m)
+    return _within(freed(limits, T_base_tcp), T_base_tcp, replace(found, way_m=way_m))
+
+
+def _followed(limits: Limits, T_base_tcp: pin.SE3, wrench: WrenchAtTcp | None) -> Plan | Trip:
+    if wrench is None or not wrench.calibrated:
+        why = "is not known" if wrench is None else wrench.calibration_fault or "is not calibrated"
+        return tripped("no_direction", f"no force can be followed: the wrench {why}")
+    force_N, torque_Nm = hypot(*wrench.force_N), hypot(*wrench.torque_Nm)
+    if is_loaded(limits, wrench):
+        return _along(T_base_tcp, np.array(wrench.force_N), force_N)
+    if check_workspace(limits, T_base_tcp) is None:
+        text = (
+            f"{force_N:.1f} N and {torque_Nm:.2f} N m are below half of the ceilings, and the tool "
+            "is inside the workspace: arm, and move it"
+        )
+        return tripped("already", text, value=force_N, limit=ENDS_BELOW * limits.force_N)
+    way = _inside(limits, np.asarray(T_base_tcp.translation)) - T_base_tcp.translation
+    return Plan("workspace", way * min(1.0, FARTHEST_M / length(way)))
+
+
+def _along(T_base_tcp: pin.SE3, force: Array, force_N: float) -> Plan | Trip:
+    if force_N < LEAST_FORCE_N:
+        text = f"a force of {force_N:.1f} N is too small for a direction: it is the torque"
+        return tripped("no_direction", text, value=force_N, limit=LEAST_FORCE_N)
+    forward = float(force @ T_base_tcp.rotation[:, 2]) / force_N
+    if forward > MOST_FORWARD:
+        text = "the measured force pulls the tool forward: a sign or the bias is wrong, or it hooks"
+        return tripped("no_direction", text, value=forward, limit=MOST_FORWARD)
+    return Plan("force", FARTHEST_M / force_N * force)
+
+
+def _inside(limits: Limits, p: Array) -> Array:
+    """Return a point in the workspace, the nearest one to p where the walls are square."""
+    low, high = limits.workspace_min_m + INSIDE_M, limits.workspace_max_m - INSIDE_M
+    for _ in range(10):
+        p = np.clip(p, low, np.maximum(low, high))
+        for plane in limits.planes:
+            p = p + max(0.0, float((plane.point_m - p) @ plane.normal) + INSIDE_M) * plane.normal
+    return p
+
+
+def _not_outward(limits: Limits, p: Array, way: Array) -> Array:
+    """Return a way without the little that leads farther out on an axis that is outside."""
+    low, high = p < limits.workspace_min_m, p > limits.workspace_max_m
+    outward = (low & (way < 0.0)) | (high & (way > 0.0))
+    little = np.abs(way) < OUTWARD_SHARE * length(way)
+    return np.where(outward & little, 0.0, way)
+
+
+def _within(limits: Limits, T_base_tcp: pin.SE3, found: Plan) -> Plan | Trip:
+    """Return as much of a way as leads nowhere more outside, or why that is too little."""
+    way_m = length(found.way_m)
+    for share in np.linspace(1.0, 0.0, 41):
+        T = pin.SE3(T_base_tcp.rotation, T_base_tcp.translation + share * found.way_m)
+        if check_workspace(limits, T) is None:
+            if share * way_m < min(SHORTEST_M, way_m):
+                break
+            return replace(found, way_m=share * found.way_m)
+    text = "the way out would lead farther out of the workspace: move the walls of the cell file"
+    return tripped("workspace", text)
+
+
+def freed(limits: Limits, T_base_tcp: pin.SE3, slack_m: float = 0.0) -> Limits:
+    """Return limits for backing off: nowhere more outside than now, no farther, no turn.
+
+    The ceilings are left out: `Load` judges those.
+    """
+    p = np.asarray(T_base_tcp.translation)
+    planes = tuple(
+        replace(
+            plane,
+            point_m=plane.point_m
+            - (slack_m + max(0.0, float((plane.point_m - p) @ plane.normal))) * plane.normal,
+        )
+        for plane in limits.planes
+    )
+    return replace(
+        limits,
+        workspace_min_m=np.minimum(limits.workspace_min_m, p) - slack_m,
+        workspace_max_m=np.maximum(limits.workspace_max_m, p) + slack_m,
+        planes=planes,
+        tether_m=FARTHEST_M + SAME_WAY_M,
+        tether_rad=TURN_RAD,
+        speed_m_s=min(limits.speed_m_s, SPEED_M_S),
+        force_N=inf,
+        torque_Nm=inf,
+    )
+
+
+def is_loaded(limits: Limits, wrench: WrenchAtTcp) -> bool:
+    """Tell whether a force or torque is above half of its ceiling."""
+    return (
+        hypot(*wrench.force_N) > ENDS_BELOW * limits.force_N
+        or hypot(*wrench.torque_Nm) > ENDS_BELOW * limits.torque_Nm
+    )
+
+
+def is_over(kind: Kind, limits: Limits, T_base_tcp: pin.SE3, wrench: WrenchAtTcp | None) -> bool:
+    """Tell whether what the arm backs off from is gone; without a force to follow that is unknown.
+
+    Args:
+        kind: What the arm backs off from.
+        limits: The cell's own.
+        T_base_tcp: Where the tool is.
+        wrench: What is measured.
+    """
+    if kind == "force":
+        return wrench is not None and not is_loaded(limits, wrench)
+    return kind == "workspace" and check_workspace(limits, T_base_tcp) is None
+
+
+def goal_trip(own: Plan | Trip, T_from: pin.SE3, T_to: pin.SE3, speed: Speed) -> Trip | None:
+    """Judge a goal by the way that this process has computed itself.
+
+    Args:
+        own: What `plan` returned here, with this process's own readings.
+        T_from: Where the flange is.
+        T_to: The goal, flange in base.
+        speed: How fast.
+    """
+    if isinstance(own, Trip):
+        return own
+    real_m_s = speed.mechanical_m_s * speed.modular_fraction
+    if real_m_s > SPEED_M_S * (1.0 + 1e-9):
+        text = f"backing off with {real_m_s * 1e3:.1f} mm/s"
+        return tripped("speed", text, value=real_m_s, limit=SPEED_M_S)
+    if not is_finite_pose(T_to):
+        return tripped("not_finite", "the goal is not finite")
+    way, own_m = T_to.translation - T_from.translation, length(own.way_m)
+    way_m, turn_rad = length(way), length(rotation_between(T_from.rotation, T_to.rotation))
+    if turn_rad > SAME_TURN_RAD:
+        text = f"backing off would turn the tool by {degrees(turn_rad):.2f} degrees"
+        return tripped("state", text, value=turn_rad, limit=SAME_TURN_RAD)
+    if way_m > own_m + SAME_WAY_M:
+        text = f"backing off by {way_m * 1e3:.1f} mm, {own_m * 1e3:.1f} mm are right from here"
+        return tripped("state", text, value=way_m, limit=own_m)
+    if way_m > SAME_WAY_M and float(way @ own.way_m) < SAME_WAY * way_m * own_m:
+        return tripped("state", "backing off in another direction than is right from here")
+    return None
+
+
+@dataclass(frozen=True, slots=True)
+class Load:
+    """The lowest load so far: a later one may not be much above it."""
+
+    rise_N: float = RISE_N
+    rise_Nm: float = RISE_Nm
+    first_N: float = inf
+    lowest_N: float = inf
+    lowest_Nm: float = inf
+
+    def after(self, wrench: WrenchAtTcp) -> "Load":
+        """Return the load after one more sample."""
+        force_N, torque_Nm = hypot(*wrench.force_N), hypot(*wrench.torque_Nm)
+        return replace(
+            self,
+            first_N=force_N if self.first_N == inf else self.first_N,
+            lowest_N=min(self.lowest_N, force_N),
+            lowest_Nm=min(self.lowest_Nm, torque_Nm),
+        )
+
+    def trip(self, wrench: WrenchAtTcp, what: str) -> Trip | None:
+        """Judge a sample by those before it; `what` names the motion."""
+        force_N, torque_Nm = hypot(*wrench.force_N), hypot(*wrench.torque_Nm)
+        limit_N, limit_Nm = self.lowest_N + self.rise_N, self.lowest_Nm + self.rise_Nm
+        if force_N > limit_N:
+            text = f"the force rose from {self.lowest_N:.1f} N to {force_N:.1f} N {what}"
+            return tripped("force", text, value=force_N, limit=limit_N)
+        if torque_Nm > limit_Nm:
+            text = f"the torque rose from {self.lowest_Nm:.2f} N m to {torque_Nm:.2f} N m {what}"
+            return tripped("torque", text, value=torque_Nm, limit=limit_Nm)
+        return None
+
+
+def in_move(limits: Limits, load: Load | None, wrench: WrenchAtTcp) -> tuple[Load, Trip | None]:
+    """Judge the load of a move by the least one since it began; return that one, too."""
+    load = load or Load(rise_N=limits.move_rise_N, rise_Nm=inf)
+    trip = load.trip(wrench, "in the move: limits.move_rise_N")
+    return load.after(wrench), trip
+
+
+@dataclass(frozen=True, slots=True)
+class BackOff:
+    """One backing off under way, as one process sees it."""
+
+    T_start: pin.SE3
+    since_ns: int
+    load: Load = Load()
+
+    def felt(self, wrench: WrenchAtTcp | None) -> tuple["BackOff", Trip | None]:
+        """Return it after one more wrench, and why it must end; None is no wrench."""
+        if wrench is None:
+            return self, None
+        trip = self.load.trip(wrench, "while backing off")
+        return replace(self, load=self.load.after(wrench)), trip
+
+    def moved(self, T_base_flange: pin.SE3, now_ns: int) -> Trip | None:
+        """Judge how far and how fast the arm went, and whether that takes the force away."""
+        time_s = max(0, now_ns - self.since_ns) * 1e-9
+        way_m = length(T_base_flange.translation - self.T_start.translation)
+        most_m = LATE_M + FAST * SPEED_M_S * time_s
+        if way_m > most_m:
+            text = f"the arm went {way_m * 1e3:.1f} mm within {time_s:.1f} s while backing off"
+            return tripped("speed", text, value=way_m, limit=most_m)
+        if time_s > LONGEST_S:
+            text = f"backing off took longer than {LONGEST_S:g} s"
+            return tripped("still_loaded", text, value=time_s, limit=LONGEST_S)
+        load = self.load
+        is_loaded = LEAST_FORCE_N < load.lowest_N < inf
+        if way_m > MUST_FALL_AFTER_M and is_loaded and load.first_N - load.lowest_N < MUST_FALL_N:
+            text = (
+                f"the force is still {load.lowest_N:.1f} N after {way_m * 1e3:.1f} mm, it was "
+                f"{load.first_N:.1f} N: no contact does that; tare where nothing is touched"
+            )
+            return tripped("still_loaded", text, value=load.lowest_N, limit=load.first_N)
+        return None

@@ -1,0 +1,271 @@
+"""The arbiter's limits once more, at the last hop before the robot: own process, config and state.
+
+Both robots use it, the gateway and the simulated arm. Pure: it is told what is measured and when.
+Every rule answers with a `Trip`; what is let through was within all of them.
+"""
+
+from collections import deque
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+from math import radians
+
+import numpy as np
+import pinocchio as pin
+
+from common.config.cell import Cell
+from common.motion import back_off
+from common.motion.back_off import BackOff, Load
+from common.motion.convert import pose_of
+from common.motion.frames import Array, is_finite_pose, rotation_between, rotation_from_vector
+from common.motion.limits import (
+    Limits,
+    check_joints,
+    check_step,
+    check_tether,
+    check_workspace,
+    check_wrench,
+)
+from common.motion.setpoint_monitor import S_PER_NS, StreamBudget
+from forcemesh.faults import tripped
+from forcemesh.messages import Feedback, Goal, Purpose, Speed, Trip, Vec6, WrenchAtTcp
+
+# What the arm may be beyond a limit that its commands keep: rounding of reports, settling.
+MEASURED_SLACK_M = 2e-3
+MEASURED_SLACK_RAD = radians(0.5)
+JOINT_SPEED_MARGIN = 1.1
+JOINT_SPEED_OVER_S = 0.1
+LONGEST_LEVER_M = 0.3  # from the TCP to a point of contact: no tool is larger
+SAMPLES_OF_A_WAY = 25
+ROUNDING_M = 2e-4  # between two looks at an arm at rest
+
+FlangeAt = Callable[[Array], pin.SE3]
+
+
+class Guard:
+    """Refuses commands that break a limit of this cell, and an arm that has broken one."""
+
+    def __init__(self, cell: Cell, flange_at: FlangeAt | None = None) -> None:
+        """Keep the cell's limits; nothing is allowed before `start`.
+
+        Args:
+            cell: The cell file.
+            flange_at: Pose of the flange at joint angles [rad], where the arm's geometry is known:
+                moves of joints are then judged by where the tool goes, too.
+        """
+        self._cell_limits = self._limits = Limits.of(cell)
+        self._wide = _widened(self._limits)
+        self._back_off: BackOff | None = None  # under a lease for that
+        self._load: Load | None = None  # of the move under way
+        self._wrench: WrenchAtTcp | None = None
+        self._T_flange_tcp: pin.SE3 = cell.tool.T_flange_tcp.pose
+        self._setpoint_max_N = cell.force.setpoint_max_N
+        self._joint_speed_max = np.radians(cell.robot.joint_speed_max_deg_s)
+        self._flange_at = flange_at
+        self._T_armed: pin.SE3 | None = None
+        self._budget = StreamBudget(cell.limits)
+        self._joints: deque[tuple[int, Array]] = deque()
+
+    def start(self, T_base_flange: pin.SE3, now_ns: int = 0, purpose: Purpose = "all") -> None:
+        """Begin a lease: the tether is fastened where the arm is.
+
+        One for `back_off` has limits of its own (common/motion/back_off.py) until the next lease.
+        """
+        self._T_armed = T_base_flange.copy()
+        self._limits, self._back_off, self._load = self._cell_limits, None, None
+        if purpose == "back_off":
+            T_base_tcp = T_base_flange * self._T_flange_tcp
+            self._limits = back_off.freed(self._cell_limits, T_base_tcp, ROUNDING_M)
+            self._back_off = BackOff(self._T_armed, now_ns)
+        self._wide = _widened(self._limits)
+
+    # --- commands ---------------------------------------------------------------------------------
+
+    def seed(self, T_base_flange: pin.SE3, now_ns: int) -> Trip | None:
+        """Begin a stream of set points at the measured pose."""
+        return (
+            self._only_backing_off()
+            or self.place(T_base_flange)
+            or self._budget.begin(T_base_flange, now_ns)
+        )
+
+    def setpoint(self, T_wanted: pin.SE3, T_measured: pin.SE3, now_ns: int) -> Trip | None:
+        """Judge a set point; one that is let through uses up its way."""
+        return (
+            self._only_backing_off()
+            or self.place(T_wanted)
+            or check_step(self._limits, T_measured, T_wanted)
+            or self._budget.spend(T_wanted, now_ns)
+        )
+
+    def goal(
+        self, goal: Goal, speed: Speed, T_measured: pin.SE3, joint_rad: Vec6 | Array
+    ) -> Trip | None:
+        """Judge a move, its end and as much of its way as is known.
+
+        Args:
+            goal: The move.
+            speed: How fast.
+            T_measured: Where the flange is.
+            joint_rad: Where the joints are [rad].
+        """
+        if self._back_off is not None:
+            return self._back_off_trip(goal, speed, T_measured)
+        real_m_s = speed.mechanical_m_s * speed.modular_fraction
+        if real_m_s > self._limits.speed_m_s:
+            text = "mechanical times modular speed is above limits.speed_m_s"
+            return tripped("speed", text, value=real_m_s, limit=self._limits.speed_m_s)
+        if goal.kind == "pose" and goal.pose is not None:
+            trip = self._pose_trip(T_measured, pose_of(goal.pose))
+        elif goal.kind != "pose" and goal.joint_rad is not None:
+            q_from = np.array(joint_rad)
+            start = q_from if goal.kind == "by" else np.zeros(6)
+            trip = self._joint_trip(q_from, start + np.array(goal.joint_rad))
+        else:
+            return tripped("malformed", f"a goal of kind {goal.kind} without its numbers")
+        if trip is None:
+            self._budget.moved_otherwise()
+        return trip
+
+    def feedback(self, feedback: Feedback) -> Trip | None:
+        """Judge what force feedback in the controller is asked for; it keeps its own speeds."""
+        if (trip := self._only_backing_off()) is not None:
+            return trip
+        setpoint_N = float(np.linalg.norm(feedback.setpoint_force_N))
+        if setpoint_N > self._setpoint_max_N:
+            text = f"a set point of {setpoint_N:.1f} N"
+            return tripped("setpoint", text, value=setpoint_N, limit=self._setpoint_max_N)
+        lever_m = float(np.linalg.norm(feedback.lever_m))
+        if lever_m > LONGEST_LEVER_M:
+            text = f"to turn about a point {lever_m * 1e3:.0f} mm away from the TCP"
+            return tripped("malformed", text, value=lever_m, limit=LONGEST_LEVER_M)
+        self._budget.moved_otherwise()
+        return None
+
+    def wrench(self, wrench: WrenchAtTcp | None, *, in_move: bool = False) -> Trip | None:
+        """Judge the wrench, where one is known; a move may not add much to the least load in it."""
+        self._wrench = wrench
+        if self._back_off is not None:
+            self._back_off, trip = self._back_off.felt(wrench)
+            return trip
+        if not in_move:
+            self._load = None
+        if wrench is None:
+            return None
+        trip = check_wrench(self._limits, wrench.force_N, wrench.torque_Nm)
+        if trip is None and in_move and wrench.calibrated:
+            self._load, trip = back_off.in_move(self._limits, self._load, wrench)
+        return trip
+
+    def place(self, T_wanted: pin.SE3) -> Trip | None:
+        """Judge where a flange pose lies: its tool in the workspace, itself on the tether."""
+        if self._T_armed is None:
+            return tripped("no_lease", "no lease has begun")
+        trip = check_workspace(self._limits, T_wanted * self._T_flange_tcp)
+        return trip or self._tether_trip(self._limits, T_wanted)
+
+    # --- the arm ----------------------------------------------------------------------------------
+
+    def arm(self, T_measured: pin.SE3, joint_rad: Vec6 | Array, now_ns: int) -> Trip | None:
+        """Judge where the arm is and how fast its joints turn; call it for every report."""
+        q = np.array(joint_rad)
+        return (
+            check_joints(self._wide, q)
+            or self._joint_speed_trip(q, now_ns)
+            or check_workspace(self._wide, T_measured * self._T_flange_tcp)
+            or self._tether_trip(self._wide, T_measured)
+            or (None if self._back_off is None else self._back_off.moved(T_measured, now_ns))
+        )
+
+    def _joint_speed_trip(self, q: Array, now_ns: int) -> Trip | None:
+        """Compare with a tenth of a second ago: reports come with jitter, and rounded."""
+        joints = self._joints
+        joints.append((now_ns, q))
+        while len(joints) > 2 and (now_ns - joints[1][0]) * S_PER_NS >= JOINT_SPEED_OVER_S:
+            joints.popleft()
+        time_s = (now_ns - joints[0][0]) * S_PER_NS
+        if time_s < JOINT_SPEED_OVER_S:
+            return None
+        share = np.abs(q - joints[0][1]) / time_s / self._joint_speed_max
+        worst = int(np.argmax(share))
+        if share[worst] <= JOINT_SPEED_MARGIN:
+            return None
+        limit = float(self._joint_speed_max[worst])
+        value = float(share[worst]) * limit
+        text = f"joint {worst + 1} turns with {np.degrees(value):.0f} degrees/s"
+        return tripped("joint_speed", text, value=value, limit=limit)
+
+    # --- inside -----------------------------------------------------------------------------------
+
+    def _only_backing_off(self) -> Trip | None:
+        if self._back_off is None:
+            return None
+        return tripped("state", "the arm was armed to back off: it takes that one goal alone")
+
+    def _back_off_trip(self, goal: Goal, speed: Speed, T_measured: pin.SE3) -> Trip | None:
+        """Compare a goal with the way out that this process computes itself."""
+        if goal.kind != "pose" or goal.pose is None:
+            return self._only_backing_off()
+        limits, wrench = self._cell_limits, self._wrench
+        own = back_off.plan(limits, T_measured, self._T_flange_tcp, wrench, confirmed=True)
+        T_goal = pose_of(goal.pose)
+        trip = back_off.goal_trip(own, T_measured, T_goal, speed) or self.place(T_goal)
+        if trip is None:
+            self._budget.moved_otherwise()
+        return trip
+
+    def _tether_trip(self, limits: Limits, T: pin.SE3) -> Trip | None:
+        return None if self._T_armed is None else check_tether(limits, self._T_armed, T)
+
+    def _pose_trip(self, T_from: pin.SE3, T_to: pin.SE3) -> Trip | None:
+        """Judge a straight move: its end first, then what the tool passes when it turns."""
+        trip = self.place(T_to)
+        return trip or self._way_trip(_between(T_from, T_to))
+
+    def _joint_trip(self, q_from: Array, q_to: Array) -> Trip | None:
+        if self._T_armed is None:
+            return tripped("no_lease", "no lease has begun")
+        trip = check_joints(self._limits, q_to)
+        if trip is not None or self._flange_at is None:
+            return trip
+        shares = np.linspace(0.0, 1.0, SAMPLES_OF_A_WAY)
+        flange_at = self._flange_at
+        return self._way_trip(flange_at(q_from + share * (q_to - q_from)) for share in shares)
+
+    def _way_trip(self, way: Iterable[pin.SE3]) -> Trip | None:
+        """Judge a way; its beginning is where the arm is, which `arm` judges."""
+        poses = list(way)
+        for T in poses[1:-1]:
+            trip = check_workspace(self._wide, T * self._T_flange_tcp)
+            trip = trip or self._tether_trip(self._wide, T)
+            if trip is not None:
+                return trip.model_copy(update={"text": f"on the way: {trip.text}"})
+        return self.place(poses[-1])
+
+
+def _between(T_from: pin.SE3, T_to: pin.SE3) -> Iterable[pin.SE3]:
+    """Yield poses on a straight line, turning evenly about one axis."""
+    if not (is_finite_pose(T_from) and is_finite_pose(T_to)):
+        yield from (T_from, T_to)
+        return
+    way = T_to.translation - T_from.translation
+    turn = rotation_between(T_from.rotation, T_to.rotation)
+    for share in np.linspace(0.0, 1.0, SAMPLES_OF_A_WAY):
+        R = rotation_from_vector(share * turn) @ T_from.rotation
+        yield pin.SE3(R, T_from.translation + share * way)
+
+
+def _widened(limits: Limits) -> Limits:
+    """Return the limits for what is measured: a little wider than for what is commanded."""
+    return replace(
+        limits,
+        workspace_min_m=limits.workspace_min_m - MEASURED_SLACK_M,
+        workspace_max_m=limits.workspace_max_m + MEASURED_SLACK_M,
+        planes=tuple(
+            replace(plane, point_m=plane.point_m - MEASURED_SLACK_M * plane.normal)
+            for plane in limits.planes
+        ),
+        joint_min_rad=limits.joint_min_rad - MEASURED_SLACK_RAD,
+        joint_max_rad=limits.joint_max_rad + MEASURED_SLACK_RAD,
+        tether_m=limits.tether_m + MEASURED_SLACK_M,
+        tether_rad=limits.tether_rad + MEASURED_SLACK_RAD,
+    )

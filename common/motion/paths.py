@@ -1,0 +1,88 @@
+"""Paths of the controller's own motions: a share s in 0..1 of the way gives joint angles."""
+
+import math
+from typing import Protocol
+
+import numpy as np
+import pinocchio as pin
+
+from common.motion.frames import Array, rotation_between, rotation_from_vector
+from common.motion.kinematics import ArmKinematics, IkResult
+
+TURN_RADIUS_M = 0.24  # a turn counts like a move on this radius: 0.25 m/s goes with 60 deg/s
+_SAMPLE_M = 0.01  # a linear path is checked this finely before it starts
+_SAMPLES = (8, 200)
+_FINEST_SHARE = 1e-3
+_JUMP_RAD = 0.6  # between two samples of the check, and so surely between two ticks
+
+
+class Path(Protocol):
+    """Where the arm is after a share of the way."""
+
+    extent_m: float  # the greatest speed anywhere on the way when s runs through in 1 s [m/s]
+
+    def at(self, share: float, q_near: Array) -> IkResult:
+        """Return the joint angles at a share of the way, on the branch of q_near."""
+
+
+class JointPath:
+    """All joints start and arrive together."""
+
+    def __init__(self, kinematics: ArmKinematics, q_from: Array, q_to: Array) -> None:
+        self._from, self._way = q_from.copy(), q_to - q_from
+        self._kinematics = kinematics
+        fastest_m = max(
+            float(np.linalg.norm((kinematics.jacobian(self._q(s)) @ self._way)[:3]))
+            for s in np.linspace(0.0, 1.0, 21)
+        )
+        self.extent_m = max(fastest_m, TURN_RADIUS_M * float(abs(self._way).max()))
+
+    def at(self, share: float, q_near: Array) -> IkResult:  # noqa: ARG002 - one shape for all paths
+        """Return the joint angles at a share of the way."""
+        return IkResult(self._q(share))
+
+    def _q(self, share: float) -> Array:
+        return self._from + share * self._way
+
+
+class LinearPath:
+    """The flange moves on a straight line and turns about one fixed axis (log3), evenly."""
+
+    def __init__(self, kinematics: ArmKinematics, q_from: Array, T_goal: pin.SE3) -> None:
+        self._kinematics = kinematics
+        start = kinematics.flange_pose(q_from)
+        self._R_from, self._from_m = np.array(start.rotation), np.array(start.translation)
+        self._way = T_goal.translation - self._from_m
+        self._turn = rotation_between(self._R_from, T_goal.rotation)
+        self.extent_m = max(
+            float(np.linalg.norm(self._way)), TURN_RADIUS_M * float(np.linalg.norm(self._turn))
+        )
+
+    def pose(self, share: float) -> pin.SE3:
+        """Return T_base_flange at a share of the way."""
+        R = rotation_from_vector(share * self._turn).dot(self._R_from)
+        return pin.SE3(R, self._from_m + share * self._way)
+
+    def at(self, share: float, q_near: Array) -> IkResult:
+        """Return the joint angles at a share of the way, on the branch of q_near."""
+        return self._kinematics.solve(self.pose(share), q_near, jump_rad=_JUMP_RAD)
+
+    def obstacle(self, q_from: Array) -> str:
+        """Walk the whole way once; return why it cannot be gone, or an empty string."""
+        count = min(max(_SAMPLES[0], math.ceil(self.extent_m / _SAMPLE_M)), _SAMPLES[1])
+        q = q_from
+        for k in range(count):
+            result = self._walk(k / count, (k + 1) / count, q)
+            if result.q is None:
+                return f"after {100 * (k + 1) // count} % of the way: {result.reason}"
+            q = result.q
+        return ""
+
+    def _walk(self, share: float, to_share: float, q: Array) -> IkResult:
+        """Go from one share to another, in halves where the joints turn fast."""
+        result = self.at(to_share, q)
+        if result.q is not None or to_share - share < _FINEST_SHARE:
+            return result
+        middle = 0.5 * (share + to_share)
+        first = self._walk(share, middle, q)
+        return first if first.q is None else self._walk(middle, to_share, first.q)

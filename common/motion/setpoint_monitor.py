@@ -1,0 +1,155 @@
+"""How far and how suddenly a stream of set points may go, judged by the robot's own clock. Pure.
+
+Three rules that do not know each other: the way of one set point (time refills it, up to a step),
+the way in any 250 ms, and how much the mean velocity changes from one 60 ms to the next, and the
+way gone in them: to and fro is no rest. What was used up stays used up over streams and leases: a
+flood of new ones gains nothing.
+"""
+
+from collections import deque
+from dataclasses import dataclass
+from math import radians
+
+import pinocchio as pin
+
+from common.config.cell import LimitsSection
+from common.motion.frames import Array, length, rotation_between
+from forcemesh.faults import tripped
+from forcemesh.messages import Trip
+
+# The arbiter limits speed with its own clock and period; a set point may come a little early.
+SPEED_MARGIN = 1.25
+ACCEL_MARGIN = 1.5
+WINDOW_S = 0.25
+HALF_S = 0.06  # of what acceleration is measured over
+EARLY_S = 0.02  # how much earlier or later than planned a set point may come
+S_PER_NS = 1e-9
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """A pose that was commanded: when, and how far it was from the one before."""
+
+    at_ns: int
+    T: pin.SE3
+    way_m: float
+    turn_rad: float
+
+
+class StreamBudget:
+    """Lets a set point through, or says which limit the stream has broken."""
+
+    def __init__(self, limits: LimitsSection) -> None:
+        """Begin with one step to go."""
+        self._speed_m_s, self._speed_rad_s = limits.speed_m_s, radians(limits.speed_deg_s)
+        self._accel_m_s2, self._accel_rad_s2 = limits.accel_m_s2, radians(limits.accel_deg_s2)
+        self._step_m, self._step_rad = limits.step_m, radians(limits.step_deg)
+        self._left_m, self._left_rad = self._step_m, self._step_rad
+        self._left_at_ns: int | None = None
+        self._steps: deque[Step] = deque()  # of the last window, and one before
+        self._last: pin.SE3 | None = None  # commanded last, None when something else moved the arm
+
+    def moved_otherwise(self) -> None:
+        """The arm goes where no set point said: the next one begins at the measured pose."""
+        self._last = None
+
+    def begin(self, T_measured: pin.SE3, now_ns: int) -> Trip | None:
+        """Begin a stream where the arm is; a jump back from the last set point counts as way."""
+        if self._last is not None and now_ns - self._steps[-1].at_ns < WINDOW_S / S_PER_NS:
+            return self.spend(T_measured, now_ns)
+        self._last = None
+        self._put(Step(now_ns, T_measured, 0.0, 0.0))
+        return None
+
+    def spend(self, T_wanted: pin.SE3, now_ns: int) -> Trip | None:
+        """Judge the next set point of the stream; one that is let through uses up its way."""
+        if self._last is None:
+            return tripped("no_stream", "no stream of set points has begun")
+        way = T_wanted.translation - self._last.translation
+        turn = rotation_between(self._last.rotation, T_wanted.rotation)
+        step = Step(now_ns, T_wanted, length(way), length(turn))
+        trip = self._speed_trip(step) or self._rate_trip(step) or self._acceleration_trip(step)
+        if trip is None:
+            self._left_m, self._left_rad = self._grown(now_ns)
+            self._left_m, self._left_rad = self._left_m - step.way_m, self._left_rad - step.turn_rad
+            self._left_at_ns = now_ns
+            self._put(step)
+        return trip
+
+    # --- the three rules --------------------------------------------------------------------------
+
+    def _speed_trip(self, step: Step) -> Trip | None:
+        grown_m, grown_rad = self._grown(step.at_ns)
+        text = "set points run faster than the speed limit"
+        if step.way_m > grown_m:
+            return tripped("speed", text, limit=self._speed_m_s)
+        if step.turn_rad > grown_rad:
+            return tripped("speed", text, limit=self._speed_rad_s)
+        return None
+
+    def _grown(self, now_ns: int) -> tuple[float, float]:
+        since_ns = now_ns if self._left_at_ns is None else self._left_at_ns
+        time_s = SPEED_MARGIN * max(0, now_ns - since_ns) * S_PER_NS
+        return (
+            min(self._left_m + self._speed_m_s * time_s, self._step_m),
+            min(self._left_rad + self._speed_rad_s * time_s, self._step_rad),
+        )
+
+    def _rate_trip(self, step: Step) -> Trip | None:
+        recent = [one for one in self._steps if step.at_ns - one.at_ns < WINDOW_S / S_PER_NS]
+        way_m = step.way_m + sum([one.way_m for one in recent])
+        turn_rad = step.turn_rad + sum([one.turn_rad for one in recent])
+        time_s = SPEED_MARGIN * WINDOW_S
+        text = f"more way in {WINDOW_S * 1e3:g} ms than the speed limit allows"
+        if way_m > self._speed_m_s * time_s:
+            return tripped("rate", text, value=way_m, limit=self._speed_m_s * time_s)
+        if turn_rad > self._speed_rad_s * time_s:
+            return tripped("rate", text, value=turn_rad, limit=self._speed_rad_s * time_s)
+        return None
+
+    def _acceleration_trip(self, step: Step) -> Trip | None:
+        half_ns = HALF_S / S_PER_NS
+        middle, first = self._at(step.at_ns - half_ns), self._at(step.at_ns - 2 * half_ns)
+        way_m = (step.T.translation - middle.translation) - (middle.translation - first.translation)
+        turn_rad = _turn(middle, step.T) - _turn(first, middle)
+        more_m, more_rad = self._more_than_before(step, half_ns)
+        text = "set points change their speed faster than the limit"
+        for change, accel, speed in (
+            (max(length(way_m), more_m), self._accel_m_s2, self._speed_m_s),
+            (max(length(turn_rad), more_rad), self._accel_rad_s2, self._speed_rad_s),
+        ):
+            if change > ACCEL_MARGIN * accel * HALF_S**2 + speed * EARLY_S:
+                return tripped("acceleration", text, value=change / HALF_S**2, limit=accel)
+        return None
+
+    def _more_than_before(self, step: Step, half_ns: float) -> tuple[float, float]:
+        """Return by how much way and turning of the last 60 ms exceed those of the 60 before."""
+        way_m = turn_rad = 0.0
+        for one in (*self._steps, step):
+            age_ns = step.at_ns - one.at_ns
+            if age_ns < 2.0 * half_ns:
+                sign = 1.0 if age_ns < half_ns else -1.0
+                way_m += sign * one.way_m
+                turn_rad += sign * one.turn_rad
+        return way_m, turn_rad
+
+    def _at(self, at_ns: float) -> pin.SE3:
+        """Return what was commanded at a time: each set point holds until the next."""
+        for step in reversed(self._steps):
+            if step.at_ns <= at_ns:
+                return step.T
+        return self._steps[0].T
+
+    def _put(self, step: Step) -> None:
+        """Remember a step, and no more than the window needs; one before tells where it began."""
+        if self._last is None:  # poses of before are of another motion: only their ways count
+            kept = [Step(one.at_ns, step.T, one.way_m, one.turn_rad) for one in self._steps]
+            self._steps = deque(kept)
+        self._steps.append(step)
+        self._last = step.T
+        while len(self._steps) > 1 and step.at_ns - self._steps[1].at_ns >= WINDOW_S / S_PER_NS:
+            self._steps.popleft()
+
+
+def _turn(a: pin.SE3, b: pin.SE3) -> Array:
+    return rotation_between(a.rotation, b.rotation)

@@ -1,0 +1,369 @@
+"""How every service runs: the same object in its own process or in a cell on a virtual clock.
+
+A service is woken by its trigger (a newer message of its main input) or, when none comes, by its
+period, so that it always has a word to say. It reads a snapshot, steps, publishes: nothing else.
+"""
+
+import argparse
+import gc
+import os
+import signal
+import sys
+import threading
+import traceback
+from collections import deque
+from collections.abc import Callable
+from contextlib import AbstractContextManager, ExitStack
+from pathlib import Path
+from typing import Any, Protocol, runtime_checkable
+
+from common.bus.zenoh_bus import open_bus
+from common.config.cell import Cell
+from common.config.load import cell_hash, load_cell
+from common.runtime.heartbeat import heartbeat_of_this_process
+from common.runtime.memory_lock import is_memory_locked, lock_memory
+from common.runtime.overruns import Overruns, allowed_gap_s
+from common.runtime.priority import (
+    give_up_realtime_priority,
+    has_realtime_priority,
+    take_realtime_priority,
+)
+from common.runtime.version import forcemesh_version
+from forcemesh.bus import Bus, Publisher, Reader
+from forcemesh.clock import NS_PER_S, Clock
+from forcemesh.errors import ConfigError, ForcemeshError
+from forcemesh.faults import clipped, tripped
+from forcemesh.messages import Health, Trip
+from forcemesh.topics import EVERY_HEALTH
+
+LONGEST_PAUSE_S = 0.05  # a process that waits longer would be slow to stop
+PATIENCE_PERIODS = 1.5  # a triggered service that hears nothing steps after this many periods
+LATENESS_WINDOW = 512
+BREAKDOWN_SHOWN_NS = 2 * NS_PER_S  # after the last error: longer than health takes to be seen
+
+
+class Service(Protocol):
+    """What the runner needs of a service."""
+
+    @property
+    def period_s(self) -> float:
+        """Longest time between steps [s]."""
+
+    @property
+    def trigger(self) -> Reader[Any] | None:
+        """Input whose every newer message wants a step."""
+
+    @property
+    def fault(self) -> str:
+        """What is wrong with this service right now, empty when nothing is."""
+
+    def step(self, now_ns: int) -> None:
+        """Read, compute, publish."""
+
+    def counters(self) -> dict[str, int]:
+        """Return what is worth counting."""
+
+
+@runtime_checkable
+class Closable(Protocol):
+    """A service that has something to say goodbye to."""
+
+    def close(self) -> None:
+        """Say it."""
+
+
+@runtime_checkable
+class Measuring(Protocol):
+    """A service that measures something beside its work."""
+
+    def numbers(self, now_ns: int) -> dict[str, float]:
+        """Return what is known of it, units in the names."""
+
+
+@runtime_checkable
+class Metered(Protocol):
+    """A transport that knows how long its puts take."""
+
+    def longest_put_s(self, since_ns: int) -> float:
+        """Return how long the longest put took that began after a monotonic time [s]."""
+
+
+Connect = Callable[[Cell, str], AbstractContextManager[Bus]]
+
+
+@runtime_checkable
+class Stoppable(Protocol):
+    """A service that must stop the arm by itself when its own step breaks off."""
+
+    def broke_off(self, trip: Trip) -> None:
+        """Latch."""
+
+
+class HealthReporter:
+    """Publishes a role's health from the loop that does its work."""
+
+    def __init__(self, bus: Bus, cell: Cell, publisher: Publisher[Health]) -> None:
+        """Prepare what does not change."""
+        self._clock = bus.clock
+        self._transport = bus.transport
+        self._publisher = publisher
+        self._period_ns = round(NS_PER_S / cell.rates.health_hz)
+        self._next_ns = 0
+        self._steps = 0
+        self._since_ns = bus.clock.now_ns()
+        self._lateness_s: deque[float] = deque(maxlen=LATENESS_WINDOW)
+        self._overruns = Overruns(allowed_gap_s(cell, bus.role))
+        self._version, self._config_hash = forcemesh_version(), cell_hash(cell)
+        self._breakdown = ""
+
+    def stepped(
+        self, now_ns: int, lateness_s: float, service: Service, breakdown: str = ""
+    ) -> None:
+        """Count a step, and report when it is time, or at once what has just broken off.
+
+        Args:
+            now_ns: The time.
+            lateness_s: How late the step was [s].
+            service: What was stepped.
+            breakdown: What it broke off with within the last second, empty when it did not.
+        """
+        if breakdown and not self._breakdown:
+            self._next_ns = now_ns
+        self._breakdown = breakdown
+        self._steps += 1
+        self._lateness_s.append(lateness_s)
+        self._overruns.stepped(now_ns)
+        if now_ns < self._next_ns:
+            return
+        self._next_ns = now_ns + self._period_ns
+        elapsed_s = max(now_ns - self._since_ns, 1) / NS_PER_S
+        late = sorted(self._lateness_s)
+        self._publisher.put(
+            Health(
+                valid=not breakdown,
+                reason=breakdown,
+                code="internal" if breakdown else "",
+                pid=os.getpid(),
+                rate_hz=self._steps / elapsed_s,
+                lateness_p99_s=late[int(0.99 * (len(late) - 1))],
+                overruns=self._overruns.count,
+                longest_gap_s=self._overruns.longest_s,
+                counters={**_granted(), **service.counters()},
+                numbers=self._numbers(now_ns, service),
+                fault=breakdown or service.fault,
+                version=self._version,
+                config_hash=self._config_hash,
+            )
+        )
+        self._steps, self._since_ns = 0, now_ns
+
+    def _numbers(self, now_ns: int, service: Service) -> dict[str, float]:
+        """Return what the service measures, and how long the bus kept it at most since before."""
+        numbers = service.numbers(now_ns) if isinstance(service, Measuring) else {}
+        if isinstance(self._transport, Metered):
+            numbers = {**numbers, "put_max_s": self._transport.longest_put_s(self._since_ns)}
+        return numbers
+
+
+class Containment:
+    """Turns what a step raises into a named fault: the process lives on, the arm stops.
+
+    The step that broke off publishes nothing more, so that its readers miss it; its health says
+    `internal` at once and for as long as a person needs to see it. Later steps are tried: an error
+    that comes again keeps the fault, and one that does not lets a person clear it.
+    """
+
+    def __init__(self, role: str, say: Callable[[str], object] = sys.stderr.write) -> None:
+        """Watch over a role; `say` writes to its log."""
+        self.breakdowns = 0
+        self._role, self._say = role, say
+        self._text, self._until_ns, self._say_ns = "", 0, 0
+
+    def step(self, service: Service, now_ns: int) -> str:
+        """Step a service; return what it broke off with within the last second, if it did."""
+        try:
+            service.step(now_ns)
+        except Exception as error:  # noqa: BLE001 - whatever it is, a silent end is worse
+            self._broke_off(service, error, now_ns)
+        return self._text if now_ns < self._until_ns else ""
+
+    def _broke_off(self, service: Service, error: Exception, now_ns: int) -> None:
+        self.breakdowns += 1
+        place = traceback.extract_tb(error.__traceback__)[-1]
+        where = f"{Path(place.filename).name}:{place.lineno}"
+        self._text = clipped(f"{self._role}: {type(error).__name__} at {where}: {error}")
+        self._until_ns = now_ns + BREAKDOWN_SHOWN_NS
+        if now_ns >= self._say_ns:  # at most once a second, however often it comes
+            self._say_ns = now_ns + NS_PER_S
+            trace = "".join(traceback.format_exception(error))
+            self._say(f"{self._role}: unforeseen error ({self.breakdowns} so far)\n{trace}")
+        if isinstance(service, Stoppable):
+            service.broke_off(tripped("internal", self._text))
+
+
+class Runner:
+    """Decides when a service is due and steps it."""
+
+    def __init__(
+        self,
+        service: Service,
+        reporters: list[HealthReporter],
+        clock: Clock,
+        *,
+        contain: Containment | None = None,
+    ) -> None:
+        """Make the service due at once; without a containment what it raises is raised."""
+        self.service = service
+        self._reporters = reporters
+        self._clock = clock
+        self._contain = contain
+        self._fault = ""
+        self._period_ns = round(service.period_s * NS_PER_S)
+        self._due_ns = clock.now_ns()
+
+    def due(self, now_ns: int) -> bool:
+        """Tell whether the trigger has fired or the time has come."""
+        trigger = self.service.trigger
+        return (trigger is not None and trigger.poll()) or now_ns >= self._due_ns
+
+    def step(self, now_ns: int) -> None:
+        """Step once; a late step is not made up for."""
+        lateness_s = max(0, now_ns - self._due_ns) / NS_PER_S
+        if self._contain is None:
+            self.service.step(now_ns)
+            breakdown = ""
+        else:
+            breakdown = self._contain.step(self.service, now_ns)
+        self._fault = breakdown or self.service.fault
+        if self.service.trigger is not None:
+            self._due_ns = now_ns + round(PATIENCE_PERIODS * self._period_ns)
+        else:
+            self._due_ns = max(self._due_ns + self._period_ns, now_ns - self._period_ns)
+        for reporter in self._reporters:
+            reporter.stepped(now_ns, lateness_s, self.service, breakdown)
+
+    def run(self, stop: threading.Event) -> None:
+        """Step whenever due until told to stop; a container's health check hears of each second."""
+        heartbeat = heartbeat_of_this_process()
+        while not stop.is_set():
+            now_ns = self._clock.now_ns()
+            if self.due(now_ns):
+                self.step(now_ns)
+                heartbeat.beat(now_ns, self._fault)
+            else:
+                self._pause(min((self._due_ns - now_ns) / NS_PER_S, LONGEST_PAUSE_S))
+
+    def _pause(self, longest_s: float) -> None:
+        if self.service.trigger is None:
+            self._clock.sleep_s(longest_s)
+        else:
+            self.service.trigger.wait(longest_s)
+
+
+def reporter_of(bus: Bus, cell: Cell) -> HealthReporter:
+    """Return what publishes the health of the bus's role."""
+    topic = EVERY_HEALTH[bus.role]
+    return HealthReporter(bus, cell, bus.publisher(topic))
+
+
+def main(
+    roles: str | tuple[str, ...],
+    make_service: Callable[[Bus, Cell], Service],
+    *,
+    player: str | None = None,
+    connect: Connect = open_bus,
+    realtime: bool = True,
+) -> None:
+    """Run one service as a process until SIGTERM or SIGINT.
+
+    Args:
+        roles: The role that the process plays, or several; the first one is its bus's.
+        make_service: Makes the service; if it has a `close`, that is called at the end.
+        player: How the cell file names this process where a role can be played by another one
+            too. A cell that gives such a role to another process is refused.
+        connect: How the process gets onto the bus; the hub opens it instead.
+        realtime: Whether it goes before ordinary processes; a helper does not.
+    """
+    roles = (roles,) if isinstance(roles, str) else roles
+    cell = cell_from_arguments(roles[0])
+    stop = stop_on_signals()
+    with exit_on_error(roles[0]), ExitStack() as exits:
+        if player is not None:
+            for role in roles:
+                refuse_unless_played_by(cell, role, player)
+        bus = exits.enter_context(connect(cell, roles[0]))
+        exits.callback(give_up_realtime_priority)
+        service = make_service(bus, cell)
+        if isinstance(service, Closable):
+            exits.callback(service.close)
+        buses = [bus, *(bus.playing(role) for role in roles[1:])]
+        reporters = [reporter_of(each, cell) for each in buses]
+        runner = Runner(service, reporters, bus.clock, contain=Containment(roles[0]))
+        if realtime:
+            spare_the_loop()
+        runner.run(stop)
+
+
+def _granted() -> dict[str, int]:
+    """Return what the machine grants a control loop."""
+    return {"realtime": int(has_realtime_priority()), "memory_locked": int(is_memory_locked())}
+
+
+def spare_the_loop() -> None:
+    """Make ready for work in real time, after the start: stay in memory, no long collection, first.
+
+    What start-up has left in memory stays; to walk through all of it takes tens of milliseconds,
+    and the collector would do so now and then.
+    """
+    gc.collect()
+    gc.freeze()
+    lock_memory()
+    take_realtime_priority()
+
+
+def refuse_unless_played_by(cell: Cell, role: str, player: str) -> None:
+    """Keep two processes from playing one role.
+
+    Raises:
+        ConfigError: The cell file gives the role to another process than `player`.
+    """
+    chosen = getattr(cell.roles, role)
+    if chosen != player:
+        mistake = (
+            f"roles.{role} is {chosen}, and this process is the {player}: "
+            f"start the one that plays it, or write `{role}: {player}` in the cell file"
+        )
+        raise ConfigError(f"cell {cell.cell}", [mistake])
+
+
+def cell_from_arguments(role: str) -> Cell:
+    """Read the cell file that the command line names; exit with its mistakes if it has any."""
+    parser = argparse.ArgumentParser(prog=role, description=f"The {role} of a forcemesh cell.")
+    parser.add_argument("--cell", required=True, metavar="FILE", help="the cell file")
+    with exit_on_error(role):
+        return load_cell(parser.parse_args().cell)
+
+
+def stop_on_signals() -> threading.Event:
+    """Return the event that SIGTERM and SIGINT set."""
+    stop = threading.Event()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: stop.set())
+    return stop
+
+
+class exit_on_error:  # noqa: N801 - reads as a statement
+    """End the process with one clear line when forcemesh itself says what is wrong."""
+
+    def __init__(self, role: str) -> None:
+        """Remember who is speaking."""
+        self._role = role
+
+    def __enter__(self) -> None:
+        """Nothing to do."""
+
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
+        """Turn an expected error into a line on standard error and exit code 2."""
+        if isinstance(error, ForcemeshError):
+            sys.stderr.write(f"{self._role}: {error}\n")
+            raise SystemExit(2)

@@ -1,0 +1,181 @@
+"""Who may say and hear what on a bus with certificates, made from the table of topics.
+
+The hub gives this to Zenoh, which judges every message by the name in the sender's certificate.
+What is not allowed here is refused. Pure: a cell in, settings of Zenoh out.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from common.config.cell import Cell
+from common.security.tls import MONITOR, OPERATOR, PANEL, common_name
+from forcemesh.topics import DESCRIBE, HEALTH, HELPERS, HOLD, REQUESTS, ROLES, TOPICS
+
+SELF_TEST = "self-test"  # may be heard by every role and said by nobody: proves that this is on
+# A flood ends at the hub. Streams are not counted: what was kept up comes in bunches, of which
+# nothing must be lost, and who reads a stream keeps the newest anyway.
+REPORT_ROOM = 20.0  # times the rate of a topic
+QUESTIONS_HZ = 100.0  # of one kind from one client; `hold` is never counted
+DESCRIPTIONS_HZ = 5.0  # they are long
+ANYBODY = "anybody"  # with a certificate of this authority; named, so that Zenoh logs what it tries
+INGRESS, EGRESS = "ingress", "egress"
+
+
+@dataclass(frozen=True, slots=True)
+class Rule:
+    """What one name may do: messages in a direction as the hub sees it, on keys."""
+
+    flow: str
+    messages: tuple[str, ...]
+    keys: tuple[str, ...]
+
+    def for_zenoh(self, name: str) -> dict[str, Any]:
+        """Return it as Zenoh's configuration spells it."""
+        return {
+            "id": name,
+            "permission": "allow",
+            "flows": [self.flow],
+            "messages": list(self.messages),
+            "key_exprs": list(self.keys),
+        }
+
+
+def access_control(cell: Cell) -> dict[str, Any]:
+    """Return Zenoh's section `access_control` for a cell's hub."""
+    subjects: list[dict[str, Any]] = [{"id": ANYBODY}]
+    rules: list[dict[str, Any]] = []
+    policies: list[dict[str, Any]] = []
+    for name, allowed in _everybody(cell):
+        ids: list[str] = []
+        for rule in allowed:
+            if rule.keys:  # Zenoh refuses an empty list
+                ids.append(f"{name} {len(ids)}")
+                rules.append(rule.for_zenoh(ids[-1]))
+        if name != ANYBODY:
+            subjects.append({"id": name, "cert_common_names": [name]})
+        policies.append({"subjects": [name], "rules": ids})
+    return {
+        "enabled": True,
+        "default_permission": "deny",
+        "subjects": subjects,
+        "rules": rules,
+        "policies": policies,
+    }
+
+
+def names_of(cell: Cell) -> frozenset[str]:
+    """Return the names in certificates that have something to say or to hear in a cell."""
+    return frozenset(name for name, _ in _everybody(cell)) - {ANYBODY}
+
+
+def rate_limits(cell: Cell) -> list[dict[str, Any]]:
+    """Return Zenoh's section `downsampling`: how much one client may say at most."""
+    reports = [
+        {
+            "key_expr": f"{cell.cell}/{topic.key}",
+            "freq": REPORT_ROOM * cell.rate_hz(topic),
+        }
+        for topic in TOPICS
+        if topic.qos == "report"
+    ]
+    questions = [
+        {"key_expr": f"{cell.cell}/{request.key}", "freq": QUESTIONS_HZ}
+        for request in REQUESTS
+        if request is not HOLD
+    ]
+    questions.append({"key_expr": f"{cell.cell}/{DESCRIBE}", "freq": DESCRIPTIONS_HZ})
+    return [
+        {"id": "reports", "flows": [INGRESS], "messages": ["put"], "rules": reports},
+        {"id": "questions", "flows": [INGRESS], "messages": ["query"], "rules": questions},
+    ]
+
+
+def plays(cell: Cell, role: str) -> tuple[str, ...]:
+    """Return the roles that the process with a role's certificate plays: a simulated arm two."""
+    both = cell.roles.robot == "sim" and cell.roles.sensor == "sim"
+    return ("robot", "sensor") if role == "robot" and both else (role,)
+
+
+def _everybody(cell: Cell) -> Iterator[tuple[str, list[Rule]]]:
+    yield ANYBODY, [Rule(INGRESS, ("declare_subscriber",), _keys(cell.cell, [SELF_TEST]))]
+    # The hub itself needs no leave; its healthcheck comes as a client that shows its certificate.
+    yield common_name("hub", cell.cell), _hears(_keys(cell.cell, [HEALTH["hub"].key]))
+    for role in ROLES:
+        if role != "hub":
+            yield common_name(role, cell.cell), _role(cell, role)
+    for helper in HELPERS:
+        yield common_name(helper, cell.cell), _helper(cell, helper)
+    may_hold = [HOLD.key] if cell.bus.monitor_may_hold else []
+    for name in (OPERATOR, PANEL):
+        yield common_name(name, cell.cell), _person(cell, [request.key for request in REQUESTS])
+    yield common_name(MONITOR, cell.cell), _person(cell, may_hold)
+    for other in cell.bus.below:
+        yield common_name("hub", other), _said_below(other)
+    if cell.bus.upstream is not None:
+        yield common_name("hub", cell.bus.upstream.cell), _heard_above(cell.cell)
+
+
+def _role(cell: Cell, role: str) -> list[Rule]:
+    played = plays(cell, role)
+    heard = [topic.key for topic in TOPICS if set(topic.readers) & set(played)]
+    heard += [HEALTH[each].key for each in played]  # its own: the healthcheck
+    return _process(cell, played, heard)
+
+
+def _helper(cell: Cell, helper: str) -> list[Rule]:
+    """Return what a helper may: hear every topic as a client does, say and serve its own."""
+    return _process(cell, (helper,), [topic.key for topic in TOPICS])
+
+
+def _process(cell: Cell, played: tuple[str, ...], heard: Sequence[str]) -> list[Rule]:
+    said = [topic.key for topic in TOPICS if topic.writer in played]
+    served = [request.key for request in REQUESTS if request.server in played]
+    return [
+        Rule(INGRESS, ("put",), _keys(cell.cell, said)),
+        # Who writes must learn that somebody listens, or it sends nothing.
+        Rule(EGRESS, ("declare_subscriber",), (f"{cell.cell}/**",)),
+        *_hears(_keys(cell.cell, [*heard, SELF_TEST])),
+        Rule(INGRESS, ("declare_queryable", "reply"), _keys(cell.cell, served)),
+        Rule(EGRESS, ("query",), _keys(cell.cell, served)),
+    ]
+
+
+def _hears(keys: tuple[str, ...]) -> list[Rule]:
+    return [Rule(INGRESS, ("declare_subscriber",), keys), Rule(EGRESS, ("put",), keys)]
+
+
+def _person(cell: Cell, asked: Sequence[str]) -> list[Rule]:
+    """Return what a client may: hear every topic of these cells, ask its own for some things.
+
+    What is said on the bus at all, the hub itself tells everybody with a certificate.
+    """
+    asked = [*asked, DESCRIBE]
+    cells = (cell.cell, *cell.bus.below)
+    keys = tuple(key for name in cells for key in _keys(name, [topic.key for topic in TOPICS]))
+    return [
+        Rule(INGRESS, ("declare_subscriber",), tuple(f"{name}/**" for name in cells)),
+        Rule(EGRESS, ("put",), keys),
+        Rule(INGRESS, ("query",), _keys(cell.cell, asked)),
+        Rule(EGRESS, ("reply", "declare_queryable"), _keys(cell.cell, asked)),
+    ]
+
+
+def _said_below(other: str) -> list[Rule]:
+    """Return what the hub of a cell below may: say its own topics here, and hear nothing."""
+    return [
+        Rule(INGRESS, ("put",), _keys(other, [topic.key for topic in TOPICS])),
+        Rule(EGRESS, ("declare_subscriber",), (f"{other}/**",)),
+    ]
+
+
+def _heard_above(cell: str) -> list[Rule]:
+    """Return what the hub above may: hear this cell's topics, and say nothing."""
+    return [
+        Rule(INGRESS, ("declare_subscriber",), (f"{cell}/**",)),
+        Rule(EGRESS, ("put",), _keys(cell, [topic.key for topic in TOPICS])),
+    ]
+
+
+def _keys(cell: str, keys: Sequence[str]) -> tuple[str, ...]:
+    return tuple(f"{cell}/{key}" for key in keys)

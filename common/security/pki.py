@@ -1,0 +1,231 @@
+"""Certificates of a cell's bus: an authority, one certificate for each role and person.
+
+Only the hub's can be shown by a server: TLS turns a hub away that shows any other one.
+
+The authority's own key stays in the folder where it was made: whoever has it can be anybody. Files
+can be read by their owner and by nobody else, and are never written over unless that is asked for.
+"""
+
+import datetime as dt
+import ipaddress
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from cryptography import x509
+from cryptography.hazmat.primitives import hashes, serialization
+from cryptography.hazmat.primitives.asymmetric import ec
+from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
+
+from common.security.tls import AUTHORITY, HUB, common_name
+from forcemesh.errors import DataError
+
+AUTHORITY_DAYS = 3650
+CLOCK_SKEW = dt.timedelta(hours=1)  # between this machine and the others
+ONLY_OWNER_READS = 0o400
+
+
+@dataclass(frozen=True, slots=True)
+class Pair:
+    """A certificate and its key."""
+
+    certificate: x509.Certificate
+    key: ec.EllipticCurvePrivateKey
+
+
+def make_authority(cell: str, now: dt.datetime) -> Pair:
+    """Return a new authority, which signs certificates and nothing else signs."""
+    return _authority(f"forcemesh authority of {cell}", now)
+
+
+def _authority(common: str, now: dt.datetime) -> Pair:
+    key = ec.generate_private_key(ec.SECP256R1())
+    name = _name(common)
+    builder = _builder(name, name, key, now, days=AUTHORITY_DAYS)
+    builder = builder.add_extension(x509.BasicConstraints(ca=True, path_length=0), critical=True)
+    builder = builder.add_extension(_usage(signs=True), critical=True)
+    return Pair(builder.sign(key, hashes.SHA256()), key)
+
+
+def make_certificate(
+    authority: Pair, name: str, cell: str, *, hosts: Sequence[str], days: int, now: dt.datetime
+) -> Pair:
+    """Return a certificate that a name of a cell shows.
+
+    Args:
+        authority: Signs it.
+        name: A name of common/security/tls.py. The hub's certificate is good for both ends of a
+            link, for it may hang on another hub; all others are good for a client's end alone.
+        cell: Of which the name is.
+        hosts: Under which the hub is reached; no other name is reached by anyone.
+        days: How long it is good for.
+        now: The time.
+    """
+    key = ec.generate_private_key(ec.SECP256R1())
+    subject = _name(common_name(name, cell))
+    builder = _builder(subject, authority.certificate.subject, key, now, days=days)
+    ends = [ExtendedKeyUsageOID.CLIENT_AUTH]
+    if name == HUB:
+        ends.append(ExtendedKeyUsageOID.SERVER_AUTH)
+        names = x509.SubjectAlternativeName([_host(host) for host in hosts])
+        builder = builder.add_extension(names, critical=False)
+    basic = x509.BasicConstraints(ca=False, path_length=None)
+    builder = builder.add_extension(basic, critical=True)
+    builder = builder.add_extension(_usage(signs=False), critical=True)
+    builder = builder.add_extension(x509.ExtendedKeyUsage(ends), critical=False)
+    return Pair(builder.sign(authority.key, hashes.SHA256()), key)
+
+
+def make_page_authority(cell: str, now: dt.datetime) -> Pair:
+    """Return the authority that browsers trust for the panel's page, and nobody on the bus.
+
+    Browsers keep their authorities for long and in many places; were it the bus's, a certificate
+    that it signs could be the hub.
+    """
+    return _authority(f"forcemesh panel authority of {cell}", now)
+
+
+def make_page_certificate(
+    authority: Pair, cell: str, *, hosts: Sequence[str], days: int, now: dt.datetime
+) -> Pair:
+    """Return the certificate of the panel's page, at the hosts under which it is opened."""
+    key = ec.generate_private_key(ec.SECP256R1())
+    subject = _name(f"forcemesh panel page of {cell}")
+    builder = _builder(subject, authority.certificate.subject, key, now, days=days)
+    for extension, critical in (
+        (x509.BasicConstraints(ca=False, path_length=None), True),
+        (_usage(signs=False), True),
+        (x509.ExtendedKeyUsage([ExtendedKeyUsageOID.SERVER_AUTH]), False),
+        (x509.SubjectAlternativeName([_host(host) for host in hosts]), False),
+    ):
+        builder = builder.add_extension(extension, critical=critical)
+    return Pair(builder.sign(authority.key, hashes.SHA256()), key)
+
+
+def write_pair(folder: Path, name: str, pair: Pair, *, owner: tuple[int, int] | None) -> None:
+    """Write both files so that only their owner reads them, whole or not at all.
+
+    Args:
+        folder: Made if it is not there, closed to others.
+        name: Of the files.
+        pair: What to write.
+        owner: User and group that shall have them, if not we.
+
+    Raises:
+        DataError: They cannot be written.
+    """
+    try:
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        key = pair.key.private_bytes(
+            serialization.Encoding.PEM,
+            serialization.PrivateFormat.PKCS8,
+            serialization.NoEncryption(),
+        )
+        _write(folder / f"{name}.key", key, owner)
+        shown = pair.certificate.public_bytes(serialization.Encoding.PEM)
+        _write(folder / f"{name}.pem", shown, owner)
+    except OSError as error:
+        raise DataError(f"{folder}: cannot write {name}: {error.strerror}") from error
+
+
+def copy_certificate(
+    source: Path, target: Path, name: str, *, owner: tuple[int, int] | None
+) -> None:
+    """Put a certificate, without its key, into another folder. Raise DataError if that fails."""
+    data = read_certificate(source / f"{name}.pem").public_bytes(serialization.Encoding.PEM)
+    try:
+        target.mkdir(mode=0o700, parents=True, exist_ok=True)
+        _write(target / f"{name}.pem", data, owner)
+    except OSError as error:
+        raise DataError(f"{target}: cannot write {name}.pem: {error.strerror}") from error
+
+
+def read_authority(folder: Path, name: str = AUTHORITY) -> Pair:
+    """Return the authority of a folder.
+
+    Raises:
+        DataError: It is not there or not readable; says what to do.
+    """
+    certificate = read_certificate(folder / f"{name}.pem")
+    path = folder / f"{name}.key"
+    try:
+        key = serialization.load_pem_private_key(path.read_bytes(), password=None)
+    except (OSError, ValueError) as error:
+        raise DataError(
+            f"{path}: the authority's key cannot be read ({error}); issue where `forcemesh pki "
+            "init` was run, the key stays there"
+        ) from error
+    if not isinstance(key, ec.EllipticCurvePrivateKey):
+        raise DataError(f"{path}: not a key that `forcemesh pki init` has made")
+    return Pair(certificate, key)
+
+
+def can_be_the_hub(certificate: x509.Certificate) -> bool:
+    """Tell whether TLS takes a certificate from a server: one that does not say for what, too."""
+    try:
+        usage = certificate.extensions.get_extension_for_class(x509.ExtendedKeyUsage).value
+    except x509.ExtensionNotFound:
+        return True
+    anything = ExtendedKeyUsageOID.ANY_EXTENDED_KEY_USAGE
+    return ExtendedKeyUsageOID.SERVER_AUTH in usage or anything in usage
+
+
+def read_certificate(path: Path) -> x509.Certificate:
+    """Return a certificate. Raise DataError if there is none in this file."""
+    try:
+        return x509.load_pem_x509_certificate(path.read_bytes())
+    except (OSError, ValueError) as error:
+        raise DataError(f"{path}: no certificate: {error}") from error
+
+
+def _write(path: Path, data: bytes, owner: tuple[int, int] | None) -> None:
+    whole = path.with_name(f".{path.name}.{os.getpid()}")
+    handle = os.open(whole, os.O_WRONLY | os.O_CREAT | os.O_EXCL, ONLY_OWNER_READS)
+    with os.fdopen(handle, "wb") as file:
+        if owner is not None:
+            os.fchown(file.fileno(), *owner)
+        file.write(data)
+        file.flush()
+        os.fsync(file.fileno())
+    whole.replace(path)
+
+
+def _name(text: str) -> x509.Name:
+    return x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, text)])
+
+
+def _host(text: str) -> x509.GeneralName:
+    try:
+        return x509.IPAddress(ipaddress.ip_address(text))
+    except ValueError:
+        return x509.DNSName(text)
+
+
+def _builder(
+    subject: x509.Name, issuer: x509.Name, key: ec.EllipticCurvePrivateKey, now: dt.datetime,
+    *, days: int,
+) -> x509.CertificateBuilder:  # fmt: skip
+    return (
+        x509.CertificateBuilder()
+        .subject_name(subject)
+        .issuer_name(issuer)
+        .public_key(key.public_key())
+        .serial_number(x509.random_serial_number())
+        .not_valid_before(now - CLOCK_SKEW)
+        .not_valid_after(now + dt.timedelta(days=days))
+    )
+
+
+def _usage(*, signs: bool) -> x509.KeyUsage:
+    return x509.KeyUsage(
+        digital_signature=not signs,
+        key_cert_sign=signs,
+        crl_sign=signs,
+        content_commitment=False,
+        key_encipherment=False,
+        data_encipherment=False,
+        key_agreement=False,
+        encipher_only=False,
+        decipher_only=False,
+    )

@@ -1,0 +1,138 @@
+"""What is wrong with a folder of certificates, in sentences that say what to do."""
+
+import datetime as dt
+import stat
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from cryptography import x509
+from cryptography.exceptions import InvalidSignature
+from cryptography.hazmat.primitives import serialization
+from cryptography.x509.oid import NameOID
+
+from common.security.pki import can_be_the_hub, read_certificate
+from common.security.tls import AUTHORITY, HUB, NAMES, PAGE, PAGE_AUTHORITY, common_name
+from forcemesh.errors import DataError
+
+SOON = dt.timedelta(days=14)
+OTHERS = stat.S_IRWXG | stat.S_IRWXO
+REMEDY = "forcemesh pki issue {name} --again"
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One line: what is so, whether that is bad, and what to do."""
+
+    verdict: Literal["good", "soon", "wrong"]
+    name: str
+    text: str
+    remedy: str = ""
+
+
+def check_folder(folder: Path, cell: str, now: dt.datetime) -> list[Finding]:
+    """Return what is to be said of every certificate of a cell; the authority first."""
+    try:
+        authority = read_certificate(folder / f"{AUTHORITY}.pem")
+    except DataError as error:
+        return [Finding("wrong", AUTHORITY, str(error), "forcemesh pki init")]
+    found = list(_of_file(folder, AUTHORITY, authority, now, must_have_key=False))
+    there = [name for name in NAMES if (folder / f"{name}.pem").exists()]
+    for name in there:
+        found += _of_name(folder, name, cell, authority, now=now)
+    missing = [name for name in NAMES if name not in there]
+    # A machine that only watches has one certificate; where the authority is all should be there.
+    if missing and (folder / f"{AUTHORITY}.key").exists():
+        found += [Finding("wrong", name, "missing", REMEDY.format(name=name)) for name in missing]
+    if not there:
+        found.append(Finding("wrong", "all", "no certificate of any name", "forcemesh pki init"))
+    found += _of_page(folder, now)
+    wrong = {finding.name for finding in found if finding.verdict == "wrong"}
+    return [each for each in found if each.verdict != "good" or each.name not in wrong]
+
+
+def _of_name(
+    folder: Path, name: str, cell: str, authority: x509.Certificate, *, now: dt.datetime
+) -> Iterator[Finding]:
+    remedy = REMEDY.format(name=name)
+    try:
+        certificate = read_certificate(folder / f"{name}.pem")
+    except DataError as error:
+        yield Finding("wrong", name, str(error), remedy)
+        return
+    said = certificate.subject.get_attributes_for_oid(NameOID.COMMON_NAME)
+    says = str(said[0].value) if said else "nothing"
+    if says != common_name(name, cell):
+        text = f"it is for {says}, not for {common_name(name, cell)}"
+        yield Finding("wrong", name, text, remedy)
+    try:
+        certificate.verify_directly_issued_by(authority)
+    except (InvalidSignature, ValueError, TypeError):
+        yield Finding("wrong", name, f"{AUTHORITY}.pem here has not signed it", remedy)
+    if can_be_the_hub(certificate) != (name == HUB):
+        yield Finding("wrong", name, _wrong_end(name, certificate), remedy)
+    yield from _of_file(folder, name, certificate, now, must_have_key=True)
+
+
+def _wrong_end(name: str, certificate: x509.Certificate) -> str:
+    if name == HUB:
+        return "it is good for clients alone: every client turns a hub away that shows it"
+    ends = certificate.not_valid_after_utc
+    return (
+        f"it is of an older forcemesh and can stand in for the hub until {ends:%Y-%m-%d}; a new "
+        "one cannot, and if others may have this one, `forcemesh pki init --again` ends it"
+    )
+
+
+def _of_page(folder: Path, now: dt.datetime) -> Iterator[Finding]:
+    """Judge the certificate of the panel's page where there is one: only browsers are shown it."""
+    if not (folder / f"{PAGE}.pem").exists():
+        return
+    try:
+        certificate = read_certificate(folder / f"{PAGE}.pem")
+        authority = read_certificate(folder / f"{PAGE_AUTHORITY}.pem")
+    except DataError as error:
+        yield Finding("wrong", PAGE, str(error), REMEDY.format(name=PAGE))
+        return
+    try:
+        certificate.verify_directly_issued_by(authority)
+    except (InvalidSignature, ValueError, TypeError):
+        text = f"{PAGE_AUTHORITY}.pem here has not signed it"
+        yield Finding("wrong", PAGE, text, REMEDY.format(name=PAGE))
+    yield from _of_file(folder, PAGE, certificate, now, must_have_key=True)
+
+
+def _of_file(
+    folder: Path, name: str, certificate: x509.Certificate, now: dt.datetime, *, must_have_key: bool
+) -> Iterator[Finding]:
+    remedy = REMEDY.format(name=name) if must_have_key else "forcemesh pki init --again"
+    key = folder / f"{name}.key"
+    if key.exists() or must_have_key:
+        yield from _of_key(key, name, certificate, remedy)
+    ends = certificate.not_valid_after_utc
+    left = f"{(ends - now).days} days left, until {ends:%Y-%m-%d}"
+    if now < certificate.not_valid_before_utc:
+        begins = certificate.not_valid_before_utc
+        text = f"not valid before {begins:%Y-%m-%d %H:%M}: is this machine's clock right?"
+        yield Finding("wrong", name, text, "set the clock")
+    elif now >= ends:
+        yield Finding("wrong", name, f"expired on {ends:%Y-%m-%d}", remedy)
+    elif now >= ends - SOON:
+        yield Finding("soon", name, left, remedy)
+    else:
+        yield Finding("good", name, left)
+
+
+def _of_key(path: Path, name: str, certificate: x509.Certificate, remedy: str) -> Iterator[Finding]:
+    try:
+        mode = stat.S_IMODE(path.stat().st_mode)
+        key = serialization.load_pem_private_key(path.read_bytes(), password=None)
+    except (OSError, ValueError) as error:
+        yield Finding("wrong", name, f"{path.name}: no key: {error}", remedy)
+        return
+    if mode & OTHERS:
+        text = f"{path.name} can be read by others (mode {mode:o}): it may be known by now"
+        yield Finding("wrong", name, text, f"chmod 400 {path}; {remedy}")
+    if key.public_key() != certificate.public_key():
+        yield Finding("wrong", name, f"{path.name} is not the key of {name}.pem", remedy)

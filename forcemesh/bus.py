@@ -1,0 +1,212 @@
+"""The bus as services see it: publishers, readers that judge, inboxes; checked against the table.
+
+What carries the bytes is a `Transport`: Zenoh between processes (`common.bus.zenoh_bus`), or
+memory inside one process on a virtual clock (`common.bus.memory_bus`). Services cannot tell which.
+"""
+
+import secrets
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
+from typing import Any, Generic, Protocol, TypeVar
+
+from forcemesh.clock import Clock
+from forcemesh.codec import Header, decode_record, encode, encode_record
+from forcemesh.errors import BusError, MessageError
+from forcemesh.faults import refusal
+from forcemesh.messages import Message, Record
+from forcemesh.reader import LONGEST_FAULT, Origin, Reader, Reading, Source
+from forcemesh.requests import Reply
+from forcemesh.topics import CLIENT, HELPERS, Qos, Request, Topic
+
+__all__ = [
+    "LONGEST_FAULT",
+    "Bus",
+    "Call",
+    "CallSource",
+    "Inbox",
+    "Incoming",
+    "Origin",
+    "Publisher",
+    "Reader",
+    "Reading",
+    "Source",
+    "Timing",
+    "Transport",
+]
+
+M = TypeVar("M", bound=Message)
+Q = TypeVar("Q", bound=Record)
+
+MOST_AT_ONCE = 4  # requests of one kind in one step
+
+
+class Call(Protocol):
+    """One request waiting for its answer."""
+
+    data: bytes
+
+    def answer(self, data: bytes) -> None:
+        """Send the answer."""
+
+
+class CallSource(Protocol):
+    """Requests of one key in the order of their arrival."""
+
+    def take(self) -> Call | None:
+        """Return the oldest request that was not taken yet, or None."""
+
+
+class Transport(Protocol):
+    """What carries bytes by key."""
+
+    def publish(self, key: str, qos: Qos) -> Callable[[bytes], None]:
+        """Return the function that puts bytes on a key."""
+
+    def subscribe(self, key: str, room: int = 1) -> Source:
+        """Return a source of the newest bytes on a key, or of so many that nobody took yet."""
+
+    def serve(self, key: str) -> CallSource:
+        """Return the requests that come in on a key."""
+
+    def ask(self, key: str, data: bytes, timeout_s: float) -> bytes | None:
+        """Return the answer to a request, or None when nobody answered in time."""
+
+
+class Timing(Protocol):
+    """How often topics come and when they are stale: the cell file."""
+
+    def stale_after_s(self, topic: Topic[Any]) -> float:
+        """Return the age [s] from which on a topic is stale."""
+
+
+class Publisher(Generic[M]):
+    """The one writer of a topic: stamps and numbers what it sends."""
+
+    def __init__(
+        self, topic: Topic[M], put: Callable[[bytes], None], clock: Clock, epoch: int, *, cell: str
+    ) -> None:
+        """Wrap a transport's put."""
+        self.topic = topic
+        self._address = f"{cell}/{topic.key}"
+        self.seq = 0
+        self._put = put
+        self._clock = clock
+        self._epoch = epoch
+
+    def put(self, message: M, origin: Origin | None = None) -> Header:
+        """Send a message, with the sensor sample behind it if there is one."""
+        self.seq += 1
+        header = Header(
+            seq=self.seq,
+            epoch=self._epoch,
+            boot=self._clock.boot,
+            stamp_ns=self._clock.now_ns(),
+            topic=self._address,
+            sensor_stamp_ns=None if origin is None else origin.stamp_ns,
+            sensor_seq=None if origin is None else origin.seq,
+        )
+        self._put(encode(header, message))
+        return header
+
+
+@dataclass(frozen=True, slots=True)
+class Incoming(Generic[Q]):
+    """A request to be served, and the way to answer it."""
+
+    request: Q
+    call: Call
+    complaint: str = ""  # why it could not be decoded, where it is served all the same
+
+    def reply(self, reply: Reply) -> None:
+        """Answer; a request that could not be decoded is told so after it was served."""
+        if self.complaint:
+            text = f"{reply.text}; the request itself cannot be decoded: {self.complaint}"
+            told = refusal("malformed", text)
+            reply = told.model_copy(update={"accepted": reply.accepted})
+        self.call.answer(encode_record(reply))
+
+
+class Inbox(Generic[Q]):
+    """The requests of one row of the table, for the service that serves it."""
+
+    def __init__(self, request: Request[Q], source: CallSource, *, cell: str) -> None:
+        """Wrap the source of a request of a cell."""
+        self._request = request
+        self._address = f"{cell}/{request.key}"
+        self._source = source
+
+    def take_all(self) -> Iterator[Incoming[Q]]:
+        """Yield what has come in; a request that does not decode is refused on the spot.
+
+        A hold is not: it is served first, and complained of in its answer.
+
+        At most so many at once: whoever asks without end must not keep a control loop from its
+        work. The rest waits for the next step, and is dropped at the source when it is too much.
+        """
+        for _ in range(MOST_AT_ONCE):
+            if (call := self._source.take()) is None:
+                return
+            try:
+                yield Incoming(decode_record(call.data, self._request.message, self._address), call)
+            except MessageError as error:
+                if self._request.unreadable is None:
+                    call.answer(encode_record(refusal("malformed", str(error))))
+                else:
+                    yield Incoming(self._request.unreadable, call, str(error))
+
+
+@dataclass(slots=True)
+class Bus:
+    """A role's view of one cell's bus: it refuses what the table does not give to that role."""
+
+    role: str
+    cell: str
+    transport: Transport
+    timing: Timing
+    clock: Clock
+    epoch: int = field(default_factory=lambda: secrets.randbits(62))
+
+    def playing(self, role: str) -> "Bus":
+        """Return the view of another role that the same process plays."""
+        return replace(self, role=role, epoch=secrets.randbits(62))
+
+    def publisher(self, topic: Topic[M]) -> Publisher[M]:
+        """Return the writer of a topic. Raise BusError unless the table names this role."""
+        if topic.writer != self.role:
+            raise BusError(f"{self.role} may not write {topic.key}: {topic.writer} does")
+        put = self.transport.publish(f"{self.cell}/{topic.key}", topic.qos)
+        return Publisher(topic, put, self.clock, self.epoch, cell=self.cell)
+
+    def reader(self, topic: Topic[M]) -> Reader[M]:
+        """Return a reader of a topic. Raise BusError unless the table names this role."""
+        if self.role not in topic.readers:
+            raise BusError(f"{self.role} is not a reader of {topic.key}: {topic.readers} are")
+        source = self.transport.subscribe(f"{self.cell}/{topic.key}")
+        stale_after_s = self.timing.stale_after_s(topic)
+        return Reader(topic, source, self.clock, stale_after_s, cell=self.cell)
+
+    def tap(self, topic: Topic[Any], room: int) -> Source:
+        """Return every message of a topic as bytes, in order; `room` of them may wait.
+
+        Raises BusError unless this role is a client or helps one: it hears, and judges nothing.
+        """
+        if self.role not in (CLIENT, *HELPERS):
+            raise BusError(f"{self.role} may not tap {topic.key}: only clients and helpers may")
+        return self.transport.subscribe(f"{self.cell}/{topic.key}", room)
+
+    def inbox(self, request: Request[Q]) -> Inbox[Q]:
+        """Return the requests that this role serves."""
+        if request.server != self.role:
+            raise BusError(f"{self.role} does not serve {request.key}: {request.server} does")
+        source = self.transport.serve(f"{self.cell}/{request.key}")
+        return Inbox(request, source, cell=self.cell)
+
+    def ask(self, request: Request[Q], message: Q, timeout_s: float = 2.0) -> Reply:
+        """Send a request and return the answer. Raise BusError when nobody answers."""
+        if self.role != CLIENT:
+            raise BusError(f"only clients send requests, {self.role} is none")
+        key = f"{self.cell}/{request.key}"
+        data = self.transport.ask(key, encode_record(message, key), timeout_s)
+        if data is None:
+            raise BusError(f"{request.server} did not answer {key} within {timeout_s:g} s")
+        return decode_record(data, Reply)

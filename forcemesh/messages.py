@@ -1,0 +1,297 @@
+"""What is said on the bus: one class per message, one class per frame, units in the names.
+
+Every number is checked to be finite and every field to be of its type when a message is made, so
+a message that exists is a message that can be trusted. A writer that cannot answer publishes
+`valid=False` with a reason at its usual rate: an idle service and a dead one must not look alike.
+
+Sign, once for all: a positive force or torque means that the environment pushes the robot.
+"""
+
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+Vec3 = tuple[float, float, float]
+Vec6 = tuple[float, float, float, float, float, float]
+Quaternion = tuple[float, float, float, float]
+Gain = Annotated[float, Field(ge=0.0)]  # a negative gain would push where it shall give way
+Gain3 = tuple[Gain, Gain, Gain]
+Text = Annotated[str, Field(max_length=500)]
+
+Mode = Literal["position", "orientation", "both"]
+Host = Literal["pc", "controller"]
+Law = Literal["plain", "adaptive"]  # of the regulator
+StartLaw = Literal["plain", "adaptive", "guide"]  # guide: give way to a hand
+Preset = Literal["gentle", "normal", "stiff"]  # of gains
+Commander = Literal["none", "regulator", "program", "operator"]
+Asker = Literal["operator", "program"]  # who may ask for motion
+ArmPurpose = Literal["all", "jog"]  # what a person arms for
+Purpose = Literal["all", "jog", "back_off"]  # the same, and for the arbiter's own way out
+
+ZERO3: Vec3 = (0.0, 0.0, 0.0)
+ZERO6: Vec6 = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+UNIT_QUATERNION: Quaternion = (0.0, 0.0, 0.0, 1.0)
+
+
+class Record(BaseModel):
+    """Part of a message: strict types, finite numbers, unknown fields ignored."""
+
+    model_config = ConfigDict(frozen=True, strict=True, allow_inf_nan=False, extra="ignore")
+
+
+class Message(Record):
+    """Base of every topic's message."""
+
+    valid: bool = True
+    reason: Text = ""  # why it is not valid
+    code: Text = ""  # the same as a code of forcemesh/faults.py
+
+
+class PoseRecord(Record):
+    """Pose of a frame in base: position [m] and unit quaternion x, y, z, w."""
+
+    position_m: Vec3
+    orientation_xyzw: Quaternion
+
+
+class RobotStatus(Record):
+    """The controller's eleven status bits (design section 3)."""
+
+    motor_power: bool = False
+    repeat_mode: bool = False
+    teach_lock_off: bool = False
+    program_running: bool = False
+    moving: bool = False
+    position_feedback: bool = False
+    orientation_feedback: bool = False
+    held: bool = False
+    watchdog_latched: bool = False
+    target_refused: bool = False
+    error: bool = False
+
+
+class Accepted(Record):
+    """Echo of the last command that the robot took, with the sensor sample behind it."""
+
+    epoch: int
+    seq: int
+    turn: int = 0  # of its permission
+    at_ns: int  # robot's monotonic clock
+    sensor_stamp_ns: int | None = None
+    sensor_seq: int | None = None
+
+
+GoalState = Literal["none", "queued", "running", "done", "refused"]
+
+
+class GoalReport(Record):
+    """What became of the goal that the robot was given last."""
+
+    id: int = 0
+    state: GoalState = "none"
+    reason: Text = ""
+
+
+class LinkHealth(Record):
+    """Health of the way from this process to the arm."""
+
+    connected: bool = False
+    round_trip_s: float | None = None
+    reconnects: int = 0
+    errors: int = 0
+
+
+class RobotState(Message):
+    """`robot/state`: flange pose in base, joint angles, status, echo of the last command."""
+
+    position_m: Vec3 = ZERO3
+    orientation_xyzw: Quaternion = UNIT_QUATERNION
+    joint_rad: Vec6 = ZERO6
+    status: RobotStatus = RobotStatus()
+    error_code: int = 0
+    goal: GoalReport = GoalReport()
+    accepted: Accepted | None = None
+    sent: PoseRecord | None = None  # last set point that left for the arm, flange in base
+    hold_reason: Text = ""  # why the robot holds, empty while it may move
+    hold_code: Text = ""  # the same as a code of forcemesh/faults.py
+    link: LinkHealth = LinkHealth()
+
+
+class SensorWrench(Message):
+    """`sensor/wrench`: load on the sensor about its origin, in sensor axes, weight included."""
+
+    force_N: Vec3 = ZERO3
+    torque_Nm: Vec3 = ZERO3
+    status: Literal["ok", "saturated", "fault"] = "ok"
+    counter: int = 0
+    serial: Text = ""  # number of the sensor, empty while it is not known
+
+
+class WrenchAtTcp(Message):
+    """`wrench`: force and torque of the environment on the tool, base axes, about the TCP.
+
+    Filtered, free of bias and of the tool's weight; what the sensor said is kept beside it.
+    """
+
+    force_N: Vec3 = ZERO3
+    torque_Nm: Vec3 = ZERO3
+    raw_force_N: Vec3 = ZERO3  # as read, sensor axes
+    raw_torque_Nm: Vec3 = ZERO3  # as read, sensor axes, about the sensor origin
+    calibration: Text = ""  # which payload and bias are subtracted: a revision
+    calibrated: bool = False  # whether force feedback may rely on it
+    calibration_fault: Text = ""  # why not
+    axes_checked: bool = False  # `forcemesh check axes` has found axes and signs right with it
+
+
+class Gains(Record):
+    """PI gains about the base axes x, y, z (specification 1.4 f).
+
+    Force: m/N and m/(N s). Torque: rad/(N m) and rad/(N m s).
+    """
+
+    force_p_m_per_N: Gain3 = ZERO3
+    force_i_m_per_Ns: Gain3 = ZERO3
+    torque_p_rad_per_Nm: Gain3 = ZERO3
+    torque_i_rad_per_Nms: Gain3 = ZERO3
+
+
+class Feedback(Record):
+    """Force feedback as the host `controller` shall run it."""
+
+    mode: Mode
+    setpoint_force_N: Vec3 = ZERO3  # force of the environment on the tool, base axes
+    lever_m: Vec3 = ZERO3  # from the TCP to the point that the tool turns about, flange axes
+    gains: Gains
+
+
+class RegulatorTarget(Message):
+    """`regulator/target`: the pose that the regulator proposes, not valid while it is stopped."""
+
+    mode: Mode | None = None
+    host: Host = "pc"
+    law: StartLaw | None = None
+    setpoint_N: float | None = None  # asked for, along the tool's z axis; it is ramped to
+    pose: PoseRecord | None = None  # flange in base
+    feedback: Feedback | None = None
+    contact: Literal["free", "approach", "contact"] = "free"
+    error_force_N: Vec3 = ZERO3
+    error_torque_Nm: Vec3 = ZERO3
+    path_left_m: float | None = None  # of the points that it goes along
+
+
+class Speed(Record):
+    """Speeds and accelerations of goals (specification 1.4 e).
+
+    The real speed is the mechanical one times the modular fraction.
+    """
+
+    accel_fraction: float = Field(1.0, gt=0.0, le=1.0)
+    decel_fraction: float = Field(1.0, gt=0.0, le=1.0)
+    modular_fraction: float = Field(1.0, gt=0.0, le=1.0)
+    mechanical_m_s: float = Field(0.05, gt=0.0, le=5.0)
+
+
+class Goal(Record):
+    """A move as the user means it: one packet, commands 1 to 3 of the specification."""
+
+    id: int
+    kind: Literal["pose", "joints", "by"]
+    pose: PoseRecord | None = None  # flange in base, for kind "pose"
+    joint_rad: Vec6 | None = None  # for kinds "joints" (absolute) and "by" (relative)
+
+
+class Permission(Record):
+    """Leave to move, and for how long: without it the robot does nothing and holds."""
+
+    host: Host
+    lease: int  # a new one each time that a person arms
+    deadline_s: float
+    turn: int = 0  # a new one each time that somebody's command ends; at most one owner each
+    purpose: Purpose = (
+        "all"  # of the lease; back_off: other limits hold (common/motion/back_off.py)
+    )
+
+
+class RobotCommand(Message):
+    """`robot/command`: what the arbiter lets through. A hold carries no permission."""
+
+    kind: Literal["hold", "idle", "goal", "setpoint", "feedback"] = "hold"
+    commander: Commander = "none"
+    permission: Permission | None = None
+    speed: Speed = Speed()
+    goal: Goal | None = None
+    pose: PoseRecord | None = None  # flange in base, for kind "setpoint"
+    limited: bool = False  # a limit was in the way: the regulator is to go on from this pose
+    feedback: Feedback | None = None
+
+
+class Trip(Record):
+    """A rule that stopped the arm: its code, what was found, and the number that broke it."""
+
+    code: Text
+    rule: int
+    text: Text
+    value: float | None = None
+    limit: float | None = None
+
+
+ArbiterState = Literal[
+    "BOOT", "IDLE", "ARMED", "SETTLING", "ACTIVE", "STOPPING", "HOLDING", "FAULT"
+]
+GOES_ON: tuple[ArbiterState, ...] = ("ARMED", "SETTLING", "ACTIVE")
+MAY_MOVE: tuple[ArbiterState, ...] = (*GOES_ON, "STOPPING")
+
+
+class ArbiterStatus(Message):
+    """`arbiter/status`: who may move the arm, and if nobody, why, and what clears it."""
+
+    state: ArbiterState = "BOOT"
+    commander: Commander = "none"
+    next_commander: Commander = "none"  # who begins when the arm is at rest
+    goal_id: int = 0  # the move in hand or the one that waits; 0 for none
+    lease: int = 0
+    turn: int = 0  # of who commands under this lease
+    armed_for: Purpose = "all"
+    trips: tuple[Trip, ...] = ()
+    not_ready: tuple[Text, ...] = ()  # what arming would be refused for
+    clears: Text = ""
+
+    @property
+    def may_move(self) -> bool:
+        """Whether the arm may still move, if only to come to rest."""
+        return self.state in MAY_MOVE
+
+    @property
+    def goes_on(self) -> bool:
+        """Whether it may move and nothing has stopped it."""
+        return self.state in GOES_ON
+
+
+class RecorderStatus(Message):
+    """`recorder/status`: what is written, and what is kept in memory; not valid when it cannot."""
+
+    recording: bool = False
+    cause: Text = ""  # "asked", or the code of the fault for which memory is written out
+    file: Text = ""  # in which it writes, or wrote last
+    file_bytes: int = 0
+    messages: int = 0  # in this recording, all of its files together
+    lost: int = 0  # of them, by the gaps in their numbers
+    recorded_s: float = 0.0
+    memory_s: float = 0.0  # so far back memory reaches
+    memory_bytes: int = 0
+    free_bytes: int = 0  # on the disk
+
+
+class Health(Message):
+    """`<role>/health`: published by each process from its own loop."""
+
+    pid: int = 0
+    rate_hz: float = 0.0
+    lateness_p99_s: float = 0.0
+    overruns: int = 0  # periods missed by far within the last second
+    longest_gap_s: float = 0.0  # between two steps, within the last second
+    counters: dict[str, int] = {}
+    numbers: dict[str, float] = {}  # measured, units in the names; what is not known is left out
+    version: Text = ""
+    config_hash: Text = ""
+    fault: Text = ""

@@ -1,0 +1,112 @@
+"""Everything that is said on the bus: by whom, to whom, how often, and when it goes stale.
+
+A topic or request that is not in these tables does not exist. `<cell>/` is put before every key.
+Rates are names; the cell file says how many hertz they are. An input is stale after three of its
+periods, but never sooner than the deadline that its class has in the cell file.
+tests/unit/test_topics.py holds the laws; the table in README.md is generated from this file.
+"""
+
+from dataclasses import dataclass
+from typing import Generic, Literal, TypeVar
+
+from forcemesh import messages as m
+from forcemesh import requests as q
+
+M = TypeVar("M", bound=m.Message)
+Q = TypeVar("Q", bound=m.Record)
+
+Rate = Literal["robot", "sensor", "control", "status", "health"]
+Deadline = Literal["command", "sensor", "status", "health"]
+Qos = Literal["stream", "report"]  # stream: real-time priority; both drop when congested
+
+ROLES = ("hub", "robot", "sensor", "wrench", "regulator", "arbiter")
+HELPERS = ("recorder",)  # beside the cell: nothing that moves the arm waits for one
+DESCRIBE = "describe"  # the hub answers a query with all these tables and their JSON Schema
+CLIENT = "client"  # whoever watches: command line, panel, notebook, any Zenoh program
+
+
+@dataclass(frozen=True, slots=True)
+class Topic(Generic[M]):
+    """One row of the bus: exactly one role writes a key."""
+
+    key: str
+    message: type[M]
+    rate: Rate
+    deadline: Deadline
+    writer: str
+    readers: tuple[str, ...]
+    qos: Qos
+    summary: str
+
+
+@dataclass(frozen=True, slots=True)
+class Request(Generic[Q]):
+    """One thing that a client may ask of a role; the answer is always a `Reply`."""
+
+    key: str
+    message: type[Q]
+    server: str
+    summary: str
+    unreadable: Q | None = (
+        None  # taken in place of one that cannot be decoded; else that is refused
+    )
+
+
+UNREADABLE_HOLD = q.HoldRequest(reason="asked to hold, by a request that cannot be decoded")
+
+# fmt: off
+ROBOT_STATE      = Topic("robot/state",      m.RobotState,      "robot",   "command", "robot",     ("wrench", "regulator", "arbiter", CLIENT),         "stream", "flange pose in base, joints, status bits, last accepted command, link health")
+SENSOR_WRENCH    = Topic("sensor/wrench",    m.SensorWrench,    "sensor",  "sensor",  "sensor",    ("wrench", "arbiter", CLIENT),                      "stream", "load on the sensor, sensor axes, status, sample counter")
+WRENCH           = Topic("wrench",           m.WrenchAtTcp,     "control", "sensor",  "wrench",    ("regulator", "arbiter", "robot", CLIENT),          "stream", "force and torque of the environment, base axes, about the TCP; raw beside it")
+REGULATOR_TARGET = Topic("regulator/target", m.RegulatorTarget, "control", "command", "regulator", ("wrench", "arbiter", CLIENT),                      "stream", "proposed flange pose, mode, contact state, reason when not valid")
+ROBOT_COMMAND    = Topic("robot/command",    m.RobotCommand,    "control", "command", "arbiter",   ("robot", "regulator", CLIENT),                     "stream", "goal, setpoint, feedback or hold, with the permission under which the robot acts")
+ARBITER_STATUS   = Topic("arbiter/status",   m.ArbiterStatus,   "status",  "status",  "arbiter",   ("regulator", CLIENT),                              "report", "state, who commands, every tripped limit with its number, what clears it")
+
+HUB_HEALTH       = Topic("hub/health",       m.Health,          "health",  "health",  "hub",       ("arbiter", CLIENT),                                "report", "loop rate, lateness, counters, version, config hash, last fault")
+ROBOT_HEALTH     = Topic("robot/health",     m.Health,          "health",  "health",  "robot",     ("arbiter", CLIENT),                                "report", "the same of the robot's process")
+SENSOR_HEALTH    = Topic("sensor/health",    m.Health,          "health",  "health",  "sensor",    ("arbiter", CLIENT),                                "report", "the same of the sensor's process")
+WRENCH_HEALTH    = Topic("wrench/health",    m.Health,          "health",  "health",  "wrench",    ("arbiter", CLIENT),                                "report", "the same of the wrench service")
+REGULATOR_HEALTH = Topic("regulator/health", m.Health,          "health",  "health",  "regulator", ("arbiter", CLIENT),                                "report", "the same of the regulator")
+ARBITER_HEALTH   = Topic("arbiter/health",   m.Health,          "health",  "health",  "arbiter",   (CLIENT,),                                          "report", "the same of the arbiter")
+
+RECORDER_STATUS  = Topic("recorder/status",  m.RecorderStatus,  "health",  "health",  "recorder",  (CLIENT,),                                          "report", "whether and what is recorded, how much was lost, how far back memory reaches")
+RECORDER_HEALTH  = Topic("recorder/health",  m.Health,          "health",  "health",  "recorder",  (CLIENT,),                                          "report", "the same as of the others of the recorder")
+
+ARM         = Request("request/arm",         q.ArmRequest,         "arbiter",   "let motion begin, after the preflight")
+HOLD        = Request("request/hold",        q.HoldRequest,        "arbiter",   "stop motion and hold; taken from anybody, always, even when it cannot be decoded", UNREADABLE_HOLD)
+BACK_OFF    = Request("request/back_off",    q.BackOffRequest,     "arbiter",   "free an arm above a ceiling or outside the workspace, by a way that the arbiter computes")
+CLEAR       = Request("request/clear",       q.Empty,              "arbiter",   "acknowledge a hold or a fault, back to IDLE")
+MOVE        = Request("request/move",        q.MoveRequest,        "arbiter",   "move to a pose, to joint angles, or by joint angles")
+SPEED       = Request("request/speed",       m.Speed,              "arbiter",   "speeds and accelerations of the moves to come")
+FORCE_START = Request("request/force/start", q.ForceStartRequest,  "regulator", "start force feedback in a mode, host and set point")
+FORCE_STOP  = Request("request/force/stop",  q.Empty,              "regulator", "stop force feedback; the arm stays where it is")
+GAINS       = Request("request/force/gains", q.GainsRequest,       "regulator", "set the regulator's gains")
+FORCE_PATH  = Request("request/force/path",  q.PathRequest,        "regulator", "go along points across the tool's axis while force feedback works along it")
+TARE        = Request("request/tare",        q.Empty,              "wrench",    "take the present reading as zero; refused in motion or contact")
+AXES        = Request("request/axes",        q.AxesRequest,        "wrench",    "take note that `forcemesh check axes` found axes and signs right with the calibration in use")
+CALIBRATE   = Request("request/calibration", q.CalibrationRequest, "wrench",    "use the calibration that `forcemesh calibrate` has found; refused in motion or contact")
+# fmt: on
+RECORD_START = Request(
+    "request/record/start",
+    q.RecordRequest,
+    "recorder",
+    "write every topic into a file, from now on or from as far back as memory reaches",
+)
+RECORD_STOP = Request("request/record/stop", q.Empty, "recorder", "end that file")
+
+HEALTH = {
+    "hub": HUB_HEALTH,
+    "robot": ROBOT_HEALTH,
+    "sensor": SENSOR_HEALTH,
+    "wrench": WRENCH_HEALTH,
+    "regulator": REGULATOR_HEALTH,
+    "arbiter": ARBITER_HEALTH,
+}
+HELPER_HEALTH = {"recorder": RECORDER_HEALTH}
+EVERY_HEALTH = HEALTH | HELPER_HEALTH
+TOPICS: tuple[Topic[m.Message], ...] = tuple(
+    value for value in list(globals().values()) if isinstance(value, Topic)
+)
+REQUESTS: tuple[Request[m.Record], ...] = tuple(
+    value for value in list(globals().values()) if isinstance(value, Request)
+)

@@ -1,0 +1,111 @@
+"""What a calibration has recorded: dwells of single readings, and their file."""
+
+import csv
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from common.motion.frames import Array, quaternion_from_R
+from forcemesh.errors import DataError
+from identification.recording import COLUMNS, Recording, Samples
+
+Purpose = Literal["fit", "verify"]
+DIGITS = 9
+
+
+@dataclass(frozen=True, slots=True)
+class Dwell:
+    """Readings while the arm stood still: shapes (n,), (n, 3), (n, 3, 3), (n, 3), (n, 3).
+
+    Poses are those of the sensor in base, readings in sensor axes. `left_N` and `left_Nm` are what
+    the running cell left of the wrench about the sensor's origin; None where nothing was heard.
+    """
+
+    purpose: Purpose
+    time_s: Array
+    position_m: Array
+    R_base_sensor: Array
+    force_N: Array
+    torque_Nm: Array
+    left_N: Array | None = None
+    left_Nm: Array | None = None
+
+    def __len__(self) -> int:
+        """Return the number of readings."""
+        return len(self.time_s)
+
+    @property
+    def attitude(self) -> Array:
+        """Attitude of the sensor in base: that of the last reading. Shape (3, 3)."""
+        return np.asarray(self.R_base_sensor[-1])
+
+
+def of_purpose(dwells: Iterable[Dwell], purpose: Purpose) -> list[Dwell]:
+    """Return the dwells that a fit, or its verification, is made from."""
+    return [dwell for dwell in dwells if dwell.purpose == purpose]
+
+
+def samples_of(dwells: Sequence[Dwell]) -> Samples:
+    """Return all readings in a row, as a fit takes them."""
+    joined = {
+        name: np.concatenate([getattr(dwell, name) for dwell in dwells])
+        for name in ("R_base_sensor", "force_N", "torque_Nm", "time_s")
+    }
+    return Samples(**joined)
+
+
+def means_of(dwells: Sequence[Dwell]) -> Samples:
+    """Return the mean reading of each dwell."""
+    return Samples(
+        np.array([dwell.attitude for dwell in dwells]),
+        np.array([dwell.force_N.mean(axis=0) for dwell in dwells]),
+        np.array([dwell.torque_Nm.mean(axis=0) for dwell in dwells]),
+        np.array([dwell.time_s.mean() for dwell in dwells]),
+    )
+
+
+def recording_of(dwells: Sequence[Dwell], source: Path) -> Recording:
+    """Return the readings as `read_recording` would return their file."""
+    samples, count = samples_of(dwells), sum(len(dwell) for dwell in dwells)
+    return Recording(
+        source=str(source),
+        line=tuple(range(2, count + 2)),
+        time_s=np.concatenate([dwell.time_s for dwell in dwells]),
+        position_m=np.concatenate([dwell.position_m for dwell in dwells]),
+        R_base_sensor=samples.R_base_sensor,
+        force_N=samples.force_N,
+        torque_Nm=samples.torque_Nm,
+    )
+
+
+def save(dwells: Sequence[Dwell], path: Path) -> None:
+    """Write every reading as `forcemesh payload fit` reads it; those to verify by come last.
+
+    Raises DataError when the file cannot be written.
+    """
+    ordered = [*of_purpose(dwells, "fit"), *of_purpose(dwells, "verify")]
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with path.open("w", encoding="utf-8", newline="") as file:
+            writer = csv.writer(file)
+            writer.writerow([*COLUMNS, "pose", "use"])
+            for number, dwell in enumerate(ordered, start=1):
+                for row in _rows(dwell):
+                    writer.writerow([*(f"{v:.{DIGITS}g}" for v in row), number, dwell.purpose])
+    except OSError as error:
+        raise DataError(f"{path}: cannot be written: {error.strerror}") from error
+
+
+def _rows(dwell: Dwell) -> Iterable[Sequence[float]]:
+    for k in range(len(dwell)):
+        quaternion = quaternion_from_R(dwell.R_base_sensor[k])
+        yield (
+            float(dwell.time_s[k]),
+            *dwell.position_m[k],
+            *quaternion,
+            *dwell.force_N[k],
+            *dwell.torque_Nm[k],
+        )

@@ -1,0 +1,155 @@
+"""Turns the unknowns of a fit into the payload that people know, each with its uncertainty."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from common.config.payload import Drift, Payload, Vector
+from common.motion.frames import Array, vector_from_rotation
+from identification.least_squares import Solution
+from identification.payload_model import USUAL
+
+HARDLY = 0.7  # a share of the usual size: the recording has halved the variance at most
+END = (0.5, 2.0 / 3.0)  # the shapes of the drift at the end of the recording
+
+
+@dataclass(frozen=True, slots=True)
+class Deviations:
+    """Standard deviation of each parameter, named as in Payload; None: it was not fitted."""
+
+    mass_kg: float
+    com_m: Vector
+    bias_force_N: Vector
+    bias_torque_Nm: Vector
+    gravity_tilt_rad: float | None = None
+    mounting_rotation_rad: Vector | None = None
+    force_gain: Vector | None = None
+    torque_gain: Vector | None = None
+    drift_force_N: Vector | None = None
+    drift_torque_Nm: Vector | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """One number of a fit. `amplified`: how many times the others make it less sure than alone.
+
+    `usual` is the standard deviation that was expected before the recording, endless when nothing
+    was.
+    """
+
+    name: str
+    value: float
+    std: float
+    amplified: float
+    usual: float
+
+    @property
+    def told(self) -> bool:
+        """Whether the recording says more than what is usual anyway."""
+        return self.std <= HARDLY * self.usual
+
+
+def payload_of(solution: Solution, time_s: Array | None) -> Payload:
+    """Return the payload, its bias that at the end of the recording."""
+    state = solution.state
+    m, h = float(state.linear[0]), state.linear[1:4]
+    d_F, d_M = np.tensordot(END, state.drift, axes=1)
+    drift = None
+    if solution.model.drift and time_s is not None:
+        (line_F, line_M), (bend_F, bend_M) = state.drift
+        vectors = [vector(v) for v in (line_F, line_M, bend_F, bend_M)]
+        drift = Drift(float(time_s.min()), float(time_s.max()), *vectors)
+    return Payload(
+        mass_kg=m,
+        com_m=vector(h / max(m, 1e-12)),
+        bias_force_N=vector(state.linear[4:7] + d_F),
+        bias_torque_Nm=vector(state.linear[7:10] + d_M),
+        gravity_direction_in_base=vector(state.down_in_base),
+        mounting_rotation_rad=vector(vector_from_rotation(state.R_mount)),
+        force_gain=vector(1.0 + state.gain_error[0]),
+        torque_gain=vector(1.0 + state.gain_error[1]),
+        drift=drift,
+    )
+
+
+def deviations(solution: Solution) -> Deviations:
+    """Return the standard deviations, those of centre of mass and final bias carried over."""
+    model, covariance = solution.model, solution.covariance
+    places = model.places
+    std = np.sqrt(np.diag(covariance))
+    m, h = solution.state.linear[0], solution.state.linear[1:4]
+    to_com = np.hstack([-h[:, None] / m**2, np.eye(3) / m])  # c = h / m
+    to_end = np.zeros((6, model.size))
+    to_end[:, 4:10] = np.eye(6)
+    for order in range(1, model.drift + 1):
+        for rows, of in ((slice(0, 3), "F"), (slice(3, 6), "M")):
+            to_end[rows, places[f"drift{order}_{of}"]] = END[order - 1] * np.eye(3)
+    end = np.sqrt(np.diag(to_end @ covariance @ to_end.T))
+    found: dict[str, Any] = {
+        name: vector(std[places[group]])
+        for name, group in (
+            ("mounting_rotation_rad", "mounting"),
+            ("force_gain", "gain_F"),
+            ("torque_gain", "gain_M"),
+            ("drift_force_N", "drift1_F"),
+            ("drift_torque_Nm", "drift1_M"),
+        )
+        if group in places
+    }
+    if "tilt" in places:
+        found["gravity_tilt_rad"] = float(np.hypot(*std[places["tilt"]]))
+    return Deviations(
+        mass_kg=float(std[0]),
+        com_m=vector(np.sqrt(np.diag(to_com @ covariance[:4, :4] @ to_com.T))),
+        bias_force_N=vector(end[:3]),
+        bias_torque_Nm=vector(end[3:]),
+        **found,
+    )
+
+
+def parameters(payload: Payload, std: Deviations, solution: Solution) -> tuple[Parameter, ...]:
+    """Return every fitted number with its uncertainty, vectors as x, y and z."""
+    places = _places(solution)
+    tilt_rad = np.arccos(min(1.0, abs(payload.gravity_direction_in_base[2])))
+    drift = payload.drift
+    values: dict[str, tuple[Any, str]] = {
+        "mass_kg": (payload.mass_kg, "mass"),
+        "com_m": (payload.com_m, "com"),
+        "bias_force_N": (payload.bias_force_N, "bias_F"),
+        "bias_torque_Nm": (payload.bias_torque_Nm, "bias_M"),
+        "gravity_tilt_rad": (float(tilt_rad), "tilt"),
+        "mounting_rotation_rad": (payload.mounting_rotation_rad, "mounting"),
+        "force_gain": (payload.force_gain, "gain_F"),
+        "torque_gain": (payload.torque_gain, "gain_M"),
+        "drift_force_N": (drift.force_N if drift else None, "drift1_F"),
+        "drift_torque_Nm": (drift.torque_Nm if drift else None, "drift1_M"),
+    }
+    found = []
+    for name, (value, group) in values.items():
+        deviation = getattr(std, name)
+        if deviation is None:
+            continue
+        amplified, usual = solution.amplified[places[group]], USUAL.get(group, np.inf)
+        if isinstance(value, float):
+            found.append(Parameter(name, value, deviation, float(amplified.max()), usual))
+        else:
+            rows = zip("xyz", value, deviation, amplified, strict=True)
+            found += [Parameter(f"{name}.{a}", v, s, float(k), usual) for a, v, s, k in rows]
+    return tuple(found)
+
+
+def _places(solution: Solution) -> dict[str, slice]:
+    linear = {
+        "mass": slice(0, 1),
+        "com": slice(1, 4),
+        "bias_F": slice(4, 7),
+        "bias_M": slice(7, 10),
+    }
+    return {**linear, **solution.model.places}
+
+
+def vector(v: Array) -> Vector:
+    """Return three numbers as a tuple."""
+    x, y, z = (float(entry) for entry in v)
+    return x, y, z

@@ -1,0 +1,108 @@
+"""What a calibration rests on, and what was found: input of its file and of its report page."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from pydantic import ValidationError
+
+from common.config.calibration import CalibrationSection, PayloadSection
+from common.config.cell import Cell
+from common.config.payload import Payload
+from forcemesh.errors import first_mistake
+from identification.dwells import Dwell, means_of, of_purpose, recording_of
+from identification.errors import CalibrationError
+from identification.identify import Identification, identify
+from identification.recording import Recording, Samples, WrenchAxes
+from identification.report import fit_report
+from identification.verification import Bounds, Left, Verdict, judge, left_of
+
+Method = Literal["arm", "manual", "recording"]
+
+
+@dataclass(frozen=True, slots=True)
+class Evidence:
+    """Readings and their fit; `verify` holds the mean readings of poses that it has not seen."""
+
+    method: Method
+    recording: Recording
+    axes: WrenchAxes
+    fit: Identification
+    verify: Samples | None = None
+    serial: str = ""
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Findings:
+    """A calibration with all that is to be said of it."""
+
+    section: CalibrationSection
+    evidence: Evidence
+    report: dict[str, Any]  # identification.report.fit_report
+    fit_left: Left
+    verify_left: Left | None
+    bounds: Bounds
+    verdict: Verdict
+
+
+def evidence_of(
+    method: Method,
+    dwells: Sequence[Dwell],
+    *,
+    source: Path,
+    serial: str = "",
+    notes: tuple[str, ...] = (),
+) -> Evidence:
+    """Fit what was recorded pose by pose. Raises DataError when it cannot carry a fit."""
+    recording = recording_of(of_purpose(dwells, "fit"), source)
+    fit = identify(recording.samples("sensor"))
+    fresh = of_purpose(dwells, "verify")
+    verify = means_of(fresh) if fresh else None
+    return Evidence(method, recording, "sensor", fit, verify, serial, notes)
+
+
+def findings_of(cell: Cell, evidence: Evidence, bounds: Bounds) -> Findings:
+    """Judge a fit by its fresh poses and put the calibration of a cell together.
+
+    Raises CalibrationError when it found what no cell may use.
+    """
+    fit, verify = evidence.fit, evidence.verify
+    fit_left = Left(
+        np.linalg.norm(fit.residual_force_N, axis=1), np.linalg.norm(fit.residual_torque_Nm, axis=1)
+    )
+    verify_left = None if verify is None else left_of(fit.payload, verify)
+    section = CalibrationSection(
+        cell=cell.cell,
+        made_at=datetime.now(UTC).replace(microsecond=0),
+        method=evidence.method,
+        tool=cell.tool.name,
+        T_flange_tcp=cell.tool.T_flange_tcp,
+        T_flange_sensor=cell.sensor.T_flange_sensor,
+        sensor=evidence.serial,
+        fit=fit_left.summary,
+        verified=None if verify_left is None else verify_left.summary,
+        payload=_usable(fit.payload),
+    )
+    return Findings(
+        section=section,
+        evidence=evidence,
+        report=fit_report(evidence.recording, evidence.axes, fit),
+        fit_left=fit_left,
+        verify_left=verify_left,
+        bounds=bounds,
+        verdict=judge(verify_left, bounds),
+    )
+
+
+def _usable(payload: Payload) -> PayloadSection:
+    """Return a fitted payload for a file. Raises CalibrationError when no cell may use it."""
+    try:
+        return PayloadSection.of(payload)
+    except ValidationError as error:
+        raise CalibrationError(
+            f"no calibration is made of that: {first_mistake(error).text}"
+        ) from None

@@ -1,0 +1,115 @@
+"""Where the arm may be while it calibrates: box, walls, tether, floor, joint limits. Pure.
+
+Flange, sensor and TCP are judged. Nothing else is known of the cell, which a person must confirm.
+"""
+
+from dataclasses import dataclass, replace
+from math import degrees
+
+import numpy as np
+import pinocchio as pin
+
+from common.config.cell import Cell
+from common.motion.frames import Array, length, rotation_between
+from common.motion.kinematics import ArmKinematics
+from common.motion.limits import Limits
+
+STEP_M = 0.02  # between two samples of a way no point moves farther
+MARGIN_M = 0.012  # so what lies between two samples is inside as well
+JOINT_MARGIN_RAD = np.radians(3.0)
+TURN_MARGIN_RAD = np.radians(2.0)
+POINTS = ("flange", "sensor", "TCP")
+
+
+@dataclass(frozen=True, slots=True)
+class Fence:
+    """Box and walls of the cell, tied to where the arm begins.
+
+    `points_in_flange_m` has shape (3, 3): origins of flange, sensor and TCP. `floor_m` is the
+    least height of any of them: nobody knows what lies below the tool.
+    """
+
+    arm: ArmKinematics
+    limits: Limits
+    points_in_flange_m: Array
+    T_start: pin.SE3  # flange in base where the arm was armed
+    floor_m: float
+
+    @classmethod
+    def of(cls, cell: Cell, arm: ArmKinematics, q_start: Array) -> "Fence":
+        """Take the limits out of a cell; nothing may go lower than it is at q_start [rad]."""
+        T_flange_sensor, T_flange_tcp = (
+            cell.sensor.T_flange_sensor.pose,
+            cell.tool.T_flange_tcp.pose,
+        )
+        points = np.array([np.zeros(3), T_flange_sensor.translation, T_flange_tcp.translation])
+        T_start = arm.flange_pose(q_start)
+        fence = cls(arm, Limits.of(cell), points, T_start, floor_m=-np.inf)
+        return fence.with_floor(float(fence.points(T_start)[:, 2].min()))
+
+    def with_floor(self, floor_m: float) -> "Fence":
+        """Return the fence with another floor [m]."""
+        return replace(self, floor_m=floor_m)
+
+    def points(self, T_flange: pin.SE3) -> Array:
+        """Return flange, sensor and TCP in base [m] with the flange at a pose. Shape (3, 3)."""
+        return np.asarray(T_flange.translation + self.points_in_flange_m @ T_flange.rotation.T)
+
+    def complaint(self, q: Array, margin_m: float = MARGIN_M) -> str:
+        """Say why the arm must not be at joint angles q [rad]; empty when it may."""
+        low = (self.limits.joint_min_rad + JOINT_MARGIN_RAD).tolist()
+        high = (self.limits.joint_max_rad - JOINT_MARGIN_RAD).tolist()
+        for joint, angle in enumerate(q.tolist()):
+            if not low[joint] <= angle <= high[joint]:
+                return f"joint {joint + 1} would be at {degrees(angle):.0f} degrees, near its limit"
+        T = self.arm.flange_pose(q)
+        return self._complaint_of(self.points(T), margin_m) or self._tether_complaint(T, margin_m)
+
+    def way_complaint(self, q_from: Array, q_to: Array, margin_m: float = MARGIN_M) -> str:
+        """Say why the joints must not go evenly from one to the other; empty when they may."""
+        way = q_to - q_from
+        count = max(1, int(np.ceil(self._farthest_m(way) / STEP_M)))
+        for k in range(count + 1):
+            found = self.complaint(q_from + (k / count) * way, margin_m)
+            if found:
+                return found
+        return ""
+
+    def _farthest_m(self, way: Array) -> float:
+        """Return a length [m] that no point exceeds when the joints turn by `way` [rad]."""
+        tool_m = float(np.linalg.norm(self.points_in_flange_m, axis=1).max())
+        hand_m = float(np.linalg.norm(self.arm.model.jointPlacements[6].translation)) + tool_m
+        lever_m = np.array([self.arm.reach_m + hand_m] * 3 + [hand_m] * 2 + [tool_m])
+        return float(np.abs(way) @ lever_m)
+
+    def _complaint_of(self, points: Array, margin_m: float) -> str:
+        limits, places = self.limits, points.tolist()
+        # In plain numbers, of which nine take half the time of an array: a plan asks 15 000 times.
+        low = (limits.workspace_min_m + margin_m).tolist()
+        high = (limits.workspace_max_m - margin_m).tolist()
+        for point, place in zip(POINTS, places, strict=True):
+            for axis, value_m in enumerate(place):
+                if value_m < low[axis] or value_m > high[axis]:
+                    return (
+                        f"the {point} would be at {'xyz'[axis]} = {1e3 * value_m:.0f} mm, too near"
+                        " to the wall of the box or beyond it"
+                    )
+        for number, plane in enumerate(limits.planes, start=1):
+            inside_m = (points - plane.point_m) @ plane.normal
+            if inside_m.min() < margin_m:
+                return (
+                    f"the {POINTS[int(inside_m.argmin())]} would be behind or near plane {number}"
+                )
+        lowest = min(range(len(places)), key=lambda point: places[point][2])
+        if places[lowest][2] < self.floor_m:
+            return f"the {POINTS[lowest]} would go lower than the tool is now"
+        return ""
+
+    def _tether_complaint(self, T: pin.SE3, margin_m: float) -> str:
+        limits = self.limits
+        if length(T.translation - self.T_start.translation) > limits.tether_m - margin_m:
+            return "the flange would go farther than limits.tether_m from here"
+        turn_rad = length(rotation_between(self.T_start.rotation, T.rotation))
+        if turn_rad > limits.tether_rad - TURN_MARGIN_RAD:
+            return "the flange would turn farther than limits.tether_deg from here"
+        return ""

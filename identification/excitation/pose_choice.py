@@ -1,0 +1,91 @@
+"""Which attitudes teach the most: a D-optimal choice, greedy. Pure.
+
+Each reading in attitude k adds J^T S^-1 J to the information on mass, moment, bias and, with the
+priors of the fit, on tilt, mounting and gain. The next attitude is the one that makes its
+determinant grow most, so the directions of gravity spread over the sphere by themselves.
+"""
+
+import numpy as np
+
+from common.config.payload import Payload
+from common.motion.frames import Array
+from identification.least_squares import plain_conditioning
+from identification.next_pose import LINEAR_SIZES
+from identification.payload_model import LINEAR, USUAL, Model, jacobian, start_state
+from identification.recording import Samples
+from identification.static_poses import angle
+
+FULL = Model(tilt=True, mounting=True, gain=True)
+NOISE_N, NOISE_NM = 0.02, 0.001  # of the mean of a dwell, attitude errors included
+APART_RAD = np.radians(20.0)  # attitudes nearer than this teach hardly anything new
+USUAL_PAYLOAD = Payload(1.0, (0.0, 0.0, 0.05), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+
+
+def best_attitudes(
+    R_base_sensor: Array, payload: Payload, count: int, taken: tuple[int, ...] = ()
+) -> list[int]:
+    """Return which attitudes to add to those taken, the most telling one first.
+
+    Fewer than `count` come back when the others are within 20 degrees of one taken.
+
+    Args:
+        R_base_sensor: Attitudes to choose from. Shape (n, 3, 3).
+        payload: What hangs below the sensor, roughly.
+        count: How many to add.
+        taken: Numbers of those that are taken already.
+    """
+    J = _scaled_jacobians(R_base_sensor, payload)
+    information = _prior(payload)
+    far = np.ones(len(J), dtype=bool)
+    for place in taken:
+        information = information + J[place].T @ J[place]
+        far &= angle(R_base_sensor[place], R_base_sensor) > APART_RAD
+    chosen: list[int] = []
+    while len(chosen) < count and far.any():
+        covariance = np.linalg.inv(information)
+        gain = np.linalg.slogdet(np.eye(6) + J @ covariance @ J.swapaxes(1, 2))[1]
+        best = int(np.argmax(np.where(far, gain, -np.inf)))
+        chosen.append(best)
+        information = information + J[best].T @ J[best]
+        far &= angle(R_base_sensor[best], R_base_sensor) > APART_RAD
+    return chosen
+
+
+def fresh_attitudes(R_base_sensor: Array, count: int, taken: tuple[int, ...]) -> list[int]:
+    """Return attitudes as far as can be from those taken and from each other."""
+    chosen: list[int] = []
+    nearest = np.full(len(R_base_sensor), np.inf)
+    for place in taken:
+        nearest = np.minimum(nearest, angle(R_base_sensor[place], R_base_sensor))
+    while len(chosen) < count and nearest.max(initial=0.0) > APART_RAD / 2.0:
+        best = int(np.argmax(nearest))
+        chosen.append(best)
+        nearest = np.minimum(nearest, angle(R_base_sensor[best], R_base_sensor))
+    return chosen
+
+
+def conditioning(R_base_sensor: Array) -> float:
+    """Return the condition number that the plain fit of these attitudes has. Shape (n, 3, 3)."""
+    zeros = np.zeros((len(R_base_sensor), 3))
+    return plain_conditioning(Samples(R_base_sensor, zeros, zeros), np.ones(len(zeros)))
+
+
+def _scaled_jacobians(R_base_sensor: Array, payload: Payload) -> Array:
+    """Return the derivatives of each reading, in units of its noise. Shape (n, 6, unknowns)."""
+    state = start_state()
+    state.linear[0] = payload.mass_kg
+    state.linear[1:4] = payload.mass_kg * np.array(payload.com_m)
+    zeros = np.zeros((len(R_base_sensor), 3))
+    J = jacobian(state, Samples(R_base_sensor, zeros, zeros), FULL)
+    J = J / np.array([NOISE_N, NOISE_NM])[:, None, None, None]
+    return np.asarray(J.transpose(1, 0, 2, 3).reshape(len(R_base_sensor), 6, FULL.size))
+
+
+def _prior(payload: Payload) -> Array:
+    """Return the information before the first reading: what is usual is known, roughly."""
+    mass, com, bias_F, bias_M = (100.0 * size for size in LINEAR_SIZES)
+    sizes = np.empty(FULL.size)
+    sizes[:LINEAR] = [mass, *[com * payload.mass_kg] * 3, *[bias_F] * 3, *[bias_M] * 3]
+    for name, place in FULL.places.items():
+        sizes[place] = USUAL[name]
+    return np.diag(1.0 / sizes**2)

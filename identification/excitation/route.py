@@ -1,0 +1,101 @@
+"""The ways of a calibration: from pose to pose, by the hub where the direct way is closed. Pure."""
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from common.motion.frames import Array
+from common.motion.paths import JointPath
+from identification.excitation.boundaries import Fence
+
+AT_REACHED_RAD = np.radians(0.3)
+ROUNDS = 20
+
+
+@dataclass(frozen=True, slots=True)
+class Route:
+    """What may be gone through, and where it begins and ends.
+
+    Between the poses `fence` holds; on the way from the start to the hub, and back, `near_start`.
+    """
+
+    fence: Fence
+    near_start: Fence
+    q_start: Array
+    hub: Array
+
+    @property
+    def lift_m(self) -> float:
+        """Height of the hub above the start [m]; between them the tool does not turn."""
+        arm = self.fence.arm
+        hub, start = arm.flange_pose(self.hub), arm.flange_pose(self.q_start)
+        return float(hub.translation[2] - start.translation[2])
+
+    def way(self, q_from: Array, q_to: Array) -> list[Array]:
+        """Return the joint goals [rad] that lead to a pose, the last one the pose itself."""
+        if not self.fence.way_complaint(q_from, q_to):
+            return [q_to]
+        return [self.hub, q_to]
+
+    def way_out(self, q_from: Array) -> list[Array]:
+        """Return the joint goals that lead from the start to the hub."""
+        return [] if _are_same(q_from, self.hub) else [self.hub]
+
+    def way_home(self, q_from: Array) -> list[Array]:
+        """Return the joint goals that lead back to where the arm began."""
+        if _are_same(q_from, self.q_start):
+            return []
+        return [*self.way_out(q_from), self.q_start]
+
+    def length_m(self, q_from: Array, q_to: Array) -> float:
+        """Return how far the fastest part of the arm goes from one pose to another [m]."""
+        stops = [q_from, *self.way(q_from, q_to)]
+        pairs = pairwise(stops)
+        return sum(JointPath(self.fence.arm, a, b).extent_m for a, b in pairs)
+
+
+def shortest_order(route: Route, q: Array, places: list[int], q_from: Array) -> list[int]:
+    """Return the places in an order of short ways: nearest neighbour, then turning parts around.
+
+    Args:
+        route: Gives the ways.
+        q: Joint angles [rad]. Shape (n, 6).
+        places: Which of them to visit.
+        q_from: Where the visit begins [rad]. Shape (6,).
+    """
+    stops = [q_from, *(q[place] for place in places)]
+    n = len(stops)
+    far = np.zeros((n, n))
+    for i in range(n):
+        for j in range(i):
+            far[i, j] = far[j, i] = route.length_m(stops[i], stops[j])
+    order, left = [0], list(range(1, n))
+    while left:
+        nearest = min(left, key=lambda k: (far[order[-1], k], k))
+        order.append(nearest)
+        left.remove(nearest)
+    for _ in range(ROUNDS):
+        shorter = _turned_around(order, far)
+        if shorter == order:
+            break
+        order = shorter
+    return [places[k - 1] for k in order[1:]]
+
+
+def _turned_around(order: list[int], far: Array) -> list[int]:
+    """Return an order with one stretch gone backwards where that is shorter, else the same."""
+    for i in range(1, len(order) - 1):
+        for j in range(i + 1, len(order)):
+            turned = order[:i] + order[i : j + 1][::-1] + order[j + 1 :]
+            if _length(turned, far) < _length(order, far) - 1e-9:
+                return turned
+    return order
+
+
+def _length(order: list[int], far: Array) -> float:
+    return float(far[order[:-1], order[1:]].sum())
+
+
+def _are_same(q: Array, other: Array) -> bool:
+    return bool(np.abs(q - other).max() <= AT_REACHED_RAD)

@@ -1,0 +1,78 @@
+"""Whether the arm, and what the sensor reads, have come to rest. Pure: fed sample by sample."""
+
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+
+from common.motion.frames import Array
+from identification.static_poses import angle
+
+WINDOW_S = 0.4
+LEAST_SAMPLES = 16
+STILL_M, STILL_RAD = 1e-4, np.radians(0.05)
+# The two halves of the window may differ by so much, or by this many deviations of their means.
+STEADY_N, STEADY_NM = 0.05, 0.003
+DEVIATIONS = 5.0
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """One reading of the sensor and where the sensor was: base axes for the pose, sensor axes."""
+
+    at_ns: int
+    position_m: Array  # of the sensor in base
+    R_base_sensor: Array
+    reading: Array  # force [N] and torque [N m]. Shape (6,).
+
+
+class Stillness:
+    """The samples of the last moment, and what still changes in them."""
+
+    def __init__(self, window_s: float = WINDOW_S) -> None:
+        """Begin with nothing seen."""
+        self._window_ns = round(1e9 * window_s)
+        self._samples: deque[Sample] = deque()
+
+    def see(self, sample: Sample) -> None:
+        """Take a newer sample."""
+        self._samples.append(sample)
+        while len(self._samples) > 2 and sample.at_ns - self._samples[1].at_ns >= self._window_ns:
+            self._samples.popleft()
+
+    @property
+    def newest(self) -> Sample | None:
+        """The last sample, None after a gap."""
+        return self._samples[-1] if self._samples else None
+
+    def forget(self) -> None:
+        """Begin anew: after a gap, a fault, a motion."""
+        self._samples.clear()
+
+    def complaint(self) -> str:
+        """Say what is waited for; empty when all is still."""
+        samples = self._samples
+        if len(samples) < LEAST_SAMPLES or self._lasts_ns() < self._window_ns:
+            return "readings"
+        places = np.array([sample.position_m for sample in samples])
+        moved_m = float(np.linalg.norm(places - places[-1], axis=1).max())
+        R = np.array([sample.R_base_sensor for sample in samples])
+        turned_rad = float(angle(R[-1], R).max())
+        if moved_m > STILL_M or turned_rad > STILL_RAD:
+            return f"the arm to rest ({1e3 * moved_m:.2f} mm, {np.degrees(turned_rad):.2f} degrees)"
+        return self._unsteady()
+
+    def _lasts_ns(self) -> int:
+        return self._samples[-1].at_ns - self._samples[0].at_ns
+
+    def _unsteady(self) -> str:
+        readings = np.array([sample.reading for sample in self._samples])
+        first, second = np.array_split(readings, 2)
+        change = np.abs(second.mean(axis=0) - first.mean(axis=0))
+        spread = np.sqrt(first.var(axis=0) / len(first) + second.var(axis=0) / len(second))
+        allowed = np.maximum([STEADY_N] * 3 + [STEADY_NM] * 3, DEVIATIONS * spread)
+        if (change <= allowed).all():
+            return ""
+        if (change[:3] > allowed[:3]).any():
+            return f"a steady force (it changed by {change[:3].max():.2f} N)"
+        return f"a steady torque (it changed by {change[3:].max():.3f} N m)"

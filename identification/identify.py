@@ -1,0 +1,234 @@
+"""Finds payload and sensor bias from a recording, and says how far to trust them."""
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from common.config.payload import Payload, residual
+from common.motion.frames import Array
+from forcemesh.errors import DataError
+from identification.estimates import (
+    HARDLY,
+    Deviations,
+    Parameter,
+    deviations,
+    parameters,
+    payload_of,
+)
+from identification.least_squares import FORCE_FLOOR_N, TORQUE_FLOOR_NM
+from identification.model_selection import Candidate, choose
+from identification.next_pose import NextPose, next_pose
+from identification.payload_model import NAMES, USUAL
+from identification.recording import Recording, Samples, WrenchAxes
+from identification.screening import Rejected, screen
+from identification.static_poses import check_poses
+
+BOTH_AXES: tuple[WrenchAxes, WrenchAxes] = ("sensor", "base")
+CLEARLY = 2.0  # one reading of the axes must leave residuals this much smaller than the other
+POOR_CONDITIONING = 10.0
+LEAST_MASS_KG = 1e-4
+# Standard deviations beyond which a parameter is called unsure: what a person would notice.
+UNSURE = {"mass_kg": 0.1, "com_m": 0.01, "bias_force_N": 1.0, "bias_torque_Nm": 0.1}
+
+
+@dataclass(frozen=True, slots=True)
+class Identification:
+    """A fitted payload with the evidence. Residuals are per pose, shape (n, 3), sensor axes.
+
+    `untold` names what the recording could not tell; `rejected` the rows that were left out.
+    """
+
+    payload: Payload
+    std: Deviations
+    parameters: tuple[Parameter, ...]
+    chosen: Candidate
+    candidates: tuple[Candidate, ...]
+    rejected: tuple[Rejected, ...]
+    first_row: npt.NDArray[np.intp]
+    residual_force_N: Array
+    residual_torque_Nm: Array
+    unsure: tuple[str, ...]
+    untold: tuple[str, ...]
+    next_pose: NextPose
+    warnings: tuple[str, ...]
+
+
+class AxesFit(NamedTuple):
+    """A fit, the axes in which it took the recorded wrench, and why when it chose them itself."""
+
+    axes: WrenchAxes
+    identification: Identification
+    reason: str
+
+
+def identify(samples: Samples) -> Identification:
+    """Fit payload and bias; the model grows beyond them only where the data ask for it.
+
+    Raises DataError when the poses are too few or too alike, or when they show no weight.
+
+    Args:
+        samples: Static readings in many attitudes, free of contact, in sensor axes.
+    """
+    poses, rejected = screen(samples)
+    try:
+        check_poses(poses)
+    except DataError as error:
+        left_out = "".join(f"; {len(r.rows)} rows left out: {r.reason}" for r in rejected)
+        raise DataError(f"{error}{left_out}") from error
+    candidates = choose(poses)
+    chosen = next(candidate for candidate in candidates if candidate.chosen)
+    payload = payload_of(chosen.solution, poses.means.time_s)
+    std = deviations(chosen.solution)
+    found = parameters(payload, std, chosen.solution)
+    if payload.mass_kg < max(3.0 * std.mass_kg, LEAST_MASS_KG):
+        raise DataError(
+            f"the recording shows no weight: mass {payload.mass_kg:.4f} kg, "
+            f"standard deviation {std.mass_kg:.4f} kg; check that the wrench columns are live"
+        )
+    force, torque = residual(
+        payload,
+        poses.means.R_base_sensor,
+        force_N=poses.means.force_N,
+        torque_Nm=poses.means.torque_Nm,
+        time_s=poses.means.time_s,
+    )
+    return Identification(
+        payload=payload,
+        std=std,
+        parameters=found,
+        rejected=rejected,
+        chosen=chosen,
+        candidates=candidates,
+        first_row=poses.first_row,
+        residual_force_N=force,
+        residual_torque_Nm=torque,
+        unsure=_unsure(std),
+        untold=_untold(found, candidates),
+        next_pose=next_pose(chosen.solution),
+        warnings=_warnings(payload, candidates[0]),
+    )
+
+
+def identify_recording(recording: Recording, wrench_axes: WrenchAxes | None) -> AxesFit:
+    """Fit a recording whose wrench is in the given axes; with None, in those that explain it.
+
+    Raises DataError when the recording cannot be fitted, or when both axes explain it alike.
+    """
+    fits: dict[WrenchAxes, Identification] = {}
+    problems: dict[WrenchAxes, DataError] = {}
+    for axes in BOTH_AXES:
+        try:
+            fits[axes] = identify(recording.samples(axes))
+        except DataError as error:
+            problems[axes] = error
+    if wrench_axes is not None:
+        if wrench_axes in problems:
+            raise DataError(f"{recording.source}: {problems[wrench_axes]}")
+        return AxesFit(wrench_axes, _compared(fits, wrench_axes), "")
+    if not fits:
+        raise DataError(f"{recording.source}: {problems['sensor']}")
+    found = ", ".join(f"{_rms_text(fit)} in {axes} axes" for axes, fit in fits.items())
+    best = min(fits, key=lambda axes: fits[axes].chosen.score)
+    if len(fits) == 2 and _times_better(fits["sensor"], fits["base"]) < CLEARLY:
+        raise DataError(
+            f"{recording.source}: the axes of the wrench cannot be told (rms residual {found}); "
+            "say --wrench-axes sensor or base"
+        )
+    return AxesFit(best, fits[best], f"wrench taken to be in {best} axes: rms residual {found}")
+
+
+def axes_of(recording: Recording, payload: Payload) -> tuple[WrenchAxes, str]:
+    """Return the axes in which a payload explains a recording, and why it is these.
+
+    Where the payload does not tell (another payload, another bias), the recording itself may.
+    Raises DataError when neither is clear.
+    """
+    sizes = {axes: _unexplained(recording.samples(axes), payload) for axes in BOTH_AXES}
+    force, torque = (sizes["sensor"][i] / sizes["base"][i] for i in range(2))
+    times = float(np.sqrt(force * torque))
+    if max(times, 1.0 / times) > CLEARLY:
+        best: WrenchAxes = "base" if times > 1.0 else "sensor"
+        found = ", ".join(f"{sizes[axes][0]:.3g} N in {axes} axes" for axes in BOTH_AXES)
+        return best, f"wrench taken to be in {best} axes: rms residual {found}"
+    try:
+        fit = identify_recording(recording, None)
+    except DataError as error:
+        raise DataError(
+            f"{recording.source}: the axes of the wrench cannot be told from this payload; "
+            "say --wrench-axes sensor or base"
+        ) from error
+    return fit.axes, f"{fit.reason} when fitted by itself"
+
+
+def _unexplained(samples: Samples, payload: Payload) -> tuple[float, float]:
+    force, torque = residual(
+        payload, samples.R_base_sensor, force_N=samples.force_N, torque_Nm=samples.torque_Nm
+    )
+    root = np.sqrt(len(samples))
+    force_rms, torque_rms = np.linalg.norm(force) / root, np.linalg.norm(torque) / root
+    return max(float(force_rms), FORCE_FLOOR_N), max(float(torque_rms), TORQUE_FLOOR_NM)
+
+
+def _compared(fits: dict[WrenchAxes, Identification], taken: WrenchAxes) -> Identification:
+    """Return the fit in the axes taken, with a warning when the other ones are far better."""
+    fit = fits[taken]
+    for other, rival in fits.items():
+        if rival.chosen.score < fit.chosen.score and _times_better(fit, rival) >= CLEARLY:
+            warning = (
+                f"rms residual {_rms_text(fit)} in {taken} axes, but only {_rms_text(rival)} "
+                f"in {other} axes: use --wrench-axes {other}"
+            )
+            return replace(fit, warnings=(warning, *fit.warnings))
+    return fit
+
+
+def _times_better(a: Identification, b: Identification) -> float:
+    """Return how many times larger the residuals of the worse fit are (geometric mean)."""
+    small, large = sorted((a.chosen.score, b.chosen.score))
+    return float(np.sqrt(large / small))
+
+
+def _rms_text(fit: Identification) -> str:
+    return f"{fit.chosen.rms_force_N:.3g} N, {fit.chosen.rms_torque_Nm:.3g} N m"
+
+
+def _unsure(std: Deviations) -> tuple[str, ...]:
+    return tuple(
+        f"{name} (standard deviation {np.max(getattr(std, name)):.3g})"
+        for name, limit in UNSURE.items()
+        if np.max(getattr(std, name)) > limit
+    )
+
+
+def _untold(found: tuple[Parameter, ...], candidates: tuple[Candidate, ...]) -> tuple[str, ...]:
+    """Return what stays as unsure as it was: numbers of the model used, and errors not in it."""
+    lines = [
+        f"{p.name}: {p.std:.2g}, and {p.usual:.2g} without the recording"
+        for p in found
+        if not p.told
+    ]
+    richest = max(candidates, key=lambda c: c.model.groups).solution
+    chosen = next(c for c in candidates if c.chosen).model.places
+    std = np.sqrt(np.diag(richest.covariance))
+    for name, place in richest.model.places.items():
+        if name not in chosen and np.min(std[place]) > HARDLY * USUAL[name]:
+            lines.append(f"{NAMES[name]}: nothing, with all errors fitted at once")
+    return tuple(lines)
+
+
+def _warnings(payload: Payload, plain: Candidate) -> tuple[str, ...]:
+    warnings = []
+    if payload.gravity_direction_in_base[2] > 0.0:
+        warnings.append(
+            "gravity points up in base: either the arm hangs from the ceiling, or this sensor "
+            "reports the tool's reaction. Push the tool by hand: unless the force reads along "
+            "the push, turn the sign of all six readings before closing a force loop on them"
+        )
+    if plain.solution.conditioning > POOR_CONDITIONING:
+        warnings.append(
+            f"condition number {plain.solution.conditioning:.1f} (fair: 10): the poses differ "
+            "little, the parameters are less sure than the residuals"
+        )
+    return tuple(warnings)

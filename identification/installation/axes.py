@@ -1,0 +1,192 @@
+"""What the wirings found of force and torque mean for the installation. Pure."""
+
+import math
+
+import numpy as np
+
+from common.motion.frames import Array, Oat, R_from_oat
+from identification.installation.axis_fit import (
+    ForceFit,
+    TorqueFit,
+    TorqueFits,
+    nearest_wiring,
+    turn_angle,
+)
+from identification.installation.payload import COM_M
+from identification.installation.terms import Belief, Finding
+from identification.installation.texts import (
+    driver_mend,
+    oat_words,
+    turn_words,
+    was_radians,
+    wrong_channels,
+)
+
+LEVER_LEAST_M, TOOL_LEAST_M = 0.005, 0.03
+SIDE_COSINE = 0.3
+EYE = np.eye(3)
+PUSH = "`forcemesh check axes --push` shows it"
+
+
+def same(A: Array, B: Array) -> bool:
+    """Tell whether two wirings are the same."""
+    return bool(np.array_equal(A, B))
+
+
+def side(com_m: Array, belief: Belief) -> int:
+    """Return 1 when a centre of mass is where the tool is, -1 when opposite, 0 when unknown.
+
+    Where the payload was and where the tip is both count; either may be that of another tool, so
+    one that agrees is enough.
+    """
+    sides = {0}
+    for known, least_m in ((belief.com_m, LEVER_LEAST_M), (belief.p_sensor_tcp_m, TOOL_LEAST_M)):
+        if known is None or np.linalg.norm(known) < least_m:
+            continue
+        lengths = float(np.linalg.norm(known) * np.linalg.norm(com_m))
+        cosine = float(com_m @ known) / max(lengths, 1e-12)
+        if abs(cosine) > SIDE_COSINE and np.linalg.norm(com_m) > LEVER_LEAST_M:
+            sides.add(1 if cosine > 0.0 else -1)
+    return 1 if 1 in sides else min(sides)
+
+
+def plausible(torque: TorqueFits, belief: Belief) -> list[TorqueFit]:
+    """Return the readings of the torque whose centre of mass is not on the wrong side."""
+    return [fit for fit in torque.fits if side(fit.com_m, belief) >= 0]
+
+
+def axis_findings(force: ForceFit, torque: TorqueFits, belief: Belief) -> list[Finding]:
+    """Return what is wrong with axes and signs, given that the force is explained and told."""
+    fits = plausible(torque, belief) or list(torque.fits)
+    strange = [] if torque.explained else [_no_moment(torque)]
+    if same(force.wiring, EYE) and not force.turned:
+        return strange or _of_torque(torque, belief)
+    # A moment that shows nothing goes along with whatever the force says.
+    if torque.shown and not any(same(fit.wiring, force.wiring) for fit in fits):
+        return [_apart(force, fits, belief)]
+    if np.linalg.det(force.wiring) < 0.0:
+        return [_mirrored(force), *strange]
+    own = any(same(fit.wiring, EYE) for fit in fits) and not same(force.wiring, EYE)
+    # A turn of a few degrees beside a wiring is play, and the calibration finds it.
+    Q = force.wiring @ force.turn if force.turned else force.wiring
+    return [turned_finding(Q, belief, shown=torque.shown and not own), *strange]
+
+
+def _no_moment(torque: TorqueFits) -> Finding:
+    text = (
+        f"the moments ({torque.spread_Nm:.3g} N m in the mean) are none that a weight has in any "
+        f"wiring, {torque.fits[0].rms_Nm:.2g} N m are left"
+    )
+    mend = "look for a channel that is dead, a cable that pulls, or a wrong calibration matrix"
+    return Finding("torque_axes", text, mend)
+
+
+def _of_torque(torque: TorqueFits, belief: Belief) -> list[Finding]:
+    """Forces are right: are the torques?"""
+    fits = plausible(torque, belief)
+    if not torque.shown or any(same(fit.wiring, EYE) for fit in fits):
+        return []
+    if any(same(fit.wiring, EYE) for fit in torque.fits):
+        best = next(fit for fit in torque.fits if same(fit.wiring, -EYE))
+        text = (
+            "the forces are right, the torques are all reversed: as they are, the centre of mass "
+            f"would be {1e3 * np.linalg.norm(best.com_m):.0f} mm on the other side of the sensor"
+        )
+    else:
+        best = _most_likely(fits or list(torque.fits), belief)
+        text = f"the forces are right, but of the torques {wrong_channels(best.wiring, 'M')}"
+    return [Finding("torque_axes", text, driver_mend(best.wiring, "M"))]
+
+
+def _most_likely(fits: list[TorqueFit], belief: Belief) -> TorqueFit:
+    """Return the fit with the believed centre of mass, else that with the fewest mistakes."""
+
+    def likelihood(fit: TorqueFit) -> tuple[bool, float, float]:
+        known = belief.com_m
+        agrees = known is not None and float(np.linalg.norm(fit.com_m - known)) <= COM_M
+        return agrees, float(np.trace(fit.wiring)), -fit.rms_Nm
+
+    return max(fits, key=likelihood)
+
+
+def _apart(force: ForceFit, fits: list[TorqueFit], belief: Belief) -> Finding:
+    """Forces are wrong, and the torques are not wrong alike: that is wired, not mounted."""
+    torque = _most_likely(fits, belief).wiring
+    of = "of the torques " + wrong_channels(torque, "M")
+    torques = "the torques are right" if same(torque, EYE) else of
+    if same(force.wiring, EYE):
+        text = f"the forces are turned by {turn_words(force.turn.T)}, but {torques}"
+        mend = "look for the axes that the driver turns forces into, and not torques"
+        return Finding("force_axes", f"{text}: no mounting does that", mend)
+    text = f"of the forces {wrong_channels(force.wiring, 'F')}, but {torques}"
+    mends = [driver_mend(force.wiring, "F")]
+    mends += [] if same(torque, EYE) else [driver_mend(torque, "M")]
+    return Finding("force_axes", f"{text}: no mounting does that", "; ".join(mends))
+
+
+def _mirrored(force: ForceFit) -> Finding:
+    """Handedness cannot be mounted; but an arm that hangs reads the same."""
+    hung = -force.wiring
+    mend = driver_mend(force.wiring, "FM")
+    if same(hung, EYE):
+        text = (
+            "all six readings are reversed: the sensor reports the tool's reaction, not the load "
+            "on it, or the arm hangs from the ceiling"
+        )
+        mend = (
+            f"push the tool by hand ({PUSH}): if the force reads against the push, turn all six "
+            "signs in the driver; if along it, write payload.gravity_direction_in_base: [0, 0, 1]"
+        )
+        return Finding("reaction", text, mend)
+    text = f"the axes are mirrored: {wrong_channels(force.wiring, 'F')}, and the torques alike"
+    mend += (
+        "; only if the arm hangs from the ceiling: payload.gravity_direction_in_base: [0, 0, 1], "
+        f"and a sensor turned by {turn_words(hung.T)}"
+    )
+    return Finding("force_axes", f"{text}: no mounting does that", mend)
+
+
+def turned_finding(Q: Array, belief: Belief, *, shown: bool) -> Finding:
+    """Return what to say of a sensor that is mounted another way than the cell file says.
+
+    Args:
+        Q: Rotation that all channels show: reading = Q times what it should be. Shape (3, 3).
+        belief: What the cell file says.
+        shown: Whether the torques are known to be turned alike.
+    """
+    channels = wrong_channels(nearest_wiring(Q), "F")
+    believed = "the recorded attitudes say" if belief.oat_deg is None else "the cell file says"
+    text = f"the sensor is turned by {turn_words(Q.T)} from what {believed}"
+    if channels:
+        text += f" ({channels}{', and the torques alike' if shown else ''})"
+    if belief.R_flange_sensor is None:
+        return Finding("mounting", text, "turn the recorded attitudes of the sensor by it")
+    R = belief.R_flange_sensor @ Q.T
+    if belief.oat_deg is not None and was_radians(belief.oat_deg, R):
+        text += f": oat_deg {list(belief.oat_deg)} is in radians, it must be in degrees"
+        R = R_from_oat(Oat(*belief.oat_deg))
+    mend = f"write {oat_words(R)}"
+    if not shown:
+        mend += f", if the torques are turned alike, which this tool's moment does not show; {PUSH}"
+    return Finding("mounting", text, mend)
+
+
+def unseen(torque: TorqueFits, belief: Belief) -> list[str]:
+    """Return what the tool's moment could not show."""
+    if not torque.shown:
+        return [f"the torques, for the tool's moment is only {torque.spread_Nm:.2g} N m: {PUSH}"]
+    wirings = [fit.wiring for fit in plausible(torque, belief)]
+    if any(same(wiring, -EYE) for wiring in wirings):
+        return [f"whether the torques are all reversed: {PUSH}"]
+    rows = [f"M{'xyz'[row]}" for row in range(3) if any(W[row] @ EYE[row] < 1.0 for W in wirings)]
+    if not rows:
+        return []
+    return [f"the sign of {' and '.join(rows)}, which this tool's moment hardly turns: {PUSH}"]
+
+
+def mounting_remarks(force: ForceFit) -> list[str]:
+    """Return a word on a sensor that is a few degrees off."""
+    degrees = math.degrees(turn_angle(force.turn))
+    if degrees < 3.0:
+        return []
+    return [f"why the sensor is {degrees:.1f} degrees off: `forcemesh calibrate` corrects that"]

@@ -1,0 +1,252 @@
+"""Which of the 48 signed axes the channels of a sensor show, by weight and moment alone. Pure.
+
+    F = m P D g_s + b_F        M = B D (c x m g_s) + b_M        g_s = R_base_sensor^T g
+
+P and B are signed permutations (rows: channels, columns: axes), D a rotation that both share: the
+part of a mounting that is not a multiple of 90 degrees. Both problems are solved in closed form
+(Kabsch 1976 for the force; for each B the moment is linear in c), so nothing can fail to converge.
+"""
+
+from dataclasses import dataclass
+from itertools import permutations, product
+
+import numpy as np
+
+from common.motion.frames import GRAVITY_M_S2, Array, skew
+from identification.payload_model import shapes
+from identification.static_poses import Poses
+
+# Model errors that must not pass for another wiring: gain, tilt, mounting, drift (docs/payload.md).
+MISFIT_SHARE = 0.10  # of the weight, rms; what is larger is not explained
+MISFIT_N, MISFIT_MOST_SHARE = 0.5, 0.3  # a light tool drowns in drift sooner
+CLEAR_TIMES, CLEAR_SHARE = 3.0, 0.05  # by so much a rival must be worse: of the rms, of the weight
+MOMENT_SHARE, MOMENT_NM = 0.06, 0.003  # the same for moments
+MOMENT_MISFIT_SHARE, MOMENT_MISFIT_NM = 0.25, 0.02
+
+
+LEAST_POSES = (1, 6, 10)  # for a drift of order 0, 1, 2
+TURNED_RAD, TURNED_TIMES = np.radians(8.0), 2.0  # less is no other mounting; times the rms
+
+
+def _signed_permutations() -> Array:
+    eye, signs = np.eye(3), list(product((1.0, -1.0), repeat=3))
+    return np.array([np.diag(s) @ eye[list(p)] for p in permutations(range(3)) for s in signs])
+
+
+SIGNED = _signed_permutations()  # the right one first
+SIGNED.setflags(write=False)
+TURNS = SIGNED[np.linalg.det(SIGNED) > 0.0]  # the 24 that a mounting can have
+
+
+@dataclass(frozen=True, slots=True)
+class ForceFit:
+    """How the force channels show the weight.
+
+    `wiring` is P, `turn` D; `mass` is in kg if the readings are in N. `rival_rms_N` is what the
+    next best wiring leaves.
+    """
+
+    wiring: Array
+    turn: Array
+    mass: float
+    rms_N: float
+    rival_rms_N: float
+    spread_N: float
+    explained: bool
+    told: bool
+    drift: int
+
+    @property
+    def turned(self) -> bool:
+        """Whether the axes are surely off any wiring by more than the play of a mounting."""
+        force_N = self.weight_N * self.turn_rad
+        return self.turn_rad >= TURNED_RAD and force_N > TURNED_TIMES * self.rms_N
+
+    @property
+    def turn_rad(self) -> float:
+        """How far the axes are from any wiring [rad]."""
+        return turn_angle(self.turn)
+
+    @property
+    def weight_N(self) -> float:
+        """Weight as it is read."""
+        return self.mass * GRAVITY_M_S2
+
+
+@dataclass(frozen=True, slots=True)
+class TorqueFit:
+    """One way to read the moments: wiring B and the centre of mass that goes with it [m]."""
+
+    wiring: Array
+    com_m: Array
+    rms_Nm: float
+
+
+@dataclass(frozen=True, slots=True)
+class TorqueFits:
+    """Every wiring of the torque channels that explains the moments, the best one first.
+
+    Each comes with its opposite: -B with -c reads the same.
+    """
+
+    fits: tuple[TorqueFit, ...]
+    spread_Nm: float
+    explained: bool
+
+    @property
+    def shown(self) -> bool:
+        """Whether the tool's moment says anything at all."""
+        return self.explained and len(self.fits) < len(SIGNED)
+
+
+def turn_angle(R: Array) -> float:
+    """Return the angle of a rotation [rad]."""
+    chord = float(np.linalg.norm(R - np.eye(3)))
+    return float(2.0 * np.arcsin(min(1.0, chord / np.sqrt(8.0))))
+
+
+def nearest_wiring(Q: Array) -> Array:
+    """Return the signed permutation nearest to an orthogonal matrix. Shape (3, 3)."""
+    return np.array(SIGNED[int(np.argmax(np.einsum("nij,ij->n", SIGNED, Q)))])
+
+
+def _centred(values: Array, poses: Poses, drift: int = 0) -> Array:
+    """Return values less bias and drift, times the roots of the weights, which add up to one.
+
+    Args:
+        values: One row for each pose. Shape (n, 3).
+        poses: Their weights and times.
+        drift: 0 for a constant bias, 1 for one that goes straight, 2 for one that bends.
+    """
+    root = np.sqrt(poses.weight / poses.weight.sum())
+    straight, bent = shapes(poses.means)
+    basis = np.stack([np.ones(len(poses)), straight, bent][: 1 + drift], axis=1) * root[:, None]
+    scaled = values * root[:, None]
+    return np.asarray(scaled - basis @ np.linalg.pinv(basis) @ scaled)
+
+
+def gravity_in(poses: Poses, down_in_base: Array) -> Array:
+    """Return g_s of each pose [m/s^2]. Shape (n, 3)."""
+    g_base = GRAVITY_M_S2 * down_in_base
+    return np.asarray(poses.means.R_base_sensor.swapaxes(1, 2) @ g_base)
+
+
+def gravity_turns(poses: Poses, down_in_base: Array) -> bool:
+    """Tell whether gravity reaches two directions in the sensor; the rivals tell of the third."""
+    G = _centred(gravity_in(poses, down_in_base), poses)
+    return bool(np.sqrt(np.linalg.eigvalsh(G.T @ G)[1]) > CLEAR_SHARE * GRAVITY_M_S2)
+
+
+def fit_force(poses: Poses, down_in_base: Array, drift: int = 0) -> ForceFit:
+    """Find wiring, turn and mass that explain the forces best.
+
+    Args:
+        poses: Static readings, free of contact, any four attitudes or more.
+        down_in_base: Where gravity points. Unit vector, shape (3,).
+        drift: How the bias may move, as a polynomial of time: 0, 1 or 2.
+    """
+    F = _centred(poses.means.force_N, poses, drift)
+    G = _centred(gravity_in(poses, down_in_base), poses, drift)
+    H, gg, ff = F.T @ G, float(np.sum(G * G)), float(np.sum(F * F))
+
+    def mass_of(Q: Array) -> float:
+        return max(0.0, float(np.sum(Q * H))) / gg if gg > 0.0 else 0.0
+
+    def rms_of(Q: Array) -> float:
+        return float(np.sqrt(max(0.0, ff - mass_of(Q) ** 2 * gg)))
+
+    U, _, Vt = np.linalg.svd(H)
+    either = [U @ np.diag([1.0, 1.0, det]) @ Vt for det in (1.0, -1.0)]
+    either.sort(key=rms_of)
+    best, other = either
+    wiring = nearest_wiring(best)
+    relative = [P @ best for P in SIGNED[1:]]
+    mass, rms_N = mass_of(best), rms_of(best)
+    rival_rms_N = min(rms_of(Q) for Q in (other, *relative))
+    weight = mass * GRAVITY_M_S2
+    clear = max(CLEAR_TIMES * rms_N, CLEAR_SHARE * weight)
+    explained = rms_N <= max(MISFIT_SHARE * weight, min(MISFIT_N, MISFIT_MOST_SHARE * weight))
+    told = float(np.sqrt(max(0.0, rival_rms_N**2 - rms_N**2))) > clear
+    spread_N = float(np.sqrt(ff))
+    is_explained = explained and mass > 0.0
+    return ForceFit(
+        wiring, wiring.T @ best, mass, rms_N, rival_rms_N, spread_N, is_explained, told, drift
+    )
+
+
+def fit_force_drifting(poses: Poses, down_in_base: Array) -> ForceFit:
+    """Return the fit with the least drift that explains the forces; else the one without any."""
+    fits = []
+    for drift, least in enumerate(LEAST_POSES):
+        if len(poses) >= least:
+            fits.append(fit_force(poses, down_in_base, drift))
+            if fits[-1].explained and fits[-1].told:
+                return fits[-1]
+    return fits[0]
+
+
+def fit_torque(poses: Poses, down_in_base: Array, turn: Array, mass: float) -> TorqueFits:
+    """Find the wirings of the torque channels that explain the moments of a known weight.
+
+    The least drift that explains them is taken; without one, none.
+
+    Args:
+        poses: Static readings, free of contact.
+        down_in_base: Where gravity points. Unit vector, shape (3,).
+        turn: D, as the force shows it. Shape (3, 3).
+        mass: Of the tool, true or as read: the lever is found in the same measure.
+    """
+    tried = []
+    for drift, least in enumerate(LEAST_POSES):
+        if len(poses) >= least:
+            tried.append(_fit_torque(poses, mass * gravity_in(poses, down_in_base), turn, drift))
+            if tried[-1].explained:
+                return tried[-1]
+    return tried[0]
+
+
+def _fit_torque(poses: Poses, weight: Array, turn: Array, drift: int) -> TorqueFits:
+    M = _centred(poses.means.torque_Nm, poses, drift)
+    W = _centred(weight, poses, drift) @ turn.T
+    gram = W.T @ W
+    K = np.trace(gram) * np.eye(3) - gram
+    # Turns about which the weight hardly moves say nothing of the lever, so the inverse is damped.
+    K_inverse = np.linalg.inv(K + 1e-9 * np.trace(K) * np.eye(3))
+    fits = []
+    for B in TURNS:
+        y = M @ B  # rows B^T M
+        lever = K_inverse @ np.cross(W, y).sum(axis=0)
+        rms = float(np.linalg.norm(y - W @ skew(lever).T))
+        fits.append(TorqueFit(B, turn.T @ lever, rms))
+    spread = float(np.linalg.norm(M))
+    best = min(fit.rms_Nm for fit in fits)
+    clear = max(CLEAR_TIMES * best, MOMENT_SHARE * spread, MOMENT_NM)
+    kept = sorted(
+        (fit for fit in fits if fit.rms_Nm**2 - best**2 <= clear**2), key=lambda fit: fit.rms_Nm
+    )
+    pairs = (each for fit in kept for each in (fit, TorqueFit(-fit.wiring, -fit.com_m, fit.rms_Nm)))
+    explained = best <= max(MOMENT_MISFIT_SHARE * spread, MOMENT_MISFIT_NM)
+    return TorqueFits(tuple(pairs), spread, explained)
+
+
+def free_gain(poses: Poses, down_in_base: Array) -> tuple[Array, float]:
+    """Return A of F = A g_s + b without asking what A is, and what it leaves [N]. Shape (3, 3)."""
+    F = _centred(poses.means.force_N, poses)
+    G = _centred(gravity_in(poses, down_in_base), poses)
+    A_transposed, *_ = np.linalg.lstsq(G, F, rcond=1e-6)
+    return np.asarray(A_transposed.T, dtype=np.float64), float(np.linalg.norm(F - G @ A_transposed))
+
+
+def free_gravity(poses: Poses) -> tuple[Array, float]:
+    """Return the direction of gravity in base that explains right axes best, and what it leaves.
+
+    F = R_base_sensor^T v + b, v anything: an arm on a wall, or one that hangs.
+    """
+    F = _centred(poses.means.force_N, poses)
+    R_T = poses.means.R_base_sensor.swapaxes(1, 2)
+    columns = [_centred(R_T[:, :, k], poses).ravel() for k in range(3)]
+    X = np.stack(columns, axis=1)
+    v, *_ = np.linalg.lstsq(X, F.ravel(), rcond=1e-6)
+    length = float(np.linalg.norm(v))
+    left_N = float(np.linalg.norm(F.ravel() - X @ v))
+    return np.asarray(v / max(length, 1e-12), dtype=np.float64), left_N

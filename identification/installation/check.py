@@ -1,0 +1,122 @@
+"""Is the sensor installed as the cell file says? Told from static readings. Pure.
+
+The weight of the tool is a known force in many directions: it shows which axis each channel shows,
+and in which unit. Three things it cannot tell alone, and they are said: whether an arm hangs or its
+sensor reports the reaction, whether the torques are all reversed when nobody knows on which side of
+the sensor the centre of mass is, and a moment that the tool does not have.
+"""
+
+import math
+
+from common.motion.frames import GRAVITY_M_S2, Array
+from identification.installation.axes import (
+    EYE,
+    axis_findings,
+    mounting_remarks,
+    plausible,
+    same,
+    unseen,
+)
+from identification.installation.axis_fit import (
+    ForceFit,
+    TorqueFits,
+    fit_force_drifting,
+    fit_torque,
+    gravity_turns,
+)
+from identification.installation.hypotheses import too_few, unexplained, without_spoiled
+from identification.installation.payload import length_findings, lever_finding, mass_finding
+from identification.installation.terms import Belief, Finding, Installation
+from identification.recording import Recording, Samples, WrenchAxes
+from identification.static_poses import Poses, sort_into_poses
+
+
+def judge_installation(samples: Samples, belief: Belief) -> Installation:
+    """Say whether axes, signs, units and payload are what the cell file says.
+
+    Args:
+        samples: Static readings in four attitudes or more, free of contact, in the axes that the
+            cell file gives the sensor.
+        belief: What the cell file says.
+    """
+    poses = sort_into_poses(samples)
+    lengths = length_findings(belief)
+    belief = belief.in_metres()
+    force, left_out = fit_force_drifting(poses, belief.down_in_base), list[int]()
+    if not force.explained:
+        poses, left_out = without_spoiled(poses, belief.down_in_base)
+        force = fit_force_drifting(poses, belief.down_in_base)
+    evidence = _force_evidence(poses, force)
+    problem = _not_told(poses, force, belief)
+    if problem is not None:
+        return Installation((*lengths, problem), (), evidence)
+    mass = mass_finding(force.mass, force.rms_N, belief)
+    # The lever comes out in metres only if it is found with the true weight.
+    is_unit = mass is not None and mass.code == "force_unit" and belief.mass_kg is not None
+    weighed = belief.mass_kg if is_unit and belief.mass_kg is not None else force.mass
+    torque = fit_torque(poses, belief.down_in_base, force.turn, weighed)
+    axes = axis_findings(force, torque, belief)
+    com_m = _com(force, torque, belief)
+    unsure_m = torque.fits[0].rms_Nm / (weighed * GRAVITY_M_S2)
+    lever = None if com_m is None else lever_finding(com_m, unsure_m, belief)
+    if lever is not None and lever.kind == "payload" and axes:
+        lever = None  # said in the axes of the cell file, which are not the sensor's
+    found = [*lengths, *axes, *(each for each in (mass, lever) if each is not None)]
+    if com_m is not None:
+        evidence |= {f"com_{axis}_m": float(x) for axis, x in zip("xyz", com_m, strict=True)}
+    evidence |= _torque_evidence(torque)
+    remarks = [] if axes else [*unseen(torque, belief), *mounting_remarks(force)]
+    remarks += [f"pose {row + 1}, which is left out: contact, or motion" for row in left_out]
+    return Installation(tuple(found), tuple(remarks), evidence, force.wiring, com_m)
+
+
+def judge_recording(
+    recording: Recording, axes: WrenchAxes | None, belief: Belief
+) -> tuple[WrenchAxes, Installation]:
+    """Judge a recording whose wrench is in the given axes; with None, in those that explain it."""
+    both: tuple[WrenchAxes, ...] = ("sensor", "base") if axes is None else (axes,)
+    found = {each: judge_installation(recording.samples(each), belief) for each in both}
+    taken = min(both, key=lambda each: found[each].misfit)
+    return taken, found[taken]
+
+
+def installation_complaint(samples: Samples, belief: Belief) -> str | None:
+    """Return why a calibration from these readings must not be written, None when it may be."""
+    return judge_installation(samples, belief).complaint
+
+
+def _not_told(poses: Poses, force: ForceFit, belief: Belief) -> Finding | None:
+    """Return why the force says nothing of the axes, None when it does."""
+    if force.explained and force.told:
+        return None
+    if force.explained or not gravity_turns(poses, belief.down_in_base):
+        return too_few(poses, force, belief)
+    return unexplained(poses, force, belief)
+
+
+def _com(force: ForceFit, torque: TorqueFits, belief: Belief) -> Array | None:
+    """Return the centre of mass if the torques show it, in the axes that the cell file believes."""
+    if not torque.shown:
+        return None
+    fits = plausible(torque, belief) or list(torque.fits)
+    wanted = (EYE, force.wiring)
+    ranked = sorted(fits, key=lambda fit: not any(same(fit.wiring, W) for W in wanted))
+    return ranked[0].com_m
+
+
+def _force_evidence(poses: Poses, force: ForceFit) -> dict[str, float]:
+    return {
+        "poses": float(len(poses)),
+        "mass_kg": force.mass,
+        "rms_force_N": force.rms_N,
+        "rival_rms_force_N": force.rival_rms_N,
+        "turned_deg": math.degrees(force.turn_rad),
+    }
+
+
+def _torque_evidence(torque: TorqueFits) -> dict[str, float]:
+    return {
+        "rms_torque_Nm": torque.fits[0].rms_Nm,
+        "spread_torque_Nm": torque.spread_Nm,
+        "torque_wirings_left": float(len(torque.fits)),
+    }

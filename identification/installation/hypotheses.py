@@ -1,0 +1,179 @@
+"""What else may be wrong when no wiring of the axes explains the weight. Pure.
+
+Each story says how the readings would have to be changed to make sense; the first one that makes
+them fit a rightly installed sensor is told.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from common.motion.frames import GRAVITY_M_S2, Array, R_from_quaternion, quaternion_from_R
+from identification.installation.axes import EYE, same
+from identification.installation.axis_fit import (
+    MISFIT_SHARE,
+    ForceFit,
+    fit_force,
+    free_gain,
+    free_gravity,
+)
+from identification.installation.terms import Belief, Finding
+from identification.recording import Samples
+from identification.static_poses import Poses, angle
+
+FEW, MANY = 5, 60  # poses for which one may be left out at a time
+ALIKE_RAD = math.radians(12.0)  # 180 degrees that were divided by 57 twice, and some
+HEAVY_KG = 50.0
+LIGHT_KG, HARDLY = 0.1, 0.1
+UNEQUAL = 1.25
+POSES = "turn the wrist by at least 60 degrees about two axes, free of contact"
+
+
+def _mapped(samples: Samples, of: Callable[[Array], Array]) -> Samples:
+    return replace(samples, R_base_sensor=np.array([of(R) for R in samples.R_base_sensor]))
+
+
+def _w_first(R: Array) -> Array:
+    """Return the attitude meant by a quaternion w x y z that was read as x y z w."""
+    x, y, z, w = quaternion_from_R(R)
+    return R_from_quaternion((y, z, w, x))
+
+
+def _from_base_axes(samples: Samples) -> Samples:
+    R = samples.R_base_sensor
+    force, torque = (
+        np.asarray(np.einsum("nji,nj->ni", R, v)) for v in (samples.force_N, samples.torque_Nm)
+    )
+    return replace(samples, force_N=force, torque_Nm=torque)
+
+
+STORIES: tuple[tuple[str, str, Callable[[Samples], Samples]], ...] = (
+    (
+        "each attitude is that of the base in the sensor, not of the sensor in the base",
+        "transpose the matrices, or conjugate the quaternions",
+        lambda samples: _mapped(samples, lambda R: R.T),
+    ),
+    (
+        "the quaternions are in the order w x y z",
+        "write them in the order x y z w",
+        lambda samples: _mapped(samples, _w_first),
+    ),
+    (
+        "the readings are in base axes, not in sensor axes",
+        "let the driver publish them in the axes of the sensor, or say --wrench-axes base",
+        _from_base_axes,
+    ),
+    (
+        "forces and torques are exchanged",
+        "exchange the first and the last three of the six numbers in the driver",
+        lambda samples: replace(samples, force_N=samples.torque_Nm, torque_Nm=samples.force_N),
+    ),
+)
+
+
+def explains(force: ForceFit) -> bool:
+    """Tell whether a fit is that of a rightly installed sensor, surely."""
+    straight = same(force.wiring, EYE) and not force.turned
+    return force.explained and force.told and straight
+
+
+def unexplained(poses: Poses, force: ForceFit, belief: Belief) -> Finding:
+    """Return the first story that makes sense of readings that no wiring explains."""
+    down = belief.down_in_base
+    for what, mend, story in STORIES:
+        if explains(fit_force(replace(poses, means=story(poses.means)), down)):
+            return Finding("attitude", what, mend)
+    return (
+        _no_weight(force, belief)
+        or _gravity(poses)
+        or _gain(poses, down)
+        or Finding(
+            "attitude",
+            "no mounting and no wiring makes the readings a weight: the attitudes do not belong "
+            "to them (degrees taken for radians, another order of the angles, another robot), "
+            "something touched the tool, or the tool is too light for the sensor's drift",
+            f"compare the recorded attitudes with the pendant's, then record again: {POSES}",
+        )
+    )
+
+
+def too_few(poses: Poses, force: ForceFit, belief: Belief) -> Finding:
+    """Return why attitudes so much alike show nothing, and whether their unit may be wrong."""
+    R = poses.means.R_base_sensor
+    widest = max(float(angle(attitude, R).max()) for attitude in R)
+    per_turn_kg = force.spread_N / (GRAVITY_M_S2 * max(widest, 1e-6) / 2.0)
+    most_kg = HEAVY_KG if belief.mass_kg is None else 5.0 * belief.mass_kg
+    if widest < ALIKE_RAD and per_turn_kg > most_kg:
+        text = (
+            f"the attitudes differ by only {math.degrees(widest):.2g} degrees, but the force "
+            f"as if {per_turn_kg:.3g} kg had been turned by that: radians are taken for degrees"
+        )
+        return Finding("attitude", text, "multiply the angles of the attitudes by 57.2958")
+    text = f"{len(poses)} poses so much alike do not tell which axis is which"
+    return Finding("poses", text, POSES, "unsure")
+
+
+def _no_weight(force: ForceFit, belief: Belief) -> Finding | None:
+    """Readings that do not change."""
+    known_N = LIGHT_KG if belief.mass_kg is None else belief.mass_kg
+    if force.spread_N > HARDLY * GRAVITY_M_S2 * known_N:
+        return None
+    text = f"the forces hardly change with the attitude ({force.spread_N:.2g} N): no weight is seen"
+    mend = "check that the sensor is live, which unit it has, and that the tool hangs on it"
+    return Finding("no_weight", text, mend)
+
+
+def without_spoiled(poses: Poses, down_in_base: Array) -> tuple[Poses, list[int]]:
+    """Leave out the few poses that spoil the others: touched, or read in motion.
+
+    Returns the rest and the places of those left out; all poses when that does not help.
+    """
+    rows, out = list(range(len(poses))), list[int]()
+    while FEW < len(rows) <= MANY and len(out) < len(poses) // 4:
+        fits = {row: fit_force(_some(poses, rows, row), down_in_base) for row in rows}
+        worst = min(rows, key=lambda row: fits[row].rms_N)
+        rows.remove(worst)
+        out.append(worst)
+        if fits[worst].explained and fits[worst].told:
+            return _some(poses, rows), sorted(out)
+    return poses, []
+
+
+def _some(poses: Poses, rows: list[int], but: int | None = None) -> Poses:
+    kept = np.array([row for row in rows if row != but])
+    return Poses(poses.means[kept], poses.weight[kept], poses.first_row[kept])
+
+
+def _gravity(poses: Poses) -> Finding | None:
+    """Right axes on an arm that stands on a wall or a slope."""
+    direction, left_N = free_gravity(poses)
+    force = fit_force(poses, direction)
+    if not (explains(force) and left_N <= MISFIT_SHARE * force.weight_N):
+        return None
+    told = ", ".join(f"{x + 0.0:.3f}" for x in direction.round(3))
+    text = (
+        f"gravity points along ({told}) in the base: the arm does not stand as the cell file says"
+    )
+    return Finding("gravity", text, f"write payload.gravity_direction_in_base: [{told}]")
+
+
+def _gain(poses: Poses, down_in_base: Array) -> Finding | None:
+    """Axes that read the same weight unlike, one that is dead among them."""
+    A, left_N = free_gain(poses, down_in_base)
+    gains = np.linalg.norm(A, axis=1)
+    weight_N = GRAVITY_M_S2 * float(gains.max())
+    if len(poses) < FEW or weight_N <= 0.0 or left_N > MISFIT_SHARE * weight_N:
+        return None
+    if gains.max() < UNEQUAL * gains.min():
+        return None
+    shares = ", ".join(f"F{c} {g / gains.max():.2f}" for c, g in zip("xyz", gains, strict=True))
+    text = f"the axes do not read the same weight alike ({shares} of the largest)"
+    dead = [f"F{c}" for c, g in zip("xyz", gains, strict=True) if g < 0.1 * gains.max()]
+    mend = (
+        f"{' and '.join(dead)} looks dead: check its cable"
+        if dead
+        else ("check the calibration matrix and the counts per newton of each axis")
+    )
+    return Finding("gain", text, mend)

@@ -1,0 +1,101 @@
+"""Compares the weight and the lever that the readings show with those that are believed. Pure."""
+
+import numpy as np
+
+from common.motion.frames import GRAVITY_M_S2, Array
+from identification.installation.terms import Belief, Finding
+from identification.installation.units import (
+    FORCE_UNITS,
+    LEVER_MOST_M,
+    TORQUE_UNITS,
+    in_millimetres,
+    unit_of,
+    units_of_lever,
+)
+
+MASS_SHARE = 0.1  # a sensor's gain may be off by 3 %, a cable may hang on the tool
+COM_M = 0.01
+SURE_TIMES = 2.0  # of what is left unexplained
+LEVER_KNOWN_M = 0.01
+
+
+def length_findings(belief: Belief) -> list[Finding]:
+    """Return every length of the cell file that must be in millimetres."""
+    found = []
+    for key, value in belief.lengths_m.items():
+        if value is not None and in_millimetres(value):
+            text = f"{key} is {np.linalg.norm(value):.4g} m long: it is in millimetres"
+            found.append(Finding("length", text, f"write {key}: {_vector(value / 1e3)}"))
+    return found
+
+
+def mass_finding(mass_kg: float, rms_N: float, belief: Belief) -> Finding | None:
+    """Return why the mass that the readings show is not the one believed, if it surely is not.
+
+    Args:
+        mass_kg: As the readings show it, if they are in newtons.
+        rms_N: What it leaves of the readings.
+        belief: Its mass may be unknown.
+    """
+    known = belief.mass_kg
+    if known is None or abs(mass_kg / known - 1.0) <= MASS_SHARE:
+        return None
+    if abs(mass_kg - known) * GRAVITY_M_S2 <= SURE_TIMES * rms_N:
+        return None
+    unit = unit_of(mass_kg / known, FORCE_UNITS)
+    weight_N, known_N = mass_kg * GRAVITY_M_S2, known * GRAVITY_M_S2
+    if unit is not None:
+        text = f"the tool of {known_N:.4g} N reads {weight_N:.3g}: {unit.text}"
+        mend = (
+            f"divide the forces by {unit.factor:.4g}, or, if this is another tool, write its "
+            "payload.mass_kg"
+        )
+        return Finding("force_unit", text, mend)
+    text = (
+        f"the tool weighs {mass_kg:.3g} kg, and the cell file says {known:.3g} kg "
+        f"({100 * (known / mass_kg - 1.0):+.0f} %)"
+    )
+    mend = f"write payload.mass_kg: {mass_kg:.3f}, or run `forcemesh calibrate`"
+    return Finding("mass", text, mend, "payload")
+
+
+def lever_finding(com_m: Array, unsure_m: float, belief: Belief) -> Finding | None:
+    """Return why the centre of mass that the readings show cannot be, or is not the one believed.
+
+    Args:
+        com_m: As the readings show it, if force and torque are in the units they should be.
+        unsure_m: Lever of the weight that would explain what is left of the torques.
+        belief: Its centre of mass may be unknown.
+    """
+    lever_m, known = float(np.linalg.norm(com_m)), belief.com_m
+    known_m = 0.0 if known is None else float(np.linalg.norm(known))
+    if known is not None and known_m >= LEVER_KNOWN_M:
+        unit = unit_of(lever_m / known_m, TORQUE_UNITS)
+        if unit is not None:
+            text = (
+                f"the moments put the centre of mass {lever_m:.3g} m from the sensor, and it is "
+                f"{known_m:.3g} m away: {unit.text}"
+            )
+            return Finding("torque_unit", text, f"divide the torques by {unit.factor:.4g}")
+    if lever_m > LEVER_MOST_M:
+        units = units_of_lever(lever_m)
+        which = ", or ".join(unit.text for unit in units) or "the unit of the torques is wrong"
+        text = f"the centre of mass would be {lever_m:.3g} m from the sensor: {which}"
+        by = " or ".join(f"{unit.factor:.4g}" for unit in units) or "what its manual says"
+        return Finding("torque_unit", text, f"divide the torques by {by}")
+    if known is None or np.linalg.norm(com_m - known) <= max(COM_M, SURE_TIMES * unsure_m):
+        return None
+    text = (
+        f"the centre of mass is at {_millimetres(com_m)} mm, and the cell file says "
+        f"{_millimetres(known)} mm, {1e3 * np.linalg.norm(com_m - known):.0f} mm beside it"
+    )
+    mend = f"write payload.com_m: {_vector(com_m)}, or run `forcemesh calibrate`"
+    return Finding("com", text, mend, "payload")
+
+
+def _vector(v: Array) -> str:
+    return f"[{', '.join(f'{x + 0.0:.4g}' for x in v.round(4))}]"
+
+
+def _millimetres(v: Array) -> str:
+    return f"({', '.join(f'{x + 0.0:.0f}' for x in (1e3 * v).round())})"

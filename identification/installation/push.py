@@ -1,0 +1,189 @@
+"""Judges pushes and twists by hand: does the sensor read along them? Pure: fed sample by sample.
+
+A push is known by its direction alone: a hand is weak, off by some degrees, and trembles. It is
+told from the reading before it, so that weight, bias and calibration do not matter.
+"""
+
+from dataclasses import dataclass, field
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from common.motion.frames import Array
+from identification.installation.axes import EYE, same, turned_finding
+from identification.installation.axis_fit import SIGNED
+from identification.installation.terms import Belief, Finding
+from identification.installation.texts import driver_mend, wrong_channels
+
+By = Literal["push", "twist"]
+LEAST = {"push": 3.0, "twist": 0.15}  # N, N m
+USUAL_N = (3.0, 40.0)  # who is asked for 10 N pushes so hard
+FULL_SHARE = 0.7  # of the peak: so much of the push counts
+OVER_SHARE = 0.4  # of the peak: the push is over
+LASTS_S = 0.15  # what is shorter is a knock
+ALONG = float(np.cos(np.radians(30.0)))
+MOMENT_ALONG = float(np.cos(np.radians(50.0)))  # the hand is not exactly at the tip
+LEVER_M, MOMENT_NM = 0.03, 0.1  # less says nothing
+
+
+class Asked(NamedTuple):
+    """One thing that a person is asked to do, in base axes."""
+
+    name: str
+    by: By
+    direction: tuple[float, float, float]
+
+
+STEPS = (
+    Asked("+x", "push", (1.0, 0.0, 0.0)),
+    Asked("+y", "push", (0.0, 1.0, 0.0)),
+    Asked("+z", "push", (0.0, 0.0, 1.0)),
+    Asked("+z", "twist", (0.0, 0.0, 1.0)),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Done:
+    """What the sensor read more while a person did it. Sensor axes, about the sensor's origin."""
+
+    asked: Asked
+    grown_N: Array
+    grown_Nm: Array
+    R_base_sensor: Array
+
+    @property
+    def along(self) -> float:
+        """Cosine between what was asked and what was read."""
+        read = self.grown_N if self.asked.by == "push" else self.grown_Nm
+        return _cosine(self.R_base_sensor @ read, np.array(self.asked.direction))
+
+    @property
+    def size(self) -> float:
+        """How hard it was [N or N m]."""
+        return float(np.linalg.norm(self.grown_N if self.asked.by == "push" else self.grown_Nm))
+
+    @property
+    def words(self) -> str:
+        """What came of it, in base axes."""
+        unit, read = ("N", self.grown_N) if self.asked.by == "push" else ("N m", self.grown_Nm)
+        x, y, z = self.R_base_sensor @ read
+        told = f"{self.asked.by} {self.asked.name}: read x {x:+.2f}, y {y:+.2f}, z {z:+.2f} {unit}"
+        return f"{told}: {'right' if self.along > ALONG else 'not along it'}"
+
+
+@dataclass(slots=True)
+class Follower:
+    """Waits for one push or twist, and ends when it is over."""
+
+    by: By
+    _kept: list[tuple[float, Array]] = field(default_factory=list)
+    _peak: float = 0.0
+
+    def see(self, time_s: float, grown: Array) -> Array | None:
+        """Take what the sensor reads more than at rest; return the mean of the push when over.
+
+        Args:
+            time_s: Of the sample, on any clock.
+            grown: Force [N] and torque [N m] more than at rest. Shape (6,).
+        """
+        size = self.size_of(grown)
+        if not self._kept and size < LEAST[self.by]:
+            return None
+        self._peak = max(self._peak, size)
+        self._kept.append((time_s, grown))
+        if size > OVER_SHARE * self._peak:
+            return None
+        full = [(t, v) for t, v in self._kept if self.size_of(v) >= FULL_SHARE * self._peak]
+        lasted_s = full[-1][0] - full[0][0]
+        self._kept, self._peak = [], 0.0
+        if lasted_s < LASTS_S:
+            return None
+        return np.asarray(np.mean([v for _, v in full], axis=0))
+
+    def size_of(self, grown: Array) -> float:
+        """Return how hard it is now [N or N m]."""
+        return float(np.linalg.norm(grown[:3] if self.by == "push" else grown[3:]))
+
+
+def judge_pushes(done: list[Done], belief: Belief) -> tuple[list[Finding], list[str]]:
+    """Return what three pushes and a twist say of axes and signs, and what they could not show.
+
+    Args:
+        done: Pushes along +x, +y and +z of the base at the tip of the tool, and twists.
+        belief: What the cell file says.
+    """
+    pushes = [each for each in done if each.asked.by == "push"]
+    wiring = _wiring(
+        [each.R_base_sensor.T @ np.array(each.asked.direction) for each in pushes],
+        [each.grown_N for each in pushes],
+        ALONG,
+    )
+    if wiring is None:
+        text = "the pushes fit no wiring: they were not along the axes, or not in this order"
+        return [Finding("pushes", text, "repeat them, along the axes of the base", "unsure")], []
+    torques = _torque_wirings(done, belief)
+    unseen = [] if len(torques) == 1 else _torques_unseen(torques)
+    finding = _finding(wiring, torques, belief)
+    return ([] if finding is None else [finding]), unseen
+
+
+def _cosine(a: Array, b: Array) -> float:
+    return float(a @ b) / max(float(np.linalg.norm(a) * np.linalg.norm(b)), 1e-12)
+
+
+def _wiring(true: list[Array], read: list[Array], least: float) -> Array | None:
+    """Return the one wiring under which every reading is along what it should be."""
+    pairs = list(zip(true, read, strict=True))
+    best: Array = max(SIGNED, key=lambda W: sum(_cosine(W @ t, r) for t, r in pairs))
+    return best if all(_cosine(best @ t, r) > least for t, r in pairs) else None
+
+
+def _torque_wirings(done: list[Done], belief: Belief) -> list[Array]:
+    """Return every wiring of the torques that explains the moments of pushes and twists.
+
+    A push at the tip turns about the sensor's origin by its lever; none is known without a tool.
+    """
+    pairs = []
+    for each in done:
+        direction = each.R_base_sensor.T @ np.array(each.asked.direction)
+        if each.asked.by == "twist":
+            moment, lever_m = direction, LEVER_M
+        elif belief.p_sensor_tcp_m is None:
+            continue
+        else:
+            moment = np.cross(belief.p_sensor_tcp_m, direction)
+            lever_m = float(np.linalg.norm(moment))
+        if lever_m >= LEVER_M and np.linalg.norm(each.grown_Nm) >= MOMENT_NM:
+            pairs.append((moment, each.grown_Nm))
+    return [W for W in SIGNED if all(_cosine(W @ t, r) > MOMENT_ALONG for t, r in pairs)]
+
+
+def _torques_unseen(wirings: list[Array]) -> list[str]:
+    if not wirings:
+        return []
+    rows = [f"M{'xyz'[k]}" for k in range(3) if any(W[k, k] < 1.0 for W in wirings)]
+    return [f"all of {', '.join(rows)}: push at the tip of the tool, and twist it"]
+
+
+def _finding(wiring: Array, torques: list[Array], belief: Belief) -> Finding | None:
+    right = any(same(W, EYE) for W in torques)
+    if same(wiring, EYE):
+        if right:
+            return None
+        if not torques:
+            text = "the forces are right, but the torques are along no axis of what was done"
+            return Finding("torque_axes", text, "push at the tip of the tool, then look again")
+        W = max(torques, key=lambda W: float(np.trace(W)))
+        text = f"the forces are right, but of the torques {wrong_channels(W, 'M')}"
+        return Finding("torque_axes", text, driver_mend(W, "M"))
+    together = any(same(W, wiring) for W in torques)
+    if together and np.linalg.det(wiring) > 0.0:
+        return turned_finding(wiring, belief, shown=not right)
+    if same(wiring, -EYE):
+        text = (
+            "the force reads against the push: the sensor reports reactions, or its sign is wrong"
+        )
+        return Finding("reaction", text, driver_mend(wiring, "FM" if together else "F"))
+    also = ", and the torques alike" if together else ""
+    text = f"of the forces {wrong_channels(wiring, 'F')}{also}: no mounting does that"
+    return Finding("force_axes", text, driver_mend(wiring, "FM" if together else "F"))

@@ -1,0 +1,267 @@
+"""Weighted least squares of the payload model with priors: one chosen model, one set of readings.
+
+Gauss-Newton on the posterior. The noise of force and of torque, and how well the model explains
+the readings at all, come from the evidence: the probability of the readings under the model with
+its unknowns averaged out (MacKay: Bayesian interpolation, Neural Computation 1992).
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from common.motion.frames import Array
+from identification.payload_model import (
+    LINEAR,
+    USUAL,
+    Model,
+    State,
+    extras,
+    jacobian,
+    moved,
+    residuals,
+    start_state,
+    upright,
+)
+from identification.recording import Samples
+
+# Noise-free data must not divide by zero: what one reading of a very good sensor still errs.
+FORCE_FLOOR_N, TORQUE_FLOOR_NM = 1e-6, 1e-8
+FLOOR = np.array([FORCE_FLOOR_N, TORQUE_FLOOR_NM])
+# Six poses with thirty unknowns leave little to tell the noise from: it counts as one equation
+# more, in which a good sensor errs by so much.
+QUIET = np.array([2e-3, 1e-4])
+QUIET_EQUATIONS = 1.0
+ITERATIONS = 60
+CONVERGED = 1e-7
+RANK_TOLERANCE = 1e-7  # of singular values: squared, it is still above the rounding error
+FOLDS_AT_MOST = 20
+
+
+@dataclass(frozen=True, slots=True)
+class Noise:
+    """Standard deviation of one component of force and of torque."""
+
+    force_N: float
+    torque_Nm: float
+
+
+@dataclass(frozen=True, slots=True)
+class Solution:
+    """What the fit found. `covariance` and `amplified` are in the order of the model's unknowns.
+
+    `conditioning` is that of all unknowns with their priors; `amplified` tells of each unknown how
+    many times the others make it less sure than it were alone. `evidence` is a logarithm, of which
+    only differences mean something. `left_out` has shape (2, n, 3): the residual of each pose
+    under a fit without it.
+    """
+
+    model: Model
+    state: State
+    noise: Noise
+    widths: dict[str, float]
+    covariance: Array
+    conditioning: float
+    amplified: Array
+    converged: bool
+    evidence: float
+    left_out: Array
+
+
+@dataclass(frozen=True, slots=True)
+class _Task:
+    """What is fitted to what."""
+
+    samples: Samples
+    weight: Array
+    model: Model
+
+
+@dataclass(frozen=True, slots=True)
+class _Normal:
+    """The normal equations at one state; the covariance is half @ half.T.
+
+    `scale` is one over the noise of each reading, shape (2, n, 1); `rows` are the derivatives in
+    units of that noise, shape (2, n, 3, unknowns).
+    """
+
+    scale: Array
+    rows: Array
+    squares: tuple[Array, Array]
+    slope: Array
+    half: Array
+    conditioning: float
+    log_det: float
+
+    @property
+    def covariance(self) -> Array:
+        return np.asarray(self.half @ self.half.T)
+
+
+def solve(samples: Samples, weight: Array, model: Model, start: State) -> Solution:
+    """Fit one model, from the directions of `start`.
+
+    Args:
+        samples: Readings in sensor axes.
+        weight: Weight of each reading. Shape (n,).
+        model: What is fitted.
+        start: Directions to start from.
+    """
+    task = _Task(samples, weight, model)
+    state = upright(_fitted_linear(task, start))
+    widths = {name: USUAL[name] for name in model.places}
+    left = residuals(state, samples)
+    noise = _noise(left, weight, np.array([4.0, 6.0]))
+    converged = False
+    for _ in range(ITERATIONS):
+        normal = _normal(state, task, noise, widths, left=left)
+        covariance = normal.covariance
+        step = covariance @ normal.slope
+        state = upright(moved(state, step, model))
+        left = residuals(state, samples)
+        widths = _widened(state, model)
+        borne = [float(np.sum(covariance * square)) for square in normal.squares]
+        before, noise = noise, _noise(left, weight, np.array(borne))
+        # The noise is only waited for roughly: signs and turns settle long before it.
+        settled = bool(np.all(np.abs(np.log(noise / before)) < 1e-2))
+        if settled and np.linalg.norm(step) < CONVERGED * (1.0 + np.linalg.norm(state.linear)):
+            converged = True
+            break
+    normal = _normal(state, task, noise, widths, left=left)
+    covariance = normal.covariance
+    information = np.diag(normal.squares[0] + normal.squares[1]) + 1.0 / _variances(model, widths)
+    return Solution(
+        model=model,
+        state=state,
+        noise=Noise(float(noise[0]), float(noise[1])),
+        widths=widths,
+        covariance=covariance,
+        conditioning=normal.conditioning,
+        amplified=np.sqrt(np.diag(covariance) * information),
+        converged=converged,
+        evidence=_evidence(state, task, noise, widths, left=left, log_det=normal.log_det),
+        left_out=_left_out(normal, left),
+    )
+
+
+def plain_conditioning(samples: Samples, weight: Array) -> float:
+    """Return the conditioning of the plain fit, which the attitudes and their weights alone make.
+
+    Force and torque share no unknown there, so the noise of neither changes it, nor do the
+    readings: nothing needs to be solved.
+
+    Args:
+        samples: Readings in sensor axes.
+        weight: Weight of each reading. Shape (n,).
+    """
+    return _plain_normal(_Task(samples, weight, Model()), start_state()).conditioning
+
+
+def _variances(model: Model, widths: dict[str, float]) -> Array:
+    """Return the variance of each unknown before the recording: endless for the linear ones."""
+    variances = np.full(model.size, np.inf)
+    for name, place in model.places.items():
+        variances[place] = widths[name] ** 2
+    return variances
+
+
+def _widened(state: State, model: Model) -> dict[str, float]:
+    """Return the usual size of each group, or its rms where the recording shows more."""
+    found = {n: float(np.sqrt(np.mean(v**2))) for n, v in extras(state, model).items()}
+    return {name: max(USUAL[name], size) for name, size in found.items()}
+
+
+def _normal(
+    state: State, task: _Task, noise: Array, widths: dict[str, float], *, left: Array
+) -> _Normal:
+    """Set up and factorise the equations; `left` are the residuals at this state."""
+    samples, model = task.samples, task.model
+    scale = np.sqrt(task.weight)[None, :, None] / noise[:, None, None]
+    rows = jacobian(state, samples, model) * scale[..., None]
+    A, r = rows.reshape(2, -1, model.size), (left * scale).reshape(2, -1)
+    squares = (A[0].T @ A[0], A[1].T @ A[1])
+    prior = 1.0 / _variances(model, widths)
+    slope = A[0].T @ r[0] + A[1].T @ r[1]
+    for name, value in extras(state, model).items():
+        slope[model.places[name]] -= value * prior[model.places[name]]
+    total = squares[0] + squares[1] + np.diag(prior)
+    length = np.sqrt(np.diag(total))
+    length[length == 0.0] = 1.0
+    # Columns of length 1 make the conditioning free of units (Belsley, Kuh, Welsch 1980).
+    eigenvalues, V = np.linalg.eigh(total / np.outer(length, length))
+    s = np.sqrt(np.maximum(eigenvalues, 0.0))
+    conditioning = float(s[-1] / s[0]) if s[0] > 0.0 else np.inf
+    keep = s > s[-1] * RANK_TOLERANCE
+    half = V[:, keep] / s[keep] / length[:, None]
+    log_det = 2.0 * float(np.log(s[keep]).sum() + np.log(length).sum())
+    return _Normal(scale, rows, squares, slope, half, conditioning, log_det)
+
+
+def _evidence(
+    state: State,
+    task: _Task,
+    noise: Array,
+    widths: dict[str, float],
+    *,
+    left: Array,
+    log_det: float,
+) -> float:
+    """Return the logarithm of the evidence (Laplace's approximation), up to a common constant."""
+    squares = (task.weight[:, None] * left**2).sum(axis=(1, 2))
+    equations = 3.0 * len(task.samples) + QUIET_EQUATIONS
+    squares = squares + QUIET_EQUATIONS * QUIET**2
+    fit = float(np.sum(squares / noise**2 + 2.0 * equations * np.log(noise)))
+    prior = 0.0
+    for name, value in extras(state, task.model).items():
+        prior += float(value @ value) / widths[name] ** 2 + 2.0 * value.size * np.log(widths[name])
+    return -0.5 * (fit + prior + log_det)
+
+
+def _left_out(normal: _Normal, left: Array) -> Array:
+    """Return the residuals of poses under fits without them, by the hat matrix.
+
+    Exact for linear models, and close for small turns. Each pose is left out alone; in long
+    recordings whole stretches are, as neighbours are alike. Infinite where there is no fit.
+    """
+    left_out = np.full_like(left, np.inf)
+    errors = left * normal.scale
+    for folds in _folds(left.shape[1]):
+        count, each = folds.shape
+        rows = normal.rows[:, folds].swapaxes(0, 1).reshape(count, 6 * each, -1) @ normal.half
+        error = errors[:, folds].swapaxes(0, 1).reshape(count, 6 * each, 1)
+        # (I - B B^T)^-1 = I + B (I - B^T B)^-1 B^T keeps it small for long recordings.
+        kept = np.eye(rows.shape[2]) - rows.swapaxes(1, 2) @ rows
+        fits = np.linalg.eigvalsh(kept)[:, 0] > 1e-9
+        rows, error, kept = rows[fits], error[fits], kept[fits]
+        error = error + rows @ np.linalg.solve(kept, rows.swapaxes(1, 2) @ error)
+        places = folds[fits]
+        apart = error.reshape(len(places), 2, each, 3).swapaxes(0, 1)
+        left_out[:, places] = apart / normal.scale[:, places]
+    return left_out
+
+
+def _folds(n: int) -> list[npt.NDArray[np.intp]]:
+    """Return the poses to leave out together, in one or two tables of folds of one length."""
+    count = min(n, FOLDS_AT_MOST)
+    each, longer = divmod(n, count)
+    poses, split = np.arange(n), longer * (each + 1)
+    tables = [poses[:split].reshape(longer, each + 1), poses[split:].reshape(-1, each)]
+    return tables if longer else tables[1:]
+
+
+def _fitted_linear(task: _Task, start: State) -> State:
+    """Return the start with the linear unknowns fitted; the blocks share none of them."""
+    still = replace(start, linear=np.zeros(LINEAR))
+    normal = _plain_normal(replace(task, model=Model()), still)
+    return replace(still, linear=normal.covariance @ normal.slope)
+
+
+def _plain_normal(task: _Task, state: State) -> _Normal:
+    return _normal(state, task, np.ones(2), {}, left=residuals(state, task.samples))
+
+
+def _noise(residual: Array, weight: Array, borne: Array) -> Array:
+    """Return the noise of force and torque; `borne` are the unknowns that each block bears."""
+    squares = (weight[:, None] * residual**2).sum(axis=(1, 2)) + QUIET_EQUATIONS * QUIET**2
+    equations = 3.0 * len(weight) + QUIET_EQUATIONS
+    return np.asarray(np.maximum(np.sqrt(squares / np.maximum(equations - borne, 1.0)), FLOOR))

@@ -1,0 +1,165 @@
+"""Reads a recording of sensor poses and wrenches (CSV), and names every mistake in it."""
+
+import csv
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, TextIO
+
+import numpy as np
+import numpy.typing as npt
+
+from common.motion.frames import Array, R_from_quaternion
+from forcemesh.errors import DataError
+
+WrenchAxes = Literal["sensor", "base"]
+
+COLUMNS = ("t", "x", "y", "z", "qx", "qy", "qz", "qw", "fx", "fy", "fz", "tx", "ty", "tz")
+QUATERNION_TOLERANCE = 1e-3
+
+
+@dataclass(frozen=True, slots=True)
+class Samples:
+    """Readings in sensor axes, about the sensor origin, with the attitude of each.
+
+    R_base_sensor has shape (n, 3, 3); force_N and torque_Nm have shape (n, 3), time_s (n,);
+    without times no drift can be told.
+    """
+
+    R_base_sensor: Array
+    force_N: Array
+    torque_Nm: Array
+    time_s: Array | None = None
+
+    def __len__(self) -> int:
+        """Return the number of readings."""
+        return len(self.force_N)
+
+    def __getitem__(self, rows: npt.NDArray[np.intp]) -> "Samples":
+        """Return some of the readings, chosen by their numbers."""
+        time_s = None if self.time_s is None else self.time_s[rows]
+        return Samples(self.R_base_sensor[rows], self.force_N[rows], self.torque_Nm[rows], time_s)
+
+
+@dataclass(frozen=True, slots=True)
+class Recording:
+    """A recording as it stands in the file; the axes of its wrench are not known here.
+
+    time_s has shape (n,), R_base_sensor (n, 3, 3), the others (n, 3). `line` is the line of the
+    file that each row came from.
+    """
+
+    source: str
+    line: tuple[int, ...]
+    time_s: Array
+    position_m: Array
+    R_base_sensor: Array
+    force_N: Array
+    torque_Nm: Array
+
+    def samples(self, wrench_axes: WrenchAxes) -> Samples:
+        """Return the readings in sensor axes, taking the recorded ones to be in `wrench_axes`.
+
+        A wrench recorded in base axes is about the sensor origin too: only its axes are turned.
+        """
+        if wrench_axes == "sensor":
+            return Samples(self.R_base_sensor, self.force_N, self.torque_Nm, self.time_s)
+        force, torque = (
+            np.asarray(np.einsum("nji,nj->ni", self.R_base_sensor, v))
+            for v in (self.force_N, self.torque_Nm)
+        )
+        return Samples(self.R_base_sensor, force, torque, self.time_s)
+
+
+def read_recording(path: Path) -> Recording:
+    """Read a CSV recording with the columns t,x,y,z,qx,qy,qz,qw,fx,fy,fz,tx,ty,tz.
+
+    Pose of the sensor in base [m, unit quaternion x y z w], wrench [N, Nm]. The columns may stand
+    in any order, others beside them are ignored. Raises DataError naming file, line and column.
+    """
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            rows = list(_rows(path, file))
+    except OSError as error:
+        raise DataError(f"{path}: cannot be read: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise DataError(
+            f"{path}: is not UTF-8 text (byte {error.start}); save the recording as UTF-8 CSV"
+        ) from error
+    if not rows:
+        raise DataError(f"{path}, line 2: holds no rows, only the header")
+    numbers = np.array([values for _, values in rows])
+    return Recording(
+        source=str(path),
+        line=tuple(line for line, _ in rows),
+        time_s=numbers[:, 0],
+        position_m=numbers[:, 1:4],
+        R_base_sensor=np.array([R_from_quaternion(q) for q in numbers[:, 4:8]]),
+        force_N=numbers[:, 8:11],
+        torque_Nm=numbers[:, 11:14],
+    )
+
+
+def _rows(path: Path, file: TextIO) -> Iterator[tuple[int, list[float]]]:
+    """Yield line number and the 14 numbers of each row."""
+    reader = csv.reader(file, strict=True)
+    try:
+        header = next(reader, None)
+        if header is None:
+            raise DataError(f"{path}, line 1: the file is empty; {_expected()}")
+        header = [name.strip() for name in header]
+        places = _places(path, header)
+        for cells in reader:
+            if not cells or (len(cells) == 1 and not cells[0].strip()):
+                continue  # a blank line, mostly the last
+            where = f"{path}, line {reader.line_num}"
+            if len(cells) != len(header):
+                raise DataError(f"{where}{_ragged(header, cells)}")
+            values = [_number(where, name, cells[place]) for name, place in places.items()]
+            yield reader.line_num, _unit_quaternion(where, values)
+    except csv.Error as error:
+        raise DataError(f"{path}, line {reader.line_num}: is not CSV text: {error}") from error
+
+
+def _expected() -> str:
+    return f"the header must be {','.join(COLUMNS)}"
+
+
+def _places(path: Path, header: list[str]) -> dict[str, int]:
+    for name in COLUMNS:
+        if name not in header:
+            raise DataError(f"{path}, line 1: column {name} is missing; {_expected()}")
+        if header.count(name) > 1:
+            raise DataError(
+                f"{path}, line 1: column {name} stands there {header.count(name)} times"
+            )
+    return {name: header.index(name) for name in COLUMNS}
+
+
+def _ragged(header: list[str], cells: list[str]) -> str:
+    have, want = len(cells), len(header)
+    if have < want:
+        return f", column {header[have]}: no value; the row has {have} of {want} values"
+    return f", column {want + 1}: the row has {have} values, the header only {want} columns"
+
+
+def _number(where: str, column: str, text: str) -> float:
+    try:
+        number = float(text.replace("_", "?"))  # Python would read 1_000 as a number
+    except ValueError:
+        problem = f"{text!r} is not a number" if text.strip() else "no value"
+        raise DataError(f"{where}, column {column}: {problem}") from None
+    if not math.isfinite(number):
+        raise DataError(f"{where}, column {column}: {text.strip()} is not a finite number")
+    return number
+
+
+def _unit_quaternion(where: str, values: list[float]) -> list[float]:
+    length = math.hypot(*values[4:8])
+    if abs(length - 1.0) > QUATERNION_TOLERANCE:
+        raise DataError(
+            f"{where}, columns qx to qw: the quaternion has length {length:.4f}; "
+            "it must be 1 (order x y z w)"
+        )
+    return [*values[:4], *(q / length for q in values[4:8]), *values[8:]]

@@ -1,0 +1,144 @@
+"""Leaves out the rows of a recording that no fit may use: moving, in contact, with a stale pose."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from common.motion.frames import Array
+from identification.least_squares import solve
+from identification.payload_model import Model, residuals, start_state
+from identification.recording import Samples
+from identification.static_poses import Poses, angle, carries_a_fit, sort_into_poses
+
+MOVING = "the arm was turning"
+CONTACT = "in contact, or touched"
+STALE = "the pose is stale: the reading is that of the pose before or after"
+WINDOW_S = 0.1  # of the speed: shorter, and the noise of the pose would be a speed
+SPEED_RAD_S = np.radians(1.0)
+LEAST_TURN_RAD = np.radians(0.05)
+SINGLE_RAD = np.radians(10.0)  # rows further apart are poses of their own, not a motion
+ROWS_TO_JUDGE = 10  # a shorter dwell does not tell what is usual in it
+UNUSUAL = 8.0  # robust standard deviations
+APART_N, APART_NM = 0.5, 0.03  # less is never taken for contact
+SAME = 0.3  # a reading so much nearer to another pose belongs to that one
+POSES_TO_JUDGE = 7
+MOST_TOUCHED = 20  # more are no mishap, and searching on would take long
+OUTLYING = 60.0  # F of three components: once in a million recordings by chance
+
+Rows = npt.NDArray[np.intp]
+
+
+@dataclass(frozen=True, slots=True)
+class Rejected:
+    """Rows that were left out, by their numbers in the recording, and why."""
+
+    reason: str
+    rows: tuple[int, ...]
+
+
+def screen(samples: Samples) -> tuple[Poses, tuple[Rejected, ...]]:
+    """Return the poses that can be used, and the rows that cannot, with the reason.
+
+    A recording that never rests is used as it is: slow turning does less harm than no fit. What
+    touched the tool all the time in all poses cannot be told from bias and weight.
+    """
+    rows = np.arange(len(samples))
+    rejected = []
+    moving = _moving(samples)
+    still = rows[~moving]
+    if moving.any() and still.size and carries_a_fit(sort_into_poses(samples[still])):
+        rejected.append(Rejected(MOVING, tuple(rows[moving].tolist())))
+        rows = still
+    for reason, wrong in _unusual(samples[rows]).items():
+        rejected.append(Rejected(reason, tuple(rows[wrong].tolist())))
+    rows = np.setdiff1d(rows, [row for r in rejected for row in r.rows])
+    poses = sort_into_poses(samples[rows])
+    touched = _touched(poses)
+    if touched:
+        dwell = np.repeat(np.arange(len(poses)), np.diff([*poses.first_row, len(rows)]))
+        in_contact = np.isin(dwell, touched)
+        rejected.append(Rejected(CONTACT, tuple(rows[in_contact].tolist())))
+        rows = rows[~in_contact]
+        poses = sort_into_poses(samples[rows])
+    return replace(poses, first_row=rows[poses.first_row]), tuple(rejected)
+
+
+def _moving(samples: Samples) -> npt.NDArray[np.bool_]:
+    """Return the rows around which the attitude turns, in small steps of time and angle."""
+    n, t = len(samples), samples.time_s
+    if t is None or n < 3 or np.any(np.diff(t) < 0.0):
+        return np.zeros(n, dtype=bool)
+    before = np.searchsorted(t, t - WINDOW_S / 2.0)
+    after = np.searchsorted(t, t + WINDOW_S / 2.0, side="right") - 1
+    before = np.where(before == np.arange(n), np.maximum(np.arange(n) - 1, 0), before)
+    after = np.where(after == np.arange(n), np.minimum(np.arange(n) + 1, n - 1), after)
+    R, lasts = samples.R_base_sensor, t[after] - t[before]
+    turned = angle(R[before], R[after])
+    jumps = np.flatnonzero(angle(R[:-1], R[1:]) > SINGLE_RAD)
+    jumped = np.searchsorted(jumps, after) > np.searchsorted(jumps, before)
+    slow = turned <= np.maximum(SPEED_RAD_S * lasts, LEAST_TURN_RAD)
+    return np.asarray(~slow & ~jumped & (lasts <= 1.0))
+
+
+def _unusual(samples: Samples) -> dict[str, Rows]:
+    """Return the rows whose reading is far from the others of their dwell, by reason."""
+    first = sort_into_poses(samples).first_row
+    dwells = np.split(np.arange(len(samples)), first[1:])
+    middles = [_middle(samples, rows) for rows in dwells]
+    found: dict[str, list[int]] = {CONTACT: [], STALE: []}
+    for place, rows in enumerate(dwells):
+        if len(rows) < ROWS_TO_JUDGE:
+            continue
+        off = _readings(samples, rows) - middles[place]
+        spread = UNUSUAL * 1.4826 * np.median(np.abs(off), axis=0)
+        far = np.linalg.norm(off[:, :3], axis=1) > max(APART_N, np.linalg.norm(spread[:3]))
+        far |= np.linalg.norm(off[:, 3:], axis=1) > max(APART_NM, np.linalg.norm(spread[3:]))
+        others = [middles[k] for k in (place - 1, place + 1) if 0 <= k < len(dwells)]
+        for row, here in zip(rows[far], off[far], strict=True):
+            reading = here + middles[place]
+            near = [np.linalg.norm((reading - other)[:3]) for other in others]
+            stale = bool(near) and min(near) < SAME * np.linalg.norm(here[:3])
+            found[STALE if stale else CONTACT].append(int(row))
+    return {reason: np.array(rows, dtype=np.intp) for reason, rows in found.items() if rows}
+
+
+def _touched(poses: Poses) -> list[int]:
+    """Return the poses that do not fit to the others, by the fall of the squares without them."""
+    left = list(range(len(poses)))
+    wrong: list[int] = []
+    while len(left) >= POSES_TO_JUDGE and len(wrong) < min(len(poses) // 4, MOST_TOUCHED):
+        kept = np.array(left)
+        means, weight = poses.means[kept], poses.weight[kept]
+        plain = solve(means, weight, Model(), start_state())
+        error = residuals(plain.state, means)
+        if not np.isfinite(plain.left_out).all():
+            break
+        worst = max(
+            range(len(left)), key=lambda i: _outlying(error, plain.left_out, weight, pose=i)
+        )
+        if _outlying(error, plain.left_out, weight, pose=worst) < OUTLYING:
+            break
+        wrong.append(left.pop(worst))
+    return wrong
+
+
+def _outlying(error: Array, left_out: Array, weight: Array, *, pose: int) -> float:
+    """Return F: how much a pose adds to the squares, in units of what the others leave."""
+    largest = 0.0
+    for block, (unknowns, apart) in enumerate(((4.0, APART_N), (6.0, APART_NM))):
+        total = float((weight[:, None] * error[block] ** 2).sum())
+        added = float(weight[pose] * (error[block, pose] @ left_out[block, pose]))
+        freedom = 3.0 * (len(weight) - 1) - unknowns
+        rest = max(total - added, 1e-12 * total, 1e-18) / freedom
+        if np.linalg.norm(left_out[block, pose]) > apart:
+            largest = max(largest, added / 3.0 / rest)
+    return largest
+
+
+def _readings(samples: Samples, rows: Rows) -> Array:
+    return np.hstack([samples.force_N[rows], samples.torque_Nm[rows]])
+
+
+def _middle(samples: Samples, rows: Rows) -> Array:
+    return np.asarray(np.median(_readings(samples, rows), axis=0))

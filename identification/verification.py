@@ -1,0 +1,94 @@
+"""How much a payload leaves unexplained at each pose, and whether that is little enough. Pure."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from common.config.calibration import Residuals
+from common.config.payload import Payload, residual
+from common.motion.frames import Array
+from forcemesh.errors import DataError
+from identification.dwells import Dwell, means_of
+from identification.recording import Samples
+
+
+@dataclass(frozen=True, slots=True)
+class Bounds:
+    """What may be left at any pose."""
+
+    force_N: float = 0.5
+    torque_Nm: float = 0.05
+
+
+@dataclass(frozen=True, slots=True)
+class Left:
+    """Lengths of what is left at each pose: force [N] and torque about the sensor [N m], (n,)."""
+
+    force_N: Array
+    torque_Nm: Array
+
+    @property
+    def summary(self) -> Residuals:
+        """Mean and maximum, as the calibration's file says them."""
+        return Residuals(
+            poses=len(self.force_N),
+            force_mean_N=float(self.force_N.mean()),
+            force_max_N=float(self.force_N.max()),
+            torque_mean_Nm=float(self.torque_Nm.mean()),
+            torque_max_Nm=float(self.torque_Nm.max()),
+        )
+
+
+def left_of(payload: Payload, means: Samples) -> Left:
+    """Return what a payload leaves, as the running cell would: without the drift of its fit."""
+    force, torque = residual(
+        payload, means.R_base_sensor, force_N=means.force_N, torque_Nm=means.torque_Nm
+    )
+    return Left(np.linalg.norm(force, axis=1), np.linalg.norm(torque, axis=1))
+
+
+def left_by(payload: Payload, dwells: Sequence[Dwell]) -> Left:
+    """Return what a payload leaves of the mean of each dwell."""
+    return left_of(payload, means_of(dwells))
+
+
+def left_in_use(dwells: Sequence[Dwell]) -> Left:
+    """Return what the running cell itself left at each pose.
+
+    Raises DataError when it said no valid wrench at one of them.
+    """
+    force = [dwell.left_N for dwell in dwells if dwell.left_N is not None]
+    torque = [dwell.left_Nm for dwell in dwells if dwell.left_Nm is not None]
+    if len(force) < len(dwells):
+        raise DataError("the wrench was not valid at every pose: see `forcemesh status`")
+    return Left(np.linalg.norm(force, axis=1), np.linalg.norm(torque, axis=1))
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """PASS, FAIL, or nothing to judge by."""
+
+    passed: bool | None
+    text: str
+
+    @property
+    def word(self) -> str:
+        """The verdict in one word."""
+        return {True: "PASS", False: "FAIL", None: "NOT VERIFIED"}[self.passed]
+
+
+def judge(left: Left | None, bounds: Bounds) -> Verdict:
+    """Return the verdict on poses that the fit has not seen; None when there are none."""
+    if left is None:
+        text = "no pose was kept to verify by: the residuals of the fit say less"
+        return Verdict(None, f"NOT VERIFIED: {text}")
+    found = left.summary
+    passed = found.force_max_N <= bounds.force_N and found.torque_max_Nm <= bounds.torque_Nm
+    poses = f"{found.poses} fresh pose{'' if found.poses == 1 else 's'}"
+    text = (
+        f"at {poses} {found.force_mean_N:.3f} N and {found.torque_mean_Nm:.4f} N m are left in the "
+        f"mean, {found.force_max_N:.3f} N and {found.torque_max_Nm:.4f} N m at most (limits "
+        f"{bounds.force_N:g} N, {bounds.torque_Nm:g} N m)"
+    )
+    return Verdict(passed, f"{'PASS' if passed else 'FAIL'}: {text}")

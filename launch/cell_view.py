@@ -1,0 +1,58 @@
+"""What a client hears of a cell: everybody's health and the arbiter's state."""
+
+import time
+from collections.abc import Callable
+
+from common.client.roles import Roles
+from common.config.cell import Cell
+from forcemesh import topics
+from forcemesh.bus import Bus, Reading
+from forcemesh.messages import ArbiterStatus, Health, SensorWrench
+
+POLL_S = 0.02
+HELPER_PERIODS = 1.5  # a helper that runs has said so by then; nobody waits longer for one
+
+
+class CellView:
+    """Listens to health and arbiter status of one cell."""
+
+    def __init__(self, bus: Bus, cell: Cell) -> None:
+        """Subscribe. A sensor of somebody else's has no health here; its readings show it."""
+        self._clock = bus.clock
+        self.longest_wait_s = cell.stale_after_s(topics.HUB_HEALTH)
+        self.helper_wait_s = HELPER_PERIODS / cell.rates.health_hz
+        self._arbiter = bus.reader(topics.ARBITER_STATUS)
+        self._roles = Roles(bus, cell)
+        for name in (*topics.ROLES, *topics.HELPERS):
+            self._roles.health(name)
+
+    def health(self, role: str) -> Reading[Health] | Reading[SensorWrench]:
+        """Return the newest health of a role, judged now."""
+        return self._roles.health(role)
+
+    def pid(self, role: str) -> int | None:
+        """Return the process that plays a role, while its health is fresh."""
+        return getattr(self.health(role).fresh, "pid", None)
+
+    def arbiter(self) -> Reading[ArbiterStatus]:
+        """Return the arbiter's newest status, judged now."""
+        return self._arbiter.read(self._clock.now_ns())
+
+    def missing(self) -> list[str]:
+        """Return what keeps the cell from being ready: silent roles, an arbiter in BOOT."""
+        lines = [fault for role in topics.ROLES if (fault := self.health(role).fault)]
+        arbiter = self.arbiter()
+        if arbiter.fresh is None:
+            lines.append(arbiter.fault)
+        elif arbiter.fresh.state == "BOOT":
+            lines.append(f"the arbiter is BOOT: {'; '.join(arbiter.fresh.not_ready)}")
+        return lines
+
+    def wait(self, done: Callable[[], bool], timeout_s: float) -> bool:
+        """Poll until something is so; tell whether it became so in time."""
+        give_up_s = time.monotonic() + timeout_s
+        while not done():
+            if time.monotonic() >= give_up_s:
+                return False
+            time.sleep(POLL_S)
+        return True

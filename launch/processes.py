@@ -1,0 +1,345 @@
+"""The processes of a cell: the table of who plays which role, and who starts and stops them."""
+
+import math
+import signal
+import sys
+import threading
+import time
+from collections.abc import Sequence
+from contextlib import ExitStack, suppress
+from pathlib import Path
+from types import TracebackType
+
+from common.bus.zenoh_bus import endpoint_of, open_bus
+from common.config.cell import Cell
+from common.config.load import dump_cell
+from forcemesh import topics
+from forcemesh.bus import Bus
+from forcemesh.errors import BusError, ForcemeshError
+from forcemesh.messages import MAY_MOVE
+from forcemesh.requests import HoldRequest
+from launch.cell_view import POLL_S, CellView
+from launch.restart import PAUSE_S, Patience, Reviver
+from launch.run_file import read_run, writable_folder, write_whole
+from launch.run_log import RunLog
+from launch.started_process import Died, Process, Running, Say, say_on_stderr
+
+# Role: {who plays it in the cell file: module}. None: a process of somebody else's publishes it.
+# fmt: off
+MODULES: dict[str, dict[str, str | None]] = {
+    "hub":       {"": "services.hub"},
+    "arbiter":   {"": "services.arbiter"},
+    "regulator": {"": "services.regulator"},
+    "wrench":    {"": "services.wrench"},
+    "robot":     {"sim": "sim.robot", "gateway": "services.gateway"},
+    "sensor":    {"sim": "sim.robot", "driver": "services.sensor", "external": None},
+}
+# fmt: on
+# The sensor `sim` beside a gateway is the one on the arm of the emulated controller, which executes
+# the program that users load into theirs.
+EMULATOR = "sim.controller"
+WORDS = {EMULATOR: ("controller/forcemesh.as",)}
+WATCH_S = 0.02
+# A machine that is busy is let be slow: what cannot come up dies, and that ends the wait at once.
+UP_WITHIN_S = 120.0
+HUB_SLOW_S = 10.0
+ASK_WITHIN_S = 0.5
+HOLD_WITHIN_S = 1.0
+STOP_WITHIN_S = 3.0
+LINGER_S = 5.0  # of a cell that never was ready
+HUB_LAST_S = 0.5  # of those, kept for the hub, which goes last
+NOT_STARTED = "cell {cell} was not started"
+HELD = ("HOLDING", "FAULT", "BOOT")  # what the arbiter is after a hold
+
+
+def processes_of(cell: Cell) -> tuple[Process, ...]:
+    """Return the processes of a cell in the order of their start; one may play several roles."""
+    players = {"robot": cell.roles.robot, "sensor": cell.roles.sensor}
+    roles_of: dict[str, tuple[str, ...]] = {}
+    for role, choices in MODULES.items():
+        module = choices[players.get(role, "")]
+        if role == "sensor" and cell.roles.sensor == "sim" and cell.roles.robot == "gateway":
+            module = EMULATOR
+        if module is not None:
+            roles_of[module] = (*roles_of.get(module, ()), role)
+    if cell.sim is not None and cell.sim.netft:
+        # It plays no role of the bus: gateway and driver reach it over TCP and UDP.
+        roles_of = {
+            "services.hub": roles_of.pop("services.hub"),
+            EMULATOR: ("controller",),
+        } | roles_of
+    return tuple(
+        Process(module, roles, words=WORDS.get(module, ())) for module, roles in roles_of.items()
+    )
+
+
+class Supervisor:
+    """Starts a cell's processes, notices when one dies, stops them all: a context manager.
+
+    Enter it in a thread that lives as long as the cell: the processes die with that thread.
+    """
+
+    def __init__(
+        self,
+        cell: Cell,
+        cell_file: Path | None = None,
+        *,
+        processes: Sequence[Process] | None = None,
+        stop: threading.Event | None = None,
+        say: Say = say_on_stderr,
+    ) -> None:
+        """Prepare. Without a cell file the cell is written beside the run file."""
+        self.died: list[Died] = []
+        self._cell = cell
+        self._cell_file = cell_file
+        self._processes = processes_of(cell) if processes is None else tuple(processes)
+        self._stop = stop or threading.Event()
+        self._say = say
+        self._running: list[Running] = []
+        self._log: RunLog | None = None
+        self._stopping = threading.Event()
+        self._watcher = threading.Thread(target=self._watch, daemon=True)
+        self._exits = ExitStack()
+        self._client: Bus | None = None
+        self._view: CellView | None = None
+        self._reviver: Reviver | None = None
+
+    # --- start and stop ---------------------------------------------------------------------------
+
+    def __enter__(self) -> "Supervisor":
+        """Start everything, the hub first.
+
+        Raises:
+            ForcemeshError: The cell is up already, or its hub did not come up.
+        """
+        before = read_run(self._cell.cell)
+        if before is not None and before.live:
+            raise ForcemeshError(
+                f"cell {self._cell.cell} is already up (pid {before.supervisor_pid}, "
+                f"since {before.started_at}): stop that one first"
+            )
+        path = self._cell_file
+        if path is None:
+            path = self._cell_file = writable_folder() / f"{self._cell.cell}.yaml"
+            write_whole(path, dump_cell(self._cell))
+        self._stop_on_sigterm()
+        self._log = RunLog(self._cell, path.resolve())
+        try:
+            self._start_all()
+        except BaseException:
+            self.stop()
+            raise
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Stop everything."""
+        self.stop()
+
+    def stop(self) -> None:
+        """Hold the arm if it may move, end every process, and leave a run file only of a death."""
+        if self._stopping.is_set():
+            return
+        if self._last_state() in MAY_MOVE and not self._is_dead("hub", "arbiter"):
+            self._hold("the cell is being stopped")
+        self._stopping.set()
+        self._exits.close()
+        hubs = [running for running in self._running if "hub" in running.process.roles]
+        others = [running for running in self._running if running not in hubs]
+        give_up_s = time.monotonic() + STOP_WITHIN_S
+        _end_all(others, give_up_s - HUB_LAST_S)
+        _end_all(hubs, give_up_s)
+        if self._watcher.is_alive():
+            self._watcher.join()
+        if self._log is not None:
+            self._log.close(keep=bool(self.died))
+
+    @property
+    def cell_file(self) -> Path:
+        """Return the file that the processes have read; one that was made here, if none was named.
+
+        Raises ForcemeshError before the start.
+        """
+        if self._cell_file is None:
+            raise ForcemeshError(NOT_STARTED.format(cell=self._cell.cell))
+        return self._cell_file
+
+    @property
+    def log(self) -> RunLog:
+        """Return what writes the run file. Raises ForcemeshError before the start."""
+        if self._log is None:
+            raise ForcemeshError(NOT_STARTED.format(cell=self._cell.cell))
+        return self._log
+
+    # --- while it is up ---------------------------------------------------------------------------
+
+    def missing(self) -> list[str]:
+        """Return what keeps the cell from being ready, and note the arbiter's state."""
+        if self._view is None:
+            return ["no hub among the processes"]
+        self._last_state()
+        return self._view.missing()
+
+    def wait_ready(self, timeout_s: float = UP_WITHIN_S) -> None:
+        """Wait until every role's health is fresh and the arbiter is past BOOT.
+
+        Raises:
+            ForcemeshError: A process died, or the time is up; says what is missing.
+        """
+        give_up_s = time.monotonic() + timeout_s
+        while lines := self.missing():
+            self._raise_death()
+            if self._stop.is_set():
+                raise ForcemeshError("stopped while the cell was starting")
+            if time.monotonic() >= give_up_s:
+                raise ForcemeshError(f"not ready after {timeout_s:g} s: {'; '.join(lines)}")
+            time.sleep(POLL_S)
+        self._raise_death()
+
+    def keep_up(self) -> None:
+        """From now on start what dies again, in `tend`: the cell was ready once."""
+        patience = Patience(max(PAUSE_S, self._cell.stale_after_s(topics.ROBOT_COMMAND)))
+        self._reviver = Reviver(self._start_again, self._hold, self._say, patience)
+
+    def tend(self) -> None:
+        """Start again what has died; to be called often, by the thread that entered.
+
+        What dies again and again is in `died` from then on, and the others stay up.
+        """
+        if self._reviver is not None:
+            self.died += self._reviver.tend(time.monotonic())
+
+    def mourn(self, linger_s: float | None) -> None:
+        """After a death: let the arbiter hold, and keep the rest up so that status can be asked.
+
+        Without a time they stay until this is stopped, if the cell was ready once.
+        """
+        give_up_s = time.monotonic() + 5 * WATCH_S
+        while not self.died and time.monotonic() < give_up_s:
+            time.sleep(WATCH_S)
+        self._say("up", self._hold("; ".join(str(died) for died in self.died) or "stopped"))
+        if linger_s is None:
+            linger_s = LINGER_S if self._reviver is None else math.inf
+        if linger_s > 0.0 and self.died:
+            until = "until Ctrl-C" if math.isinf(linger_s) else f"for {linger_s:g} s"
+            self._say("up", f"the others stay up {until}: ask `forcemesh status`")
+            with suppress(KeyboardInterrupt):  # ends the waiting; what failed is still told
+                self._stop.wait(None if math.isinf(linger_s) else linger_s)
+
+    # --- inside -----------------------------------------------------------------------------------
+
+    def _stop_on_sigterm(self) -> None:
+        """Let SIGTERM unwind a program that has no other plan for it: the cell is stopped."""
+        is_main = threading.current_thread() is threading.main_thread()
+        if is_main and signal.getsignal(signal.SIGTERM) is signal.SIG_DFL:
+            signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))
+            self._exits.callback(signal.signal, signal.SIGTERM, signal.SIG_DFL)
+
+    def _start_all(self) -> None:
+        self._watcher.start()
+        for process in self._processes:
+            self._raise_death()
+            running = self.begin(process)
+            if "hub" in process.roles:
+                self._connect(running.pid)
+
+    def begin(self, process: Process) -> Running:
+        """Start one more process."""
+        running = Running(process, self.cell_file.resolve(), self._say)
+        self.log.started(process, running.pid)
+        self._running.append(running)
+        return running
+
+    def _start_again(self, process: Process, died: Died) -> int:
+        """Start a process in the place of one that died; return its pid."""
+        old = next(running for running in self._running if running.pid == died.pid)
+        old.finish(0.0)
+        new = Running(process, self.cell_file.resolve(), self._say)
+        self.log.started(process, new.pid)
+        self._running = [new if running is old else running for running in self._running]
+        return new.pid
+
+    def _connect(self, hub_pid: int) -> None:
+        """Wait until our own hub answers: another one there would make two cells of one."""
+        where, began_s, said_slow = endpoint_of(self._cell), time.monotonic(), False
+        while True:
+            self._raise_death()
+            if self._stop.is_set():
+                raise ForcemeshError("stopped while the hub was starting")
+            if self._view is None:
+                self._try_to_connect()
+            elif self._view.pid("hub") == hub_pid:
+                return
+            elapsed_s = time.monotonic() - began_s
+            if elapsed_s >= UP_WITHIN_S:
+                raise ForcemeshError(f"the hub at {where} was not heard in {UP_WITHIN_S:g} s")
+            if elapsed_s >= HUB_SLOW_S and not said_slow:
+                said_slow = True
+                self._say("up", f"after {elapsed_s:.0f} s still waiting for the hub at {where}")
+            time.sleep(POLL_S)
+
+    def _try_to_connect(self) -> None:
+        try:
+            self._client = self._exits.enter_context(
+                open_bus(self._cell, topics.CLIENT, patience_s=0.0)
+            )
+            self._view = CellView(self._client, self._cell)
+        except BusError:
+            self._client = self._view = None
+
+    def _watch(self) -> None:
+        """Notice deaths; runs in its own thread until the cell is stopped."""
+        mourned: set[int] = set()
+        while not self._stopping.wait(WATCH_S):
+            for running in list(self._running):
+                died = None if running.pid in mourned else running.ended()
+                if died is None or self._stopping.is_set():
+                    continue
+                mourned.add(running.pid)
+                if self._log is not None:
+                    self._log.ended(died)
+                self._say("up", f"died: {died}")
+                if self._reviver is None:
+                    self.died.append(died)
+                else:
+                    self._reviver.fell(died)
+
+    def _last_state(self) -> str:
+        """Return the arbiter's state as last heard."""
+        if self._view is not None and (status := self._view.arbiter().message) is not None:
+            if self._log is not None:
+                self._log.state(status.state)
+            return status.state
+        return ""
+
+    def _is_dead(self, *roles: str) -> bool:
+        ended = [each.process for each in list(self._running) if each.ended() is not None]
+        return any(role in process.roles for process in ended for role in roles)
+
+    def _raise_death(self) -> None:
+        if self.died:
+            raise ForcemeshError("; ".join(str(died) for died in self.died))
+
+    def _hold(self, reason: str) -> str:
+        """Ask the arbiter to hold and wait until it says so; return what came of it."""
+        if self._client is None or self._view is None or self._is_dead("hub", "arbiter"):
+            limit_ms = 1e3 * self._cell.stale_after_s(topics.ROBOT_COMMAND)
+            return f"nobody is left to ask: the robot holds by itself within {limit_ms:.0f} ms"
+        try:
+            reply = self._client.ask(topics.HOLD, HoldRequest(reason=reason[:400]), ASK_WITHIN_S)
+        except ForcemeshError as error:
+            return f"hold was asked for: {error}"
+        self._view.wait(lambda: self._last_state() in HELD, HOLD_WITHIN_S)
+        return f"hold was asked for: {reply.text}; the arbiter is {self._last_state()}"[:300]
+
+
+def _end_all(processes: list[Running], give_up_s: float) -> None:
+    """Ask all of them to end, and take away whatever has not by then (monotonic time [s])."""
+    for running in processes:
+        running.terminate()
+    for running in processes:
+        running.finish(give_up_s - time.monotonic())

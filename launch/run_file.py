@@ -1,0 +1,176 @@
+"""The run file: what a supervisor started and what became of it, for whoever asks later.
+
+`.run/<cell>.json` in the project's folder, or in a private folder of the temporary directory where
+that cannot be written. It goes when a cell ends well, and stays when a process of it has died.
+"""
+
+import os
+import tempfile
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from pydantic import BaseModel, ValidationError
+
+if TYPE_CHECKING:
+    from common.config.cell import Cell
+
+ROOT = Path(__file__).resolve().parent.parent
+FOLDER_VARIABLE = "FORCEMESH_RUN_FOLDER"
+NOT_KEPT = {"calibration", "panel"}  # one changes while a cell is up, the other holds tokens
+
+
+class Ended(BaseModel):
+    """How and when a process ended that should not have."""
+
+    code: int  # as subprocess has it: negative is the number of the signal
+    how: str  # "killed by SIGKILL", "exit code 2"
+    at: str
+
+
+class Entry(BaseModel):
+    """One process and the roles that it plays."""
+
+    roles: tuple[str, ...]
+    module: str
+    pid: int
+    started_ticks: int | None  # tells a process from a later one with the same pid
+    ended: Ended | None = None
+    is_helper: bool = False  # its death ends nothing
+    deaths: tuple[Ended, ...] = ()  # of those before it in its place, the newest last
+
+    @property
+    def alive(self) -> bool:
+        """Whether this very process still runs."""
+        return is_alive(self.pid, self.started_ticks)
+
+
+class Run(BaseModel):
+    """One cell from its start to its end."""
+
+    cell: str
+    cell_file: str
+    supervisor_pid: int
+    supervisor_ticks: int | None
+    started_at: str
+    ended_at: str | None = None
+    last_state: str = ""  # of the arbiter
+    as_started: str = ""  # the cell as its processes have it, JSON; its file may change meanwhile
+    processes: list[Entry] = []
+
+    @property
+    def live(self) -> bool:
+        """Whether the supervisor that wrote this is still there."""
+        return self.ended_at is None and is_alive(self.supervisor_pid, self.supervisor_ticks)
+
+    def entry(self, role: str) -> Entry | None:
+        """Return the process that plays a role, if this run has one."""
+        return next((entry for entry in self.processes if role in entry.roles), None)
+
+
+def new_run(cell: "Cell", cell_file: Path) -> Run:
+    """Return the run that this process is about to supervise."""
+    pid = os.getpid()
+    return Run(
+        cell=cell.cell,
+        cell_file=str(cell_file),
+        as_started=cell.model_dump_json(exclude=NOT_KEPT),
+        supervisor_pid=pid,
+        supervisor_ticks=start_ticks(pid),
+        started_at=now(),
+    )
+
+
+def write_run(run: Run, folder: Path | None = None) -> Path:
+    """Write a run file; readers see the old one or the new one, never half of one."""
+    folder = folder or writable_folder()
+    path = folder / f"{run.cell}.json"
+    write_whole(path, run.model_dump_json(indent=1) + "\n")
+    return path
+
+
+def write_whole(path: Path, text: str) -> None:
+    """Replace a file in one go."""
+    draft = path.with_name(f"{path.name}.{os.getpid()}")
+    draft.write_text(text, encoding="utf-8")
+    draft.replace(path)
+
+
+def remove_run(run: Run) -> None:
+    """Remove the run file of a cell that ended well."""
+    for folder in folders():
+        (folder / f"{run.cell}.json").unlink(missing_ok=True)
+
+
+def read_run(cell: str) -> Run | None:
+    """Return the newest run of a cell, or None when there is none that can be read."""
+    return next((run for run in read_runs() if run.cell == cell), None)
+
+
+def read_runs() -> list[Run]:
+    """Return every run there is a file of: live ones first, and the newest first among equals."""
+    runs = [_read(path) for folder in folders() for path in folder.glob("*.json")]
+    found = sorted((run for run in runs if run), key=lambda run: run.started_at, reverse=True)
+    return sorted(found, key=lambda run: not run.live)
+
+
+def folders() -> list[Path]:
+    """Return where run files may be."""
+    if named := os.environ.get(FOLDER_VARIABLE):
+        return [Path(named)]
+    return [ROOT / ".run", Path(tempfile.gettempdir()) / f"forcemesh-{os.getuid()}"]
+
+
+def writable_folder() -> Path:
+    """Return the first folder for run files that can be written; make it if need be."""
+    candidates = folders()
+    for folder in candidates[:-1]:
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError:
+            continue
+        if os.access(folder, os.W_OK):
+            return folder
+    candidates[-1].mkdir(mode=0o700, parents=True, exist_ok=True)
+    return candidates[-1]
+
+
+def now() -> str:
+    """Return the wall clock time for people."""
+    return datetime.now(UTC).isoformat(timespec="milliseconds")
+
+
+def is_alive(pid: int, ticks: int | None) -> bool:
+    """Tell whether a process runs and is the one that started at `ticks`; a zombie does not run."""
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    except PermissionError:
+        return True
+    stat = _stat(pid)
+    if stat is None:
+        return True
+    return stat[0] != "Z" and (ticks is None or int(stat[19]) == ticks)
+
+
+def start_ticks(pid: int) -> int | None:
+    """Return when a process started, in the kernel's ticks since boot, where that is known."""
+    stat = _stat(pid)
+    return None if stat is None else int(stat[19])
+
+
+def _stat(pid: int) -> list[str] | None:
+    """Return the fields of /proc/PID/stat from the state on (proc(5): state is field 3)."""
+    try:
+        text = Path(f"/proc/{pid}/stat").read_text(encoding="utf-8")
+    except OSError:
+        return None
+    return text.rpartition(")")[2].split()
+
+
+def _read(path: Path) -> Run | None:
+    try:
+        return Run.model_validate_json(path.read_bytes())
+    except (OSError, ValidationError):
+        return None

@@ -1,0 +1,70 @@
+"""Keeps the run file of one cell up to date while its supervisor runs."""
+
+import threading
+from contextlib import suppress
+from pathlib import Path
+
+from common.config.cell import Cell
+from launch.run_file import Ended, Entry, Run, new_run, now, remove_run, start_ticks, write_run
+from launch.started_process import Died, Process
+
+MOST_DEATHS = 10  # of one process that a run file tells of
+
+
+class RunLog:
+    """Writes every change of a run at once; several threads may tell it things."""
+
+    def __init__(self, cell: Cell, cell_file: Path) -> None:
+        """Begin a run; nothing is written before the first process."""
+        self._run: Run = new_run(cell, cell_file)
+        self._lock = threading.Lock()
+        self._closed = False
+
+    def started(self, process: Process, pid: int, *, is_helper: bool = False) -> None:
+        """Add a process; one that was started again takes the place of the one that died."""
+        old = next((e for e in self._run.processes if e.roles == process.roles and e.ended), None)
+        before = () if old is None or old.ended is None else (*old.deaths, old.ended)
+        entry = Entry(
+            roles=process.roles,
+            module=process.module,
+            pid=pid,
+            started_ticks=start_ticks(pid),
+            is_helper=is_helper,
+            deaths=before[-MOST_DEATHS:],
+        )
+        with self._lock:
+            rest = [each for each in self._run.processes if each is not old]
+            self._put(processes=[*rest, entry])
+
+    def ended(self, died: Died) -> None:
+        """Say what became of a process."""
+        end = Ended(code=died.code, how=died.how, at=now())
+        with self._lock:
+            self._put(
+                processes=[
+                    entry.model_copy(update={"ended": end}) if entry.pid == died.pid else entry
+                    for entry in self._run.processes
+                ]
+            )
+
+    def state(self, state: str) -> None:
+        """Note the arbiter's state when it is another one."""
+        with self._lock:
+            if state != self._run.last_state:
+                self._put(last_state=state)
+
+    def close(self, *, keep: bool) -> None:
+        """End the run: its file goes, or stays for whoever asks what has died."""
+        with self._lock:
+            if keep:
+                self._put(ended_at=now())
+            else:
+                remove_run(self._run)
+            self._closed = True
+
+    def _put(self, **update: object) -> None:
+        if self._closed:  # a helper may end after the cell
+            return
+        self._run = self._run.model_copy(update=update)
+        with suppress(OSError):  # a full disk is no reason to leave a cell without supervision
+            write_run(self._run)

@@ -1,0 +1,152 @@
+"""One started process: its output with its name in front, and how it ended."""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+from collections import deque
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+from launch.run_file import ROOT
+
+LAUNCHER = Path(__file__).with_name("child.py")
+DRAIN_S = 0.05
+COLOURS = {
+    "hub": 37,
+    "arbiter": 35,
+    "regulator": 33,
+    "wrench": 36,
+    "robot": 34,
+    "sensor": 32,
+    "up": 1,
+}
+
+Say = Callable[[str, str], None]  # who, one line
+
+
+@dataclass(frozen=True, slots=True)
+class Process:
+    """One row of a cell's process table."""
+
+    module: str
+    roles: tuple[str, ...]
+    argv: tuple[str, ...] = ()  # instead of `python -m module --cell FILE`
+    words: tuple[str, ...] = ()  # between the module and --cell
+
+    @property
+    def name(self) -> str:
+        """The role that it is known by."""
+        return self.roles[0]
+
+
+@dataclass(frozen=True, slots=True)
+class Died:
+    """A process that ended although nobody had told it to."""
+
+    process: Process
+    pid: int
+    code: int
+    last_words: str = ""
+
+    @property
+    def how(self) -> str:
+        """What ended it: a signal or an exit code."""
+        return how_ended(self.code)
+
+    def __str__(self) -> str:
+        roles = " and ".join(self.process.roles)
+        words = f", last words: {self.last_words}" if self.last_words else ""
+        return f"{roles} ({self.process.module}, pid {self.pid}): {self.how}{words}"
+
+
+class Running:
+    """A child process with its own session, so that Ctrl-C reaches its supervisor only."""
+
+    def __init__(self, process: Process, cell_file: Path, say: Say) -> None:
+        """Start it. It dies with the thread that calls this."""
+        self.process = process
+        self._say = say
+        self._lines: deque[str] = deque(maxlen=1)
+        command = process.argv or (
+            sys.executable,
+            "-m",
+            process.module,
+            *process.words,
+            "--cell",
+            str(cell_file),
+        )
+        self._popen = subprocess.Popen(
+            [sys.executable, "-I", "-S", str(LAUNCHER), str(os.getpid()), *command],
+            cwd=ROOT,
+            env=os.environ | {"PYTHONUNBUFFERED": "1"},
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
+        )
+        self.pid = self._popen.pid
+        self._pump = threading.Thread(target=self._pump_lines, daemon=True)
+        self._pump.start()
+
+    def ended(self) -> Died | None:
+        """Return how it ended, or None while it runs."""
+        code = self._popen.poll()
+        if code is None:
+            return None
+        self._pump.join(DRAIN_S)
+        words = self._lines[-1] if self._lines and code > 0 else ""
+        return Died(self.process, self.pid, code, words)
+
+    def terminate(self) -> None:
+        """Ask it and its own children to end."""
+        self._signal(signal.SIGTERM)
+
+    def finish(self, patience_s: float) -> None:
+        """Wait for its end, then take what is left of its session away; close its output."""
+        with suppress(subprocess.TimeoutExpired):
+            self._popen.wait(max(patience_s, 0.0))
+        self._signal(signal.SIGKILL)
+        self._popen.wait()
+        self._pump.join(DRAIN_S)
+        if not self._pump.is_alive() and self._popen.stdout is not None:
+            self._popen.stdout.close()
+
+    def _signal(self, number: signal.Signals) -> None:
+        with suppress(ProcessLookupError, PermissionError):
+            os.killpg(self.pid, number)
+
+    def _pump_lines(self) -> None:
+        stream = self._popen.stdout
+        if stream is None:
+            return
+        for raw in stream:
+            line = raw.decode("utf-8", "replace").rstrip()
+            if line:
+                self._lines.append(line)
+                self._say(self.process.name, line)
+
+
+def how_ended(code: int) -> str:
+    """Return a return code of subprocess in words."""
+    if code >= 0:
+        return f"exit code {code}"
+    try:
+        return f"killed by {signal.Signals(-code).name}"
+    except ValueError:
+        return f"killed by signal {-code}"
+
+
+def say_on_stderr(name: str, line: str) -> None:
+    """Write a line with a coloured name before it; one write, so that lines never mix.
+
+    `sys.stderr` is looked up each time: a live display puts itself in its place.
+    """
+    prefix = f"{name:>9} | "
+    if sys.stderr.isatty() and "NO_COLOR" not in os.environ:
+        prefix = f"\x1b[{COLOURS.get(name, 0)}m{prefix}\x1b[0m"
+    sys.stderr.write(f"{prefix}{line}\n")
+    sys.stderr.flush()

@@ -1,0 +1,108 @@
+"""A whole simulated cell in one process on a virtual clock: the same services, faster than time."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+from common.bus.memory_bus import MemoryTransport
+from common.config.cell import Cell
+from common.runtime.service import Runner, Service, reporter_of
+from forcemesh.bus import Bus
+from forcemesh.clock import NS_PER_S, ManualClock
+from forcemesh.errors import ConfigError
+from forcemesh.topics import CLIENT
+from services.arbiter.service import ArbiterService
+from services.gateway.link import News
+from services.gateway.service import Gateway
+from services.hub.service import Hub
+from services.regulator.service import Regulator
+from services.wrench.service import WrenchService
+from sim.controller.network import MemoryNetwork
+from sim.controller.parser import load
+from sim.controller.service import ControllerSensor
+from sim.controller.wire import LockStepWire
+from sim.robot.arm import SimArm
+from sim.robot.service import SimRobot
+
+STEP_NS = 1_000_000
+PROGRAM = Path(__file__).resolve().parent.parent / "controller" / "forcemesh.as"
+NOT_SIMULATED = "roles.sensor: only a simulated cell can run in lock step, so it must be sim"
+
+
+class WorldClock:
+    """The client's clock: to sleep is to let the cell live on."""
+
+    def __init__(self, world: "VirtualCell") -> None:
+        """Belong to a cell."""
+        self._world = world
+        self.boot = world.clock.boot
+
+    def now_ns(self) -> int:
+        """Return the virtual time [ns]."""
+        return self._world.clock.now_ns()
+
+    def sleep_s(self, duration_s: float) -> None:
+        """Let virtual time pass."""
+        self._world.advance(duration_s)
+
+
+class VirtualCell:
+    """Every process of a cell, stepped in turn each virtual millisecond."""
+
+    def __init__(self, cell: Cell, transport: MemoryTransport | None = None) -> None:
+        """Start all services at the same virtual instant, on a bus of one's own if need be."""
+        self.cell = cell
+        self.clock = ManualClock()
+        self.transport = transport or MemoryTransport()
+        self.transport.advance = self.advance
+        self.client = Bus(CLIENT, cell.cell, self.transport, cell, WorldClock(self))
+        self.runners: dict[str, Runner] = {}
+        self.arm = self._add_controller() if cell.roles.robot == "gateway" else self._add_sim()
+        for role, make in (
+            ("hub", Hub),
+            ("wrench", WrenchService),
+            ("regulator", Regulator),
+            ("arbiter", ArbiterService),
+        ):
+            bus = self._bus(role)
+            self._add(role, make(bus, cell), bus)
+
+    def _add_sim(self) -> SimArm:
+        bus = self._bus("robot")
+        robot = SimRobot(bus, self.cell)
+        self._add("robot", robot, bus, bus.playing("sensor"))
+        return robot.arm
+
+    def _add_controller(self) -> SimArm:
+        """The real gateway on a wire in memory, and the emulated controller at its other end."""
+        if self.cell.gateway is None or self.cell.roles.sensor != "sim":
+            raise ConfigError(self.cell.cell, [NOT_SIMULATED])
+        network, sensor_bus, bus = MemoryNetwork(), self._bus("sensor"), self._bus("robot")
+        controller = ControllerSensor(sensor_bus, self.cell, network)
+        controller.machine.load(load(PROGRAM))
+        controller.machine.pendant.monitor_speed(100.0)
+        controller.machine.pendant.execute("fm.main")
+        self._add("sensor", controller, sensor_bus)
+        wire = LockStepWire(network, self.cell.gateway.port, News)
+        self._add("robot", Gateway(bus, self.cell, wire), bus)
+        return controller.arm
+
+    def advance(self, duration_s: float, until: Callable[[], bool] = lambda: False) -> None:
+        """Let virtual time pass, at most until something is true."""
+        end_ns = self.clock.now_ns() + round(duration_s * NS_PER_S)
+        while self.clock.now_ns() < end_ns and not until():
+            self.clock.advance_ns(STEP_NS)
+            now_ns = self.clock.now_ns()
+            for runner in list(self.runners.values()):
+                if runner.due(now_ns):
+                    runner.step(now_ns)
+
+    def kill(self, role: str) -> None:
+        """Let a process die: it is never stepped again."""
+        del self.runners[role]
+
+    def _bus(self, role: str) -> Bus:
+        return Bus(role, self.cell.cell, self.transport, self.cell, self.clock)
+
+    def _add(self, role: str, service: Service, *buses: Bus) -> None:
+        reporters = [reporter_of(bus, self.cell) for bus in buses]
+        self.runners[role] = Runner(service, reporters, self.clock)

@@ -1,0 +1,85 @@
+"""What is to be sent to the controller when its turn comes: of each kind the newest. Pure."""
+
+import pinocchio as pin
+
+from controller.packet_table import Point
+from forcemesh.messages import Gains, Vec3
+from services.gateway import commands
+from services.gateway.commands import Command, Pacing, PoseCarry
+from services.gateway.scales import Scales
+
+
+class Offers:
+    """Set points of a stream, or wrench, centre and gains of force feedback that runs.
+
+    What does not fit into a packet is refused when it is offered: LocalProtocolError.
+    """
+
+    def __init__(self, scales: Scales, pacing: Pacing, running: Gains | None = None) -> None:
+        """Nothing waits, and no rounding is carried; `running`: what force feedback starts with."""
+        self._scales, self._pacing = scales, pacing
+        self._sent_gains: tuple[Command, ...] = () if running is None else commands.gains(running)
+        # The controller begins with none, after a hold, a stop and hello.
+        self._sent_setpoint = commands.force_set_point((0.0, 0.0, 0.0), scales)
+        self._carry = PoseCarry()
+        self.forget()
+
+    def forget(self) -> None:
+        """Let nothing wait any more."""
+        self._setpoint: pin.SE3 | None = None
+        self._wrench: tuple[Command, ...] = ()
+        self._centre: tuple[Command, ...] = ()
+        self._gains: tuple[Command, ...] = ()
+
+    def setpoint(self, T_base_flange: pin.SE3) -> None:
+        """Let a pose wait."""
+        commands.set_point(T_base_flange, self._scales, self._carry)
+        self._setpoint = T_base_flange
+
+    def wrench(self, force_N: Vec3, torque_Nm: Vec3, setpoint_N: Vec3) -> None:
+        """Let a wrench wait, and the set point that is for it."""
+        setpoint = commands.force_set_point(setpoint_N, self._scales)
+        self._wrench = (setpoint, commands.wrench(force_N, torque_Nm, self._scales))
+
+    def centre(self, T_flange_tcp: pin.SE3) -> None:
+        """Let a point to turn about wait."""
+        self._centre = (commands.tcp(T_flange_tcp, self._scales, Point.CENTRE),)
+
+    def gains(self, gains: Gains) -> None:
+        """Let both sets of gains wait."""
+        self._gains = commands.gains(gains)
+
+    def take_for_ring(self, now_ns: int) -> tuple[Command, ...]:
+        """Take what the robot program is to get next: of one kind, gains before a centre.
+
+        Gains are two commands at most, those that the controller does not have yet.
+        """
+        return self._take_setpoint(now_ns) or self._take_gains() or self._take_centre()
+
+    def take_wrench(self) -> tuple[Command, ...]:
+        """Take the wrench, which the ring has no part in, behind its set point if that is new."""
+        wrench, self._wrench = self._wrench, ()
+        if not wrench or wrench[0] == self._sent_setpoint:
+            return wrench[1:]
+        self._sent_setpoint = wrench[0]
+        return wrench
+
+    def _take_setpoint(self, now_ns: int) -> tuple[Command, ...]:
+        if (wanted := self._setpoint) is None:
+            return ()
+        if (leaves := self._pacing.leave(wanted, now_ns)) is None:
+            return ()
+        command, self._carry = commands.set_point(leaves, self._scales, self._carry)
+        self._setpoint = None if leaves is wanted else wanted
+        return (command,)
+
+    def _take_gains(self) -> tuple[Command, ...]:
+        if not self._gains:
+            return ()
+        new = tuple(command for command in self._gains if command not in self._sent_gains)
+        self._sent_gains, self._gains = self._gains, ()
+        return new
+
+    def _take_centre(self) -> tuple[Command, ...]:
+        centre, self._centre = self._centre, ()
+        return centre

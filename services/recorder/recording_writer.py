@@ -1,0 +1,135 @@
+"""What is to be written, and the disk it goes to: whatever happens there, hearing goes on."""
+
+from collections import deque
+from collections.abc import Callable
+from contextlib import suppress
+
+from common.config.cell import Cell
+from forcemesh.clock import NS_PER_S, Clock
+from forcemesh.faults import clipped
+from services.recorder.folder import STOP, file_name, folder_of, forget_oldest, free_bytes
+from services.recorder.frames import Frame
+from services.recorder.recording import Recording
+from services.recorder.ring_buffer import Block
+from services.recorder.wall_clock import Wall
+
+LOOK_NS = NS_PER_S  # so often the disk is looked at
+GB = 1_000_000_000
+
+
+class Tape:
+    """At most one recording, and what waits to go into it."""
+
+    def __init__(self, cell: Cell, clock: Clock, wall_ns: Callable[[], int]) -> None:
+        """Record nothing yet."""
+        self.recording: Recording | None = None
+        self.last: Recording | None = None  # the one that runs, or ran last
+        self.free_bytes = 0
+        self.folder = folder_of(cell.recorder.folder)
+        self._cell, self._clock, self._wall_ns = cell, clock, wall_ns
+        self._waiting: deque[Block | list[Frame]] = deque()
+        self._no_space, self._broken = "", ""
+        self._looked_ns: int | None = None
+
+    @property
+    def fault(self) -> str:
+        """Why it cannot record, empty when it can."""
+        return self._no_space or self._broken
+
+    @property
+    def waits(self) -> bool:
+        """Whether something is still to be written."""
+        return bool(self._waiting)
+
+    def begin(self, label: str, cause: str, past: list[Block]) -> bool:
+        """Begin a recording with what memory holds; tell whether there is one now."""
+        self.look()
+        if self._no_space:
+            return False
+        now_ns = self._clock.now_ns()
+        wall = Wall(self._clock.boot, self._wall_ns() - now_ns)
+        name = file_name(self._cell.cell, wall.arrival_ns(now_ns), label)
+
+        def open_it() -> None:
+            self.recording = self.last = Recording(
+                self.folder, name, self._cell, cause=cause, wall=wall, now_ns=now_ns
+            )
+            self._broken = ""
+            forget_oldest(self.folder, self._cell.cell, label, self._cell.recorder.faults_kept)
+
+        self._waiting = deque(past)
+        self._try(open_it)
+        return self.recording is not None
+
+    def add(self, frames: list[Frame]) -> None:
+        """Let frames wait to be written, if there is a recording."""
+        if self.recording is not None:
+            self._waiting.append(frames)
+
+    def note(self, what: str) -> None:
+        """Write into the recording what has happened now."""
+        if (recording := self.recording) is not None:
+            self._try(lambda: recording.note(what, self._clock.now_ns()))
+
+    def work(self, longest_ns: int) -> None:
+        """Write what waits, for so long; the rest has time."""
+        give_up_ns = self._clock.now_ns() + longest_ns
+        while self._waiting and self.recording is not None:
+            waiting = self._waiting.popleft()
+            self._write(waiting.frames() if isinstance(waiting, Block) else waiting)
+            if self._clock.now_ns() >= give_up_ns:
+                return
+
+    def end(self, longest_ns: int) -> None:
+        """Write what waits, at most for so long, and finish the file."""
+        self.work(longest_ns)
+        recording, self.recording = self.recording, None
+        self._waiting.clear()
+        if recording is not None:
+            self._try(recording.close)
+
+    def look(self) -> None:
+        """Look now and then how much space there is, and stop while some is left."""
+        now_ns = self._clock.now_ns()
+        if self._looked_ns is not None and now_ns - self._looked_ns < LOOK_NS:
+            return
+        self._looked_ns = now_ns
+        self._try(self._look)
+
+    def _look(self) -> None:
+        self.free_bytes = free_bytes(self.folder)
+        free_GB, least_GB = self.free_bytes / GB, self._cell.recorder.least_free_GB
+        if free_GB >= least_GB:
+            self._no_space = ""
+            return
+        stopped = "recording stopped: " if self.recording is not None else ""
+        self._no_space = self._no_space or clipped(
+            f"{stopped}{free_GB:.1f} GB are free at {self.folder}, "
+            f"recorder.least_free_GB is {least_GB:g}"
+        )
+        self._drop()
+
+    def _write(self, frames: list[Frame]) -> None:
+        if (recording := self.recording) is not None:
+            self._try(lambda: recording.write(frames, self._clock.now_ns()))
+
+    def _try(self, use: Callable[[], None]) -> None:
+        """Use the disk; what goes wrong there ends the recording, and nothing else."""
+        try:
+            use()
+        except OSError as error:
+            self._broken = clipped(f"cannot write to {self.folder}: {error.strerror or error}")
+            self._drop()
+
+    def _drop(self) -> None:
+        """End the recording as far as the disk still lets it."""
+        recording, self.recording = self.recording, None
+        self._waiting.clear()
+        if recording is not None:
+            with suppress(OSError):
+                recording.close()
+
+
+def fault_label(code: str) -> str:
+    """Return the label of a recording that a fault began."""
+    return f"{STOP}-{code}"

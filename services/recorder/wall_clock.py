@@ -1,0 +1,45 @@
+"""Wall clock time of what is stamped by monotonic clocks, of this machine and of others. Pure.
+
+Within one recording each clock is moved by one and the same amount, so that the order and the
+distances of what one machine says stay what they were, also when its wall clock is set meanwhile.
+"""
+
+from forcemesh.clock import NS_PER_S
+
+LONGEST_WAY_NS = 600 * NS_PER_S  # a stamp farther than this from its arrival is not believed
+MOST_CLOCKS = 64  # a stranger could name a new one with every message
+
+
+class Wall:
+    """Moves stamps onto this machine's wall clock."""
+
+    def __init__(self, boot: str, offset_ns: int) -> None:
+        """Know this machine's clock; those of others are met on the way.
+
+        Args:
+            boot: The clock's identity, as in headers.
+            offset_ns: Wall clock less monotonic clock [ns].
+        """
+        self.boot = boot
+        self.offsets_ns = {boot: offset_ns}
+
+    def arrival_ns(self, at_ns: int) -> int:
+        """Return the wall clock time of a moment of this machine's monotonic clock [ns]."""
+        return at_ns + self.offsets_ns[self.boot]
+
+    def written_ns(self, boot: str, stamp_ns: int, at_ns: int) -> int:
+        """Return the wall clock time at which a message was written [ns].
+
+        Args:
+            boot: The clock of its stamp.
+            stamp_ns: Its stamp; what has an absurd one counts as written on arrival.
+            at_ns: Its arrival on this machine's monotonic clock [ns].
+        """
+        came_ns = self.arrival_ns(at_ns)
+        offset_ns = self.offsets_ns.get(boot)
+        if offset_ns is None:
+            offset_ns = came_ns - stamp_ns
+            if len(self.offsets_ns) < MOST_CLOCKS:
+                self.offsets_ns[boot] = offset_ns
+        written_ns = stamp_ns + offset_ns
+        return written_ns if abs(written_ns - came_ns) < LONGEST_WAY_NS else came_ns

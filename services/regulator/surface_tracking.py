@@ -1,0 +1,85 @@
+"""How the surface is followed along the press axis, once the force was near its set point. Pure.
+
+Where the surface is tells the force: seen = x_felt - F / k, with F what it pushes back with, less
+what the tool's own inertia makes of it: on a soft contact that is the larger part of a swing. A k
+that is too high makes own motion look like a part of the surface's.
+"""
+
+from dataclasses import dataclass
+
+from common.motion.frames import Array
+from services.regulator import surface_motion as surface
+from services.regulator.law import LawInput
+from services.regulator.surface_motion import Drift
+
+NEAR_N = 2.0  # of the set point: from here on the surface is followed
+FADE_S = 0.05
+DRIFT_TAUS, DRIFT_LEAST_S, DRIFT_NOISE_N = 0.7, 0.025, 0.2
+CALM_N, CALM_UP_S, CALM_DOWN_S = 3.0, 0.3, 0.01  # the surface's acceleration is believed
+TRIM_TAUS, TRIM_SHARE, TRIM_LEAST_M_S = 8.0, 0.25, 1e-4
+
+NO_DRIFT = Drift()
+
+
+@dataclass(frozen=True, slots=True)
+class Follow:
+    """What is remembered."""
+
+    near: bool = False  # has been near the set point since it changed or contact was lost
+    drift: Drift = NO_DRIFT
+    share: float = 0.0  # of the drift that is fed forward
+    calm: float = 0.0  # share of its acceleration
+    trim_m_s: float = 0.0  # what the model has left over
+    setpoint_N: float = 0.0
+
+
+NOT_FOLLOWED = Follow()
+
+
+@dataclass(frozen=True, slots=True)
+class Felt:
+    """What is known along the press axis."""
+
+    axis: Array  # in base. Shape (3,)
+    k_N_m: float
+    is_known: bool  # whether the data have pinned it down
+    way_m: float  # of the command that the filtered force belongs to
+    coming_m: float  # of what was commanded since
+    own_N: float  # of the tool's own inertia, which the sensor takes for a push
+    touches: bool
+
+
+def followed(before: Follow, felt: Felt, sample: LawInput, *, Ki: float, tau_s: float) -> Follow:
+    """Return how the surface is followed after this sample.
+
+    Args:
+        before: What is remembered.
+        felt: Along the press axis.
+        sample: One wrench and what is wanted.
+        Ki: Integral gain along the press axis [m/(N s)].
+        tau_s: The loop's delay.
+    """
+    dt_s, force_N = sample.dt_s, float(sample.force_N @ felt.axis)
+    error_N = force_N + sample.setpoint_N
+    is_there = max(abs(error_N), abs(felt.k_N_m * felt.coming_m)) < NEAR_N
+    near = before.near or (is_there and felt.is_known)
+    if not felt.touches or abs(sample.setpoint_N - before.setpoint_N) > 0.0:
+        near = False
+    share = before.share + (near - before.share) * min(1.0, dt_s / FADE_S)
+    if not near:
+        return Follow(share=share, setpoint_N=sample.setpoint_N)
+    seen_m = felt.way_m + (force_N + felt.own_N) / felt.k_N_m
+    time_s = max(DRIFT_TAUS * tau_s, DRIFT_LEAST_S, dt_s)
+    drift = surface.look(before.drift, seen_m, dt_s, time_s)
+    is_calm = abs(error_N) < CALM_N
+    calm_s = CALM_UP_S if is_calm else CALM_DOWN_S
+    calm = before.calm + (is_calm - before.calm) * min(1.0, dt_s / calm_s)
+    most = TRIM_SHARE * share * abs(drift.speed_m_s) + TRIM_LEAST_M_S
+    trim = before.trim_m_s + Ki * error_N / (TRIM_TAUS * tau_s) * share * dt_s
+    return Follow(near, drift, share, calm, min(max(trim, -most), most), sample.setpoint_N)
+
+
+def worth(speed_m_s: float, k_tau: float) -> float:
+    """Return how much of a speed is more than noise: a still surface shall stay still."""
+    height_N = (k_tau * speed_m_s) ** 2
+    return height_N / (height_N + DRIFT_NOISE_N**2)

@@ -1,0 +1,182 @@
+"""How far the tool may give way while nothing has shown that the sensor's axes are right. Pure.
+
+A sensor with a wrong sign or axis moves the tool along a force that is not there, and the true one
+does not fall for it. A hand that leads the tool looks the same, so the readings alone cannot tell
+the two apart. Along each axis of the tool whose sign nothing has proved, the tool therefore gives
+way by
+
+    LIMIT_M + (F_most - F) / SOFTEST_N_M
+
+at most, all such axes together: a contact that is released pays for its travel with force, a wrong
+axis does not. The axes are proved by `forcemesh check axes`, the one along the tool by a touch from
+free space too.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+import pinocchio as pin
+
+from common.config.cell import Cell
+from common.motion.frames import Array, cross, length, rotation_between
+from forcemesh.faults import tripped
+from forcemesh.messages import Trip, WrenchAtTcp
+
+LIMIT_M = 0.002  # what is paid for by chance and braking come on top: 5 mm in all
+LIMIT_RAD = 0.1
+SOFTEST_N_M = 1000.0  # contact whose release is still recognised as one
+IDLE_BANDS = 1.5  # of the deadband: below it nothing moves the tool, and its travel is forgotten
+AXES = "xyz"
+TARED = ", tared"  # what a wrench adds to the name of its calibration
+
+
+@dataclass(frozen=True, slots=True)
+class Proof:
+    """What has shown that axes and signs of the sensor are right."""
+
+    checked: bool = False  # `forcemesh check axes` passed with the calibration in use
+    touched: str = ""  # calibration with which a touch from free space pushed back along the tool
+
+    def limited(self, wrench_calibration: str, *, turns: bool) -> "npt.NDArray[np.bool_]":
+        """Return along which axes of the tool the travel is limited. Shape (3,).
+
+        A wrong torque turns the tool into what it touches, and the force then pushes it back along
+        every axis: while the tool may turn, a touch alone exempts none.
+        """
+        z_is_proved = self.touched == origin(wrench_calibration) and not turns
+        return np.array([True, True, not z_is_proved]) & (not self.checked)
+
+
+def origin(calibration: str) -> str:
+    """Return a calibration's name without its tare: that changes no axis."""
+    return calibration.removesuffix(TARED)
+
+
+def checked_by(proof: Proof, wrench: WrenchAtTcp) -> Proof:
+    """Return the proof that holds for this wrench."""
+    return Proof(wrench.axes_checked, proof.touched)
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """What force feedback has moved in one period, base axes."""
+
+    moved_m: Array  # of the point of contact. Shape (3,)
+    turned_rad: Array  # shape (3,)
+
+
+def motion_between(T_from: pin.SE3, T_to: pin.SE3, lever_m: Array | None) -> Motion:
+    """Return the motion of the point of contact, which a turn about the TCP moves as well."""
+    turned_rad = rotation_between(T_from.rotation, T_to.rotation)
+    moved_m = T_to.translation - T_from.translation
+    if lever_m is not None:
+        moved_m = moved_m + cross(turned_rad, lever_m)
+    return Motion(moved_m, turned_rad)
+
+
+@dataclass(frozen=True, slots=True)
+class YieldSettings:
+    """Below what the tool rests."""
+
+    idle_N: float
+    idle_Nm: float
+
+    @classmethod
+    def of(cls, cell: Cell) -> "YieldSettings":
+        """Take them out of a cell file."""
+        return cls(IDLE_BANDS * cell.force.deadband_N, IDLE_BANDS * cell.force.deadband_Nm)
+
+
+@dataclass(frozen=True, slots=True)
+class Yielding:
+    """Travel that the tool has given way since it was idle; along the tool's axes, shape (3,)."""
+
+    way_m: Array = field(default_factory=lambda: np.zeros(3))
+    most_N: Array = field(default_factory=lambda: np.zeros(3))
+    turn_rad: float = 0.0  # about the force, or about anything while there is none
+
+
+def update(
+    before: Yielding,
+    motion: Motion,
+    R_base_tcp: Array,
+    *,
+    force_N: Array,
+    torque_Nm: Array,
+    limited: "npt.NDArray[np.bool_]",
+    settings: YieldSettings,
+) -> Yielding:
+    """Return the travel after one more period.
+
+    Args:
+        before: Travel so far.
+        motion: What force feedback moved.
+        R_base_tcp: Orientation of the tool, shape (3, 3).
+        force_N: Of the environment on the tool, base axes, shape (3,).
+        torque_Nm: About the TCP, base axes, shape (3,).
+        limited: Axes whose travel is limited. Shape (3,).
+        settings: When the tool is idle.
+    """
+    force, moved_m = R_base_tcp.T @ force_N, R_base_tcp.T @ motion.moved_m
+    size = np.abs(force)
+    if length(force * limited) <= settings.idle_N:
+        way_m, most_N = np.zeros(3), size
+    else:
+        step_m = np.abs(moved_m)
+        step_m = np.where(force * moved_m > 0.0, step_m, -step_m)
+        way_m = np.maximum(before.way_m + step_m, 0.0)
+        most_N = np.where(way_m > 0.0, np.maximum(before.most_N, size), size)
+    spin_Nm = torque_Nm
+    if (square := float(force_N @ force_N)) > settings.idle_N**2:
+        spin_Nm = force_N * float(torque_Nm @ force_N) / square
+    turn_rad = before.turn_rad
+    if (spin := length(spin_Nm)) <= settings.idle_Nm:
+        turn_rad = 0.0
+    else:
+        along_rad = float(motion.turned_rad @ spin_Nm) / spin
+        turn_rad = max(turn_rad + along_rad, 0.0)
+    return Yielding(way_m, most_N, turn_rad)
+
+
+def trip_of(
+    now: Yielding, force_tool_N: Array, limited: "npt.NDArray[np.bool_]", *, turns: bool
+) -> Trip | None:
+    """Return why force feedback must end, if it must; `force_tool_N` in tool axes, shape (3,)."""
+    too_far = length(now.way_m * limited) > LIMIT_M  # unless it was paid for
+    too_turned = turns and now.turn_rad > LIMIT_RAD and limited.any()
+    if not too_far and not too_turned:
+        return None
+    paid_m = _fallen_N(now, np.abs(force_tool_N), limited) / SOFTEST_N_M
+    unpaid_m = np.where(limited, np.maximum(now.way_m - paid_m, 0.0), 0.0)
+    gone_m, at = length(unpaid_m), int(np.argmax(unpaid_m))
+    rest = (
+        "and nothing has shown yet that the sensor's axes and signs are right: run `forcemesh "
+        "check axes`, once for each calibration"
+    )
+    if gone_m > LIMIT_M:
+        text = (
+            f"the tool gave way by {gone_m * 1e3:.1f} mm, mainly along its {AXES[at]} axis, the "
+            f"force did not fall, {rest}"
+        )
+        return tripped("sensor_sign", text, value=gone_m, limit=LIMIT_M)
+    if too_turned:
+        text = f"the tool gave way to a torque by {np.degrees(now.turn_rad):.1f} degrees, {rest}"
+        return tripped("sensor_sign", text, value=now.turn_rad, limit=LIMIT_RAD)
+    return None
+
+
+def _fallen_N(now: Yielding, size_N: Array, limited: "npt.NDArray[np.bool_]") -> Array:
+    """Return by how much giving way has made the force fall along each axis [N]. Shape (3,).
+
+    A contact that is let go falls as a whole. Where axes are swapped, the force along one may fall
+    by chance while it grows along the others: it pays for no more than all of it together does.
+
+    Args:
+        now: Travel so far.
+        size_N: Force along the tool's axes, without its sign. Shape (3,).
+        limited: Axes whose travel is limited. Shape (3,).
+    """
+    gives_way = limited & (now.way_m > 0.0)
+    all_N = length(now.most_N[gives_way]) - length(size_N[gives_way])
+    return np.minimum(now.most_N - size_N, max(all_N, 0.0))

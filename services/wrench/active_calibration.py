@@ -1,0 +1,149 @@
+"""Which calibration is in use, and whether force feedback may rely on it. Pure."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from math import degrees
+from typing import Any
+
+import numpy as np
+from pydantic import ValidationError
+
+from common.config.calibration import CalibrationSection
+from common.config.cell import Cell
+from common.config.cell_terms import FrameSection
+from common.config.payload import Payload
+from common.motion.frames import rotation_between
+from forcemesh.errors import DataError, first_mistake
+
+SAME_M, SAME_DEG = 1e-4, 0.1  # a pose that was typed once more is the same one
+HEAVIER = 1.1  # than `contact.inertia_kg`: less than the adaptive law's own margin (bench.force)
+OF_THE_CELL_FILE = "cell file"
+LARGEST = 1e6  # of any number of a calibration
+
+
+@dataclass(frozen=True, slots=True)
+class InUse:
+    """The payload that is subtracted, where it is from, and what speaks against it."""
+
+    payload: Payload
+    origin: str  # revision of a calibration, or OF_THE_CELL_FILE
+    sensor: str = ""  # serial number that it was made with, empty when not known
+    objection: str = ""  # why it does not hold in this cell
+    tared: bool = False
+    axes_checked: bool = False  # axes and signs were found right while it was in use
+
+    @property
+    def name(self) -> str:
+        """What each wrench says about it."""
+        return f"{self.origin}, tared" if self.tared else self.origin
+
+    def with_bias_of(self, payload: Payload) -> "InUse":
+        """Return it after a tare."""
+        return replace(self, payload=payload, tared=True)
+
+    def fault(self, sensor: str) -> str:
+        """Say why force feedback must not rely on it, with the sensor of this serial number."""
+        if self.objection or not sensor or not self.sensor or sensor == self.sensor:
+            return self.objection
+        return (
+            f"calibration {self.origin} was made with sensor {self.sensor}, and this one is "
+            f"{sensor}: calibrate"
+        )
+
+
+def of_cell(cell: Cell) -> InUse:
+    """Return what a cell begins with: its calibration, or what its file says by hand."""
+    if cell.calibration is not None:
+        return of_calibration(cell.calibration, cell)
+    section = cell.payload
+    objection = ""
+    if not section.weighs and not section.accept_uncalibrated:
+        objection = (
+            "payload.mass_kg and payload.com_m are zero: the tool's weight would pass for contact; "
+            "run `forcemesh calibrate`"
+        )
+    objection = objection or _too_heavy(section.mass_kg, cell)
+    return InUse(section.payload, OF_THE_CELL_FILE, objection=objection)
+
+
+def of_calibration(found: CalibrationSection, cell: Cell) -> InUse:
+    """Return a calibration as this cell may use it."""
+    return InUse(found.payload.payload, found.revision, found.sensor, _objection(found, cell))
+
+
+def parsed(text: str) -> CalibrationSection:
+    """Return the calibration that came over the bus. Raises DataError with what is wrong."""
+    try:
+        found = CalibrationSection.model_validate_json(text)
+    except ValidationError as error:
+        first = first_mistake(error)
+        raise DataError(f"{first.where or 'calibration'}: {first.what}") from error
+    told = found.model_dump(mode="json", exclude={"payload": {"drift"}})
+    for where, number in _numbers(told, ""):
+        if abs(number) > LARGEST:
+            raise DataError(f"{where}: {number:g} is beyond {LARGEST:g}: no calibration is so")
+    _ = found.payload.payload  # raises DataError where there cannot be such a payload
+    return found
+
+
+def _numbers(value: Any, where: str) -> Iterator[tuple[str, float]]:
+    """Yield every number of a tree with its dotted place."""
+    if isinstance(value, dict | list):
+        for key, part in value.items() if isinstance(value, dict) else enumerate(value):
+            yield from _numbers(part, f"{where}.{key}" if where else str(key))
+    elif isinstance(value, int | float):
+        yield where, value
+
+
+def _objection(found: CalibrationSection, cell: Cell) -> str:
+    """Say why a calibration does not hold for this cell as it is now."""
+    name = f"calibration {found.revision}"
+    if found.cell != cell.cell:
+        return f"{name} is of cell {found.cell}, and this is {cell.cell}: calibrate"
+    if found.tool != cell.tool.name:
+        return (
+            f"{name} is of tool {found.tool or 'without a name'!r}, the cell file says "
+            f"{cell.tool.name or 'no name'!r}: calibrate with this tool"
+        )
+    for what, then, now in (
+        ("tool.T_flange_tcp", found.T_flange_tcp, cell.tool.T_flange_tcp),
+        ("sensor.T_flange_sensor", found.T_flange_sensor, cell.sensor.T_flange_sensor),
+    ):
+        apart = _apart(then, now)
+        if apart:
+            return f"{what} was {apart} away when {name} was made: calibrate again"
+    return _unverified(found, cell) or _too_heavy(found.payload.payload.mass_kg, cell)
+
+
+def _unverified(found: CalibrationSection, cell: Cell) -> str:
+    """Say when no fresh pose has proved a fit, or when one has disproved it."""
+    name, left = f"calibration {found.revision}", found.verified
+    if left is None:
+        return f"{name} was not verified on fresh poses: run `forcemesh calibrate`"
+    force_N, torque_Nm = cell.force.idle_max_N, cell.force.idle_max_Nm
+    if left.force_max_N <= force_N and left.torque_max_Nm <= torque_Nm:
+        return ""
+    return (
+        f"{name} left {left.force_max_N:.2f} N and {left.torque_max_Nm:.3f} N m at a fresh pose, "
+        f"the limits are {force_N:g} N and {torque_Nm:g} N m: run `forcemesh calibrate`"
+    )
+
+
+def _too_heavy(mass_kg: float, cell: Cell) -> str:
+    """Say when the tool is heavier than what the regulator's gains were bounded for."""
+    inertia_kg = cell.contact.inertia_kg
+    if mass_kg <= HEAVIER * inertia_kg:
+        return ""
+    return (
+        f"the tool weighs {mass_kg:.2f} kg, but contact.inertia_kg is {inertia_kg:g}: on a soft "
+        f"contact the force would swing; write at least {mass_kg:.2f} there"
+    )
+
+
+def _apart(then: FrameSection, now: FrameSection) -> str:
+    away_m = float(np.linalg.norm(then.pose.translation - now.pose.translation))
+    turn_rad = rotation_between(then.pose.rotation, now.pose.rotation)
+    turned_deg = degrees(float(np.linalg.norm(turn_rad)))
+    if away_m <= SAME_M and turned_deg <= SAME_DEG:
+        return ""
+    return f"{away_m * 1e3:.1f} mm and {turned_deg:.1f} degrees"

@@ -1,0 +1,156 @@
+"""What a person may change while the cell is up: tare, and another calibration. Pure.
+
+Both are taken at rest only, not while force feedback runs, and not where they would hide contact.
+"""
+
+from collections import deque
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from common.config.cell import Cell
+from common.config.payload import Payload, residual
+from common.motion.convert import pose_of
+from common.motion.frames import Array, rotation_between
+from forcemesh.errors import DataError
+from forcemesh.faults import refusal
+from forcemesh.messages import RobotState
+from forcemesh.requests import Reply
+from services.wrench.active_calibration import InUse, of_calibration, of_cell, parsed
+from services.wrench.compensation import Mounting
+from services.wrench.plausibility import FINE, Complaint
+from services.wrench.tare import TareLimits, tare
+
+WINDOW_S = 0.25
+REST_POSITION_M = 2e-4  # the flange moved less than this during the window: at rest
+REST_TURN_RAD = 2e-3  # the same for its orientation: 2 g of a kilogram
+
+
+class Moment(NamedTuple):
+    """What is known when somebody asks."""
+
+    complaint: Complaint  # about the inputs
+    robot: RobotState | None
+    feedback_runs: bool
+
+
+class Desk:
+    """Holds the calibration in use, and changes it when asked, or says why not."""
+
+    def __init__(self, cell: Cell, mounting: Mounting) -> None:
+        """Begin with what the cell file and its calibration say."""
+        self.in_use: InUse = of_cell(cell)
+        self._cell = cell
+        self._mounting = mounting
+        self._limits = TareLimits(cell.force.tare_max_N, cell.force.tare_max_Nm)
+        window = round(WINDOW_S * cell.rates.sensor_hz)
+        self._recent: deque[tuple[Array, RobotState]] = deque(maxlen=window)
+
+    def remember(self, reading: Array, robot: RobotState) -> None:
+        """Keep a reading in sensor axes, shape (6,), and where the arm was."""
+        self._recent.append((reading, robot))
+
+    def forget(self) -> None:
+        """Begin the window anew: after a gap or a fault."""
+        self._recent.clear()
+
+    def tare(self, moment: Moment) -> Reply:
+        """Take the present reading as zero."""
+        robot = moment.robot
+        refused = self._refusal(moment)
+        if refused is not None or robot is None:
+            return refused or refusal("invalid", "no pose")
+        readings = [reading for reading, _ in self._recent]
+        R = self._R_base_sensor(robot)
+        payload, reply = tare(self.in_use.payload, readings, R, self._limits)
+        if reply.accepted:
+            self.in_use = self.in_use.with_bias_of(payload)
+        return reply
+
+    def calibrate(self, moment: Moment, text: str) -> Reply:
+        """Use another calibration from now on, when it explains the present reading.
+
+        Args:
+            moment: What is known now.
+            text: The calibration as JSON.
+        """
+        try:
+            found = parsed(text)
+        except DataError as error:
+            return refusal("malformed", f"no calibration: {error}"[:400])
+        new = of_calibration(found, self._cell)
+        if new.objection:
+            return refusal("payload", new.objection)
+        robot = moment.robot
+        refused = self._refusal(moment)
+        if refused is not None or robot is None:
+            return refused or refusal("invalid", "no pose")
+        force_N, torque_Nm = self._left(new.payload, robot)
+        if (refused := self._too_much(found.revision, force_N, torque_Nm)) is not None:
+            return refused
+        self.in_use = new
+        text = f"calibration {found.revision} is in use: it leaves {force_N:.2f} N and "
+        return Reply(accepted=True, text=f"{text}{torque_Nm:.3f} N m of the present reading")
+
+    def _left(self, payload: Payload, robot: RobotState) -> tuple[float, float]:
+        """Return force [N] and torque about the TCP [N m] that a payload leaves of the reading."""
+        mean = np.mean([reading for reading, _ in self._recent], axis=0)
+        left_N, left_Nm = residual(
+            payload, self._R_base_sensor(robot), force_N=mean[:3], torque_Nm=mean[3:]
+        )
+        about_tcp_Nm = left_Nm - np.cross(self._mounting.p_sensor_tcp_in_sensor, left_N)
+        return float(np.linalg.norm(left_N)), float(np.linalg.norm(about_tcp_Nm))
+
+    def _too_much(self, revision: str, force_N: float, torque_Nm: float) -> Reply | None:
+        """Refuse a payload that leaves more than the preflight lets pass in free space."""
+        most_N, most_Nm = self._cell.force.idle_max_N, self._cell.force.idle_max_Nm
+        if force_N <= most_N and torque_Nm <= most_Nm:
+            return None
+        text = (
+            f"calibration {revision} leaves {force_N:.1f} N and {torque_Nm:.2f} N m about the TCP "
+            "of the present reading: is the tool in contact, or another one on the arm?"
+        )
+        value, limit = (force_N, most_N) if force_N > most_N else (torque_Nm, most_Nm)
+        return refusal("contact", text, value=value, limit=limit)
+
+    def axes_checked(self, calibration: str) -> Reply:
+        """Take note that axes and signs were found right while a calibration was in use."""
+        if calibration != self.in_use.name:
+            text = (
+                f"axes were checked with calibration {calibration!r}, and {self.in_use.name!r} is "
+                "in use: check them again"
+            )
+            return refusal("payload", text)
+        self.in_use = replace(self.in_use, axes_checked=True)
+        text = f"axes and signs are proved for calibration {self.in_use.name}"
+        return Reply(accepted=True, text=text)
+
+    def _refusal(self, moment: Moment) -> Reply | None:
+        if moment.complaint != FINE or moment.robot is None:
+            return refusal(moment.complaint.code, moment.complaint.text)
+        if moment.feedback_runs:
+            return refusal("busy", "force feedback runs on this force: stop it first")
+        if len(self._recent) < (self._recent.maxlen or 1):
+            return refusal("wait", "not enough samples yet, ask again")
+        return self._motion(moment.robot)
+
+    def _motion(self, robot: RobotState) -> Reply | None:
+        """Refuse when the flange moved or turned during the window."""
+        poses = [pose_of(state) for _, state in self._recent]
+        moved_m = float(np.max(np.ptp([T.translation for T in poses], axis=0)))
+        turns = [rotation_between(poses[-1].rotation, T.rotation) for T in poses]
+        turned_rad = max(float(np.linalg.norm(turn)) for turn in turns)
+        value, limit = moved_m, REST_POSITION_M
+        if moved_m <= limit and turned_rad > REST_TURN_RAD:
+            value, limit = turned_rad, REST_TURN_RAD
+        if value <= limit and not robot.status.moving:
+            return None
+        text = (
+            f"the arm moved {moved_m * 1e3:.2f} mm and turned {np.degrees(turned_rad):.2f} degrees "
+            f"within {WINDOW_S:g} s: let it rest"
+        )
+        return refusal("moving", text, value=value, limit=limit)
+
+    def _R_base_sensor(self, robot: RobotState) -> Array:
+        return np.asarray((pose_of(robot) * self._mounting.T_flange_sensor).rotation)

@@ -1,0 +1,237 @@
+"""A real cell in real processes, with a client's eyes and hands; shared by network, flood, soak.
+
+The cell has a name, ports and a run folder of its own, so that it disturbs no other one.
+"""
+
+import os
+import random
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from common.bus.zenoh_bus import open_bus
+from common.config.cell import Cell
+from common.config.load import dump_cell, load_cell
+from common.motion.convert import pose_of, record_of
+from forcemesh import topics
+from forcemesh.bus import Bus
+from forcemesh.errors import ForcemeshError
+from forcemesh.messages import (
+    ArbiterStatus,
+    Message,
+    RobotState,
+)
+from forcemesh.requests import Empty, ForceStartRequest, HoldRequest, MoveRequest, Reply
+from forcemesh.topics import Q, Request
+from launch.processes import Supervisor
+from launch.started_process import LAUNCHER, Process
+
+ROOT = Path(__file__).resolve().parents[2]
+RUN_FOLDER = "FORCEMESH_RUN_FOLDER"
+OURS = range(20_000, 32_000)  # ports below those of outgoing connections, which begin at 32768
+POLL_S = 0.002
+PATIENCE_S = 30.0  # of the harness, with a machine that has other work
+
+
+class HarnessError(ForcemeshError):
+    """The harness could not do what it wanted to; nothing was judged."""
+
+
+def free_port() -> int:
+    """Return a TCP port of loopback that nobody listens on right now.
+
+    None that the kernel gives to outgoing connections: one of them, even a client that waits for
+    this very port, could have it before whoever is to listen.
+    """
+    while True:
+        port = random.SystemRandom().choice(OURS)
+        with suppress(OSError), socket.create_server(("127.0.0.1", port)):
+            return port
+
+
+def make_cell(template: str, folder: Path, overrides: Mapping[str, object]) -> tuple[Cell, Path]:
+    """Write a cell file of one's own; return the cell and its file."""
+    cell = load_cell(ROOT / "cells" / f"{template}.yaml", dict(overrides))
+    path = folder / "cell.yaml"
+    path.write_text(dump_cell(cell), encoding="utf-8")
+    return cell, path
+
+
+class CellUnderTest:
+    """A cell that is up. All waiting polls the bus; all times are CLOCK_MONOTONIC."""
+
+    def __init__(self, cell: Cell, client: Bus) -> None:
+        """Subscribe as a client."""
+        self.cell, self.client, self.clock = cell, client, client.clock
+        self._arbiter = client.reader(topics.ARBITER_STATUS)
+        self._robot = client.reader(topics.ROBOT_STATE)
+        self._wrench = client.reader(topics.WRENCH)
+        self._health = {role: client.reader(topic) for role, topic in topics.HEALTH.items()}
+
+    # --- eyes -------------------------------------------------------------------------------------
+
+    @property
+    def status(self) -> ArbiterStatus | None:
+        """What the arbiter said last, if that is fresh."""
+        return self._arbiter.read(self.clock.now_ns()).fresh
+
+    @property
+    def state(self) -> str:
+        """The arbiter's state, empty when it is not heard."""
+        status = self.status
+        return "" if status is None else status.state
+
+    @property
+    def robot(self) -> RobotState | None:
+        """What the robot said last, if that is fresh and valid."""
+        return self._robot.read(self.clock.now_ns()).fresh
+
+    @property
+    def force_N(self) -> float:
+        """Length of the force, NaN when it is not known."""
+        wrench = self._wrench.read(self.clock.now_ns()).fresh
+        return float("nan") if wrench is None else float(np.linalg.norm(wrench.force_N))
+
+    def pids(self) -> dict[str, int]:
+        """Return role: process, of the roles that are heard."""
+        now_ns = self.clock.now_ns()
+        heard = {role: reader.read(now_ns).fresh for role, reader in self._health.items()}
+        return {role: health.pid for role, health in heard.items() if health is not None}
+
+    def causes(self) -> str:
+        """Return the codes that the arbiter and the robot give for holding."""
+        status, robot = self.status, self.robot
+        codes = {trip.code for trip in status.trips} if status is not None else set()
+        if robot is not None and robot.hold_code:
+            codes.add(robot.hold_code)
+        return " ".join(sorted(codes))
+
+    def until(self, what: Callable[[], bool], name: str, within_s: float = PATIENCE_S) -> None:
+        """Wait until something is so. Raise HarnessError when it does not become so."""
+        give_up_s = time.monotonic() + within_s
+        while not what():
+            if time.monotonic() >= give_up_s:
+                said = self.status
+                text = "silent" if said is None else f"{said.state} {said.trips} {said.not_ready}"
+                raise HarnessError(f"not within {within_s:g} s: {name}; the arbiter: {text}")
+            time.sleep(POLL_S)
+
+    # --- hands ------------------------------------------------------------------------------------
+
+    def ask(self, request: Request[Q], message: Q) -> Reply:
+        """Ask, and raise HarnessError when the answer is no."""
+        reply = self.client.ask(request, message)
+        if not reply.accepted:
+            raise HarnessError(f"{request.key} was refused ({reply.code}): {reply.text}")
+        return reply
+
+    def insist(self, request: Request[Q], message: Q, within_s: float = PATIENCE_S) -> None:
+        """Ask again until the answer is yes: inputs have to be good for a while before arming."""
+        give_up_s = time.monotonic() + within_s
+        while True:
+            try:
+                self.ask(request, message)
+            except ForcemeshError:
+                if time.monotonic() >= give_up_s:
+                    raise
+                time.sleep(0.05)
+            else:
+                return
+
+    def make_ready(self) -> None:
+        """Hold, clear and arm, whatever was before."""
+        self.insist(topics.HOLD, HoldRequest(reason="the next round"))
+        self.insist(topics.CLEAR, Empty())
+        self.insist(topics.ARM, topics.ARM.message())
+
+    def tare(self) -> None:
+        """Tare in free space, once the wrench has enough samples."""
+        self.insist(topics.TARE, Empty())
+
+    def press(self, force_N: float) -> None:
+        """Start force feedback with a set point, as soon as a move that still runs has ended."""
+        wanted = ForceStartRequest(mode="position", setpoint_N=force_N)
+        self.insist(topics.FORCE_START, wanted, within_s=5.0)
+
+    def move_to(self, z_m: float, speed_m_s: float) -> None:
+        """Begin to move the flange straight to a height."""
+        self.until(lambda: self.robot is not None, "a robot state")
+        robot = self.robot
+        if robot is None:
+            raise HarnessError("the robot has just fallen silent")
+        T = pose_of(robot)
+        T.translation = np.array([T.translation[0], T.translation[1], z_m])
+        move = MoveRequest(kind="pose", pose=record_of(T), speed_m_s=speed_m_s)
+        self.insist(topics.MOVE, move, within_s=5.0)
+
+    def height_m(self) -> float:
+        """Return the flange's height as measured."""
+        self.until(lambda: self.robot is not None, "a robot state")
+        robot = self.robot
+        return float("nan") if robot is None else robot.position_m[2]
+
+
+@contextmanager
+def running_cell(
+    cell: Cell, path: Path, processes: Sequence[Process] | None = None
+) -> Iterator[CellUnderTest]:
+    """Start all processes of a cell, wait until they are ready, stop them in any case."""
+    os.environ[RUN_FOLDER] = str(path.parent)
+    with ExitStack() as exits:
+        supervisor = Supervisor(cell, path, processes=processes, say=log_to(path.parent))
+        exits.enter_context(supervisor)
+        supervisor.wait_ready(PATIENCE_S)
+        client = exits.enter_context(open_bus(cell, topics.CLIENT))
+        yield CellUnderTest(cell, client)
+
+
+def log_to(folder: Path) -> Callable[[str, str], None]:
+    """Return a `say` for processes that writes into a file of the folder."""
+    log = folder / "processes.log"
+
+    def say(who: str, line: str) -> None:
+        with log.open("a", encoding="utf-8") as out:
+            out.write(f"{who}: {line}\n")
+
+    return say
+
+
+@contextmanager
+def child(*words: object, patience_s: float = 5.0) -> Iterator[subprocess.Popen[str]]:
+    """Run a module beside the cell; it ends with the block, and with this thread in any case."""
+    launcher = (sys.executable, "-I", "-S", str(LAUNCHER), str(os.getpid()))
+    process = subprocess.Popen(
+        [*launcher, sys.executable, "-m", *(str(word) for word in words)],
+        cwd=ROOT, stdout=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    try:
+        yield process
+    finally:
+        process.terminate()
+        try:
+            process.wait(patience_s)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+        if process.stdout is not None:
+            process.stdout.close()
+
+
+def table(title: str, head: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
+    """Return a Markdown table."""
+    lines = [f"### {title}", "", f"| {' | '.join(head)} |", f"|{' --- |' * len(head)}"]
+    lines += [f"| {' | '.join(str(value) for value in row)} |" for row in rows]
+    return "\n".join(lines) + "\n"
+
+
+def newest(reader: Any, now_ns: int) -> Message | None:
+    """Return the newest message of a reader if it is fresh."""
+    message: Message | None = reader.read(now_ns).fresh
+    return message

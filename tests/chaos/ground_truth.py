@@ -1,0 +1,81 @@
+"""What the flange truly did, from the trace that the simulated arm leaves. Pure but for reading."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+import numpy.typing as npt
+
+from common.motion.frames import Array
+from common.motion.kinematics import ArmKinematics
+from sim.robot.settings import TICK_S
+from sim.robot.trace import Records
+
+WINDOW_TICKS = 10  # a speed is the way of 10 ms
+STRIDE_TICKS = 2
+STILL_M_S = 1e-3
+STILL_FOR_S = 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class Path:
+    """The flange of one process of the arm: time [ns] (n,), position [m] (n, 3), speed [m/s]."""
+
+    at_ns: npt.NDArray[np.int64]
+    position_m: Array
+    speed_m_s: Array
+
+    def between(self, since_ns: float, until_ns: float) -> "Path":
+        """Return the part within a window of time."""
+        inside = (self.at_ns >= since_ns) & (self.at_ns <= until_ns)
+        return Path(self.at_ns[inside], self.position_m[inside], self.speed_m_s[inside])
+
+    @property
+    def known(self) -> bool:
+        """Whether there is anything."""
+        return len(self.at_ns) > 0
+
+    @property
+    def fastest_m_s(self) -> float:
+        """The greatest speed; 0 when nothing is known."""
+        return float(self.speed_m_s.max()) if self.known else 0.0
+
+    @property
+    def spread_m(self) -> float:
+        """The farthest that it was from where it began."""
+        if not self.known:
+            return 0.0
+        return float(np.linalg.norm(self.position_m - self.position_m[0], axis=1).max())
+
+    def still_since_ns(self) -> int | None:
+        """Return from when on it was slower than 1 mm/s for a tenth of a second, if ever."""
+        fast = np.flatnonzero(self.speed_m_s >= STILL_M_S)
+        edges = [-1, *fast.tolist(), len(self.at_ns)]
+        for before, after in pairwise(edges):
+            quiet = self.at_ns[before + 1 : after]
+            if len(quiet) and (quiet[-1] - quiet[0]) * 1e-9 >= STILL_FOR_S:
+                return int(quiet[0])
+        return None
+
+
+def paths(records: Records) -> list[Path]:
+    """Return the flange's path for each process that was the arm, in order.
+
+    Speeds count the arm's own ticks: ticks that are caught up after a delay are no faster.
+    """
+    kinematics = ArmKinematics()
+    return [_path(each, kinematics) for each in _lives(records)]
+
+
+def _lives(records: Records) -> Iterator[Records]:
+    starts = np.flatnonzero(np.diff(records["tick"]) < 0) + 1
+    yield from (life for life in np.split(records, starts) if len(life) > WINDOW_TICKS)
+
+
+def _path(records: Records, kinematics: ArmKinematics) -> Path:
+    part = records[::STRIDE_TICKS]
+    position_m = np.array([kinematics.flange_pose(q).translation for q in part["q"]])
+    step = WINDOW_TICKS // STRIDE_TICKS
+    way_m = np.linalg.norm(position_m[step:] - position_m[:-step], axis=1)
+    return Path(part["at_ns"][step:], position_m[step:], way_m / (WINDOW_TICKS * TICK_S))

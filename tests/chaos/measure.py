@@ -1,0 +1,93 @@
+"""Reads from trace, notes and witness what an injection did."""
+
+from dataclasses import dataclass
+
+from forcemesh import topics
+from forcemesh.clock import NS_PER_S
+from tests.chaos.ground_truth import Path, paths
+from tests.chaos.outcome import LAST_ACCEPTED_S, MOVING_M_S, Outcome
+from tests.chaos.recorder_client import Notes
+from tests.chaos.rig import Rig
+from tests.chaos.witness import STALL_S
+
+BEFORE_NS = round(0.5 * NS_PER_S)  # of the path, looked at for jumps
+# Within these a stall of the machine would spoil what is measured.
+STALL_BEFORE_NS, STALL_AFTER_NS = round(0.1 * NS_PER_S), round(0.7 * NS_PER_S)
+
+
+class SpoiltError(Exception):
+    """The trial does not count, for a reason outside the cell."""
+
+
+@dataclass(frozen=True, slots=True)
+class Window:
+    """When it happened [ns]."""
+
+    fault_ns: int
+    thaw_ns: int  # 0 unless it was frozen
+    end_ns: int
+
+
+def measure(outcome: Outcome, window: Window, rig: Rig, notes: Notes) -> None:
+    """Put what was measured into an outcome.
+
+    Raises SpoiltError when the machine stalled, or the arm was not moving when the fault came.
+    """
+    since_ns = window.fault_ns - BEFORE_NS
+    _refuse_stalls(outcome, window, rig)
+    lives = [life.between(since_ns, window.end_ns) for life in paths(rig.trace_since(since_ns))]
+    _refuse_rest(outcome, lives, window)
+    outcome.fastest_m_s = max(life.fastest_m_s for life in lives)
+    _measure_commands(outcome, window, notes, rig.cell.stale_after_s(topics.ROBOT_COMMAND))
+    if not outcome.went_on:
+        _measure_path(outcome, window, lives)
+
+
+def _refuse_stalls(outcome: Outcome, window: Window, rig: Rig) -> None:
+    edges = [window.fault_ns, *([window.thaw_ns] if window.thaw_ns else [])]
+    outcome.stalled_s = max(
+        rig.witness.worst_s(edge - STALL_BEFORE_NS, edge + STALL_AFTER_NS) for edge in edges
+    )
+    if outcome.stalled_s > STALL_S:
+        raise SpoiltError(f"the machine stalled for {outcome.stalled_s * 1e3:.0f} ms")
+
+
+def _refuse_rest(outcome: Outcome, lives: list[Path], window: Window) -> None:
+    before = [life.between(0, window.fault_ns) for life in lives]
+    outcome.speed_m_s = next((float(path.speed_m_s[-1]) for path in before if path.known), 0.0)
+    if outcome.speed_m_s < MOVING_M_S:
+        raise SpoiltError(f"it moved with {outcome.speed_m_s * 1e3:.1f} mm/s only")
+
+
+def _measure_commands(outcome: Outcome, window: Window, notes: Notes, limit_s: float) -> None:
+    """Look what the robot's process took for motion, and how old it was."""
+    times = [at_ns for at_ns, _ in notes.accepted.values()]
+    ages = [age_s for _, age_s in notes.accepted.values()]
+    outcome.oldest_accepted_s = max(ages, default=0.0)
+    outcome.stale = sum(age_s > limit_s for age_s in ages)
+    if outcome.went_on:
+        return
+    # What comes after the bound for the last command, or after a thaw, ought not to be.
+    after_ns = window.fault_ns + round(LAST_ACCEPTED_S * NS_PER_S)
+    after_ns = max(after_ns, window.thaw_ns)
+    outcome.stale += sum(at_ns > after_ns for at_ns in times)
+    case = outcome.case
+    if not (case.hits_the_robot and not case.frozen_s):  # its memory is gone with it
+        last_ns = max(times, default=window.fault_ns)
+        outcome.last_accepted_s = max(0, last_ns - window.fault_ns) / NS_PER_S
+
+
+def _measure_path(outcome: Outcome, window: Window, lives: list[Path]) -> None:
+    """Look when the arm came to a stand, and whether it stayed there."""
+    case = outcome.case
+    outcome.arm_gone = case.hits_the_arm and not case.frozen_s
+    if outcome.arm_gone:  # another arm begins at rest, and must stay so
+        outcome.moved_m = max((life.spread_m for life in lives[1:]), default=0.0)
+        return
+    # A frozen arm stands still outside its own time: it brakes when it is thawed.
+    base_ns = window.thaw_ns if case.hits_the_arm else window.fault_ns
+    path = lives[0].between(base_ns, window.end_ns)
+    still_ns = path.still_since_ns()
+    if still_ns is not None:
+        outcome.still_s = (still_ns - base_ns) / NS_PER_S
+        outcome.moved_m = path.between(still_ns, window.end_ns).spread_m

@@ -1,0 +1,145 @@
+"""Network chaos: a real cell, each process in a namespace of its own, and trouble on its cables.
+
+`make chaos-network`, or
+`python -m tests.chaos.network [--cell demo] [--only robot/link-down] [--write]`.
+Exit codes: 0 every bound was kept, 1 one was not, 77 nothing could be tested here.
+"""
+
+import argparse
+import os
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack
+from dataclasses import replace
+from pathlib import Path
+
+from common.config.cell import Cell
+from common.runtime.priority import take_realtime_priority
+from forcemesh.errors import ForcemeshError
+from launch.processes import EMULATOR, processes_of
+from launch.started_process import Process
+from tests.chaos.common_net import ROOT, make_cell, table
+from tests.chaos.network_faults import FAULTS, Fault
+from tests.chaos.network_judge import Bounds
+from tests.chaos.network_lab import CANNOT_RUN, Lab, Wire, enter_own_namespace, why_not
+from tests.chaos.network_play import CABLE, HEAD, Row, asked, bounds_of, played
+from tests.chaos.network_proxy import through_proxy
+from tests.chaos.network_trials import Trial
+from tools.figures import put
+
+PAGE = ROOT / "docs" / "chaos-network.md"
+TEMPLATES = ("demo", "demo-tcp")
+PROXY = "proxy"
+COMMAND = "make chaos-network ARGS=--write"
+
+
+def hosts_of(cell: Cell, lab: Lab) -> tuple[list[Process], list[Wire]]:
+    """Give each process of a cell a host; return the processes and the wires."""
+    table_of = processes_of(cell)
+    wires = [lab.host(process.name) for process in table_of]
+    if cell.gateway is not None:
+        wires.append(lab.cable(CABLE, "robot", "sensor"))
+    processes = []
+    for process in table_of:
+        words = process.words
+        if process.module == EMULATOR:
+            words = (*words, "--address", "10.78.0.2")
+        argv = (*lab.hosts[process.name].nsenter, sys.executable, "-m", process.module, *words)
+        processes.append(replace(process, argv=argv))
+    return processes, wires
+
+
+def trials_on(cell: Cell, wires: list[Wire]) -> Iterator[Trial]:
+    """Yield every fault on every wire."""
+    for wire in wires:
+        for name, fault in FAULTS.items():
+            yield trial_of(name, fault, wire, bounds_of(cell, is_cable=wire.name == CABLE))
+
+
+def trial_of(name: str, fault: Fault, wire: Wire, bounds: Bounds) -> Trial:
+    """Return one fault on one wire."""
+    return Trial(
+        wire=wire.name,
+        fault=name,
+        begin=lambda: fault.begin(wire),
+        end=lambda: fault.end(wire),
+        lasts_s=fault.lasts_s,
+        # A lost connection to the hub is made anew in time; the controller's begins with a hello.
+        ends="held" if name == "reset" and wire.name == CABLE else fault.ends,
+        bounds=bounds,
+    )
+
+
+def in_namespaces(template: str, only: str, seed: int) -> Iterator[Row]:
+    """Run a cell in namespaces, and every trial that was asked for."""
+    with ExitStack() as exits:
+        folder = Path(exits.enter_context(tempfile.TemporaryDirectory(prefix="forcemesh-chaos-")))
+        lab = exits.enter_context(Lab())
+        overrides: dict[str, object] = {
+            "cell": f"chaos-{template}", "bus.endpoint": "tcp/10.77.0.1:7447",
+            "bus.insecure": True,  # in namespaces of its own
+        }  # fmt: skip
+        if template == "demo-tcp":
+            overrides["gateway.host"] = "10.78.0.2"
+        cell, path = make_cell(template, folder, overrides)
+        processes, wires = hosts_of(cell, lab)
+        processes = [
+            replace(process, argv=(*process.argv, "--cell", str(path))) for process in processes
+        ]
+        # The second cell is for the controller's cable; the wires to its hub are as in the first.
+        wanted = [w for w in wires if cell.gateway is None or w.name in (CABLE, "robot")]
+        trials = [trial for trial in trials_on(cell, wanted) if asked(trial, only)]
+        yield from played(template, cell, path, processes=processes, trials=trials, seed=seed)
+
+
+def report(rows: list[Row], seed: int, took_s: float) -> str:
+    """Return the table and what it says in one line."""
+    wrong = sum(bool(row.verdict.mistakes) for row in rows)
+    held = sum(row.verdict.outcome == "held" for row in rows)
+    line = (
+        f"{len(rows)} trials, {held} held, {len(rows) - held} went on, {wrong} out of bounds; "
+        f"seed {seed}, {took_s:.0f} s"
+    )
+    return table("Trouble on cables", HEAD, [row.cells() for row in rows]) + "\n" + line
+
+
+def main() -> int:
+    """Run, print the table, return the exit code."""
+    arguments = _arguments()
+    namespaces = [name for name in TEMPLATES if arguments.cell in ("", name)]
+    if namespaces and (reason := why_not()):
+        print(f"NOTHING WAS TESTED: {reason}", file=sys.stderr)
+        return CANNOT_RUN
+    if namespaces:
+        enter_own_namespace("tests.chaos.network")
+    take_realtime_priority()  # the harness must be on time to say when a fault began
+    began_s = time.monotonic()
+    rows: list[Row] = []
+    try:
+        for template in namespaces:
+            rows += in_namespaces(template, arguments.only, arguments.seed)
+        if arguments.cell in ("", PROXY):
+            rows += through_proxy(arguments.only, arguments.seed)
+    except ForcemeshError as error:
+        print(f"the harness failed: {error}", file=sys.stderr)
+        return 1
+    text = report(rows, arguments.seed, time.monotonic() - began_s)
+    print("\n" + text)
+    if arguments.write:
+        put(PAGE, "chaos-network", f"Measured on {os.cpu_count()} cores.\n\n{text}", COMMAND)
+    return 0 if rows and not any(row.verdict.mistakes for row in rows) else 1
+
+
+def _arguments() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(prog="tests.chaos.network", description=__doc__)
+    parser.add_argument("--cell", default="", choices=("", *TEMPLATES, PROXY))
+    parser.add_argument("--only", default="", metavar="WIRE/FAULT", help="this trial alone")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--write", action="store_true", help="write docs/chaos-network.md")
+    return parser.parse_args()
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,135 @@
+"""Judges one trial from what the simulated arm truly did. Pure but for reading the trace's file.
+
+fault ──► last command accepted ──► flange below 1 mm/s ──► heal ──► end: still at rest
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from common.motion.frames import Array
+from common.motion.kinematics import ArmKinematics
+from sim.robot.settings import TICK_S
+from sim.robot.trace import RECORD
+
+MOVES_M_S = 2e-3  # a fault counts only while the flange is faster than this
+STILL_M_S = 1e-3
+WINDOW = 10  # ticks over which a speed is taken
+ON_ITS_WAY = 100  # and over which the arm is on its way: a controller's steps stop in between
+MS = 1e6  # nanoseconds
+
+Moments = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True)
+class Bounds:
+    """What a trial must keep to."""
+
+    last_command_s: float
+    still_s: float
+    fastest_m_s: float  # also when the arm goes on
+
+
+@dataclass(frozen=True, slots=True)
+class Seen:
+    """What was seen of a trial; times are CLOCK_MONOTONIC [ns]."""
+
+    began_ns: int
+    healed_ns: int
+    accepted_ns: int | None  # the last command that the robot's process ever obeyed
+    held: bool
+    causes: str
+    bites: int
+    ends: str  # held, went on, either: what has to come of it
+    stall_s: float  # of the idle witness in the meantime
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """A row of the table."""
+
+    outcome: str
+    last_command_ms: float | None
+    still_ms: float | None
+    stale: int
+    fastest_m_s: float
+    mistakes: tuple[str, ...]
+
+
+class Truth:
+    """The trace of the arm's true motion."""
+
+    def __init__(self, path: Path) -> None:
+        """Read from a file that grows."""
+        self._path = path
+        self._kinematics = ArmKinematics()
+
+    def mark(self) -> int:
+        """Return where the file ends now: a place to read on from."""
+        return self._path.stat().st_size // RECORD.itemsize if self._path.exists() else 0
+
+    def speeds(self, since: int) -> tuple[Moments, Array]:
+        """Return moments [ns] and true flange speeds [m/s] after a mark. Shapes (n,), (n,)."""
+        count = self.mark() - since
+        if count <= WINDOW:
+            return np.zeros(0, np.int64), np.zeros(0)
+        rows = np.fromfile(self._path, RECORD, count=count, offset=since * RECORD.itemsize)
+        places = np.array([self._kinematics.flange_pose(q).translation for q in rows["q"]])
+        gone_m = np.linalg.norm(places[WINDOW:] - places[:-WINDOW], axis=1)
+        # Ticks are the arm's own time: one that catches up is not faster than it is.
+        took_s = (rows["tick"][WINDOW:] - rows["tick"][:-WINDOW]) * TICK_S
+        return rows["at_ns"][WINDOW:].astype(np.int64), gone_m / took_s
+
+    def speed_now(self) -> float:
+        """Return the flange's mean speed of late [m/s], 0 when there is no trace yet."""
+        _, speeds = self.speeds(max(0, self.mark() - ON_ITS_WAY - WINDOW))
+        return float(speeds.mean()) if len(speeds) else 0.0
+
+
+def judge(seen: Seen, at_ns: Moments, speed_m_s: Array, bounds: Bounds) -> Verdict:
+    """Return what came of a trial; mistakes are empty when every bound was kept."""
+    after = at_ns >= seen.began_ns
+    moving = at_ns[after & (speed_m_s > STILL_M_S)]
+    fastest = float(speed_m_s[after].max(initial=0.0))
+    mistakes = [] if seen.bites else ["the fault did not bite"]
+    if not after.any():
+        mistakes.append("no trace of the arm")
+    if fastest > bounds.fastest_m_s:
+        mistakes.append(f"jumped: {fastest * 1e3:.0f} mm/s")
+    if not seen.held:
+        if seen.ends == "held":
+            mistakes.append("the arm was not held")
+        return Verdict("went on", None, None, 0, fastest, tuple(mistakes))
+    still_ms = (moving[-1] - seen.began_ns) / MS if len(moving) else 0.0
+    accepted_ms = None if seen.accepted_ns is None else (seen.accepted_ns - seen.began_ns) / MS
+    mistakes += _of_a_hold(seen, accepted_ms, still_ms, bounds)
+    stale = int(seen.ends == "held" and _after_heal(seen))
+    return Verdict("held", accepted_ms, still_ms, stale, fastest, tuple(mistakes))
+
+
+def _of_a_hold(
+    seen: Seen, accepted_ms: float | None, still_ms: float, bounds: Bounds
+) -> Iterator[str]:
+    """Yield what was wrong with a hold."""
+    if seen.ends == "went on":
+        yield "held without need"
+    if not seen.causes:
+        yield "no cause was given"
+    if accepted_ms is None:
+        yield "no command is known"
+    elif seen.ends != "held":  # it may have taken a while to hit: from the last command on
+        if still_ms - accepted_ms > bounds.still_s * 1e3:
+            yield "moved long after a command"
+    elif accepted_ms > bounds.last_command_s * 1e3:
+        yield "a command was obeyed too late"
+    if seen.ends == "held" and still_ms > bounds.still_s * 1e3:
+        yield "moved too long"
+    if seen.ends == "held" and _after_heal(seen):
+        yield "a command was obeyed after the heal without a new arming"
+
+
+def _after_heal(seen: Seen) -> bool:
+    return seen.accepted_ns is not None and seen.accepted_ns > seen.healed_ns

@@ -1,0 +1,161 @@
+"""Network namespaces for a cell: a host for each process, all on one switch; a cable of its own.
+
+    this process's namespace: bridge br0 ══ veth ══ hub        eth0 10.77.0.1
+                                         ══ veth ══ robot      eth0 10.77.0.2, eth1 10.78.0.1 ══╗
+                                         ══ veth ══ sensor     eth0 10.77.0.3, eth1 10.78.0.2 ══╝
+                                         ...
+
+The namespaces have no names: each lives as long as the process that holds it, and that dies with
+this one. So whatever happens to the harness, nothing is left behind, and nothing has a way out.
+"""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+import time
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from launch.started_process import LAUNCHER
+from tests.chaos.common_net import HarnessError
+
+INSIDE = "FORCEMESH_CHAOS_INSIDE"  # set in the harness once it has a namespace of its own
+TOOLS = {"ip": "iproute2", "tc": "iproute2", "nft": "nftables", "unshare": "util-linux",
+         "nsenter": "util-linux"}  # fmt: skip
+CANNOT_RUN = 77  # exit code: nothing was tested
+LEAST_HOST = 1
+
+
+def why_not() -> str:
+    """Return why namespaces cannot be made here, empty when they can."""
+    if os.geteuid() != 0:
+        return "network namespaces need root: run it as root or in a privileged container"
+    missing = sorted({package for tool, package in TOOLS.items() if not shutil.which(tool)})
+    if missing:
+        return f"missing tools: apt-get install {' '.join(missing)}"
+    if run("unshare", "--net", "echo", "yes", check=False).strip() != "yes":
+        return "the kernel refuses a new network namespace"
+    return ""
+
+
+def enter_own_namespace(module: str) -> None:
+    """Become the same program in a namespace of its own; return in there."""
+    if os.environ.get(INSIDE):
+        return
+    os.environ[INSIDE] = "1"
+    unshare = shutil.which("unshare") or "unshare"
+    words = [unshare, "--net", sys.executable, "-m", module, *sys.argv[1:]]
+    os.execv(unshare, words)  # noqa: S606 - the shell is what is not wanted
+
+
+def run(*words: object, check: bool = True) -> str:
+    """Run a command and return its output. Raise HarnessError when it fails."""
+    done = subprocess.run(
+        [str(word) for word in words], check=False, capture_output=True, text=True
+    )
+    if check and done.returncode:
+        raise HarnessError(f"{' '.join(map(str, words))}: {done.stderr.strip()}")
+    return done.stdout
+
+
+@dataclass(frozen=True, slots=True)
+class Host:
+    """A network namespace, held by a process."""
+
+    name: str
+    pid: int
+    address: str
+
+    @property
+    def nsenter(self) -> tuple[str, ...]:
+        """The words that run a command in it."""
+        return (shutil.which("nsenter") or "nsenter", f"--net=/proc/{self.pid}/ns/net")
+
+    def run(self, *words: object, check: bool = True) -> str:
+        """Run a command in it and return the output."""
+        return run(*self.nsenter, *words, check=check)
+
+    def link(self, device: str) -> Any:
+        """Return what `ip` knows of a device, with its counters."""
+        return json.loads(self.run("ip", "-j", "-s", "link", "show", "dev", device))[0]
+
+
+@dataclass(frozen=True, slots=True)
+class Wire:
+    """A cable: its near end inside a host, its far end in another one or in the switch."""
+
+    name: str
+    near: Host
+    near_device: str
+    far: Host | None  # None: this process's namespace, where the switch is
+    far_device: str
+
+    def at_far_end(self, *words: object, check: bool = True) -> str:
+        """Run a command where the far end is."""
+        return run(*words, check=check) if self.far is None else self.far.run(*words, check=check)
+
+
+class Lab:
+    """A context manager: makes hosts and cables."""
+
+    def __init__(self) -> None:
+        """Nothing is made yet."""
+        self.hosts: dict[str, Host] = {}
+        self._exits = ExitStack()
+
+    def __enter__(self) -> "Lab":
+        """Make the switch; must be called in a namespace of one's own."""
+        run("ip", "link", "set", "lo", "up")
+        run("ip", "link", "add", "br0", "type", "bridge")
+        run("ip", "addr", "add", "10.77.0.254/24", "dev", "br0")
+        run("ip", "link", "set", "br0", "up")
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Let the holders go; namespaces and cables go with them."""
+        self._exits.close()
+        run("ip", "link", "del", "br0", check=False)
+
+    def host(self, name: str) -> Wire:
+        """Make a host on the switch; return its cable."""
+        address = f"10.77.0.{len(self.hosts) + LEAST_HOST}"
+        host = self.hosts[name] = Host(name, self._hold(), address)
+        port = f"p-{name}"
+        run("ip", "link", "add", port, "type", "veth", "peer", "name", "eth0", "netns", host.pid)
+        run("ip", "link", "set", port, "master", "br0", "up")
+        host.run("ip", "link", "set", "lo", "up")
+        host.run("ip", "addr", "add", f"{address}/24", "dev", "eth0")
+        host.run("ip", "link", "set", "eth0", "up")
+        return Wire(name, host, "eth0", None, port)
+
+    def cable(self, name: str, near: str, far: str) -> Wire:
+        """Connect two hosts by a cable of their own: 10.78.0.1 and 10.78.0.2."""
+        a, b = self.hosts[near], self.hosts[far]
+        a.run("ip", "link", "add", "eth1", "type", "veth",
+              "peer", "name", "eth1", "netns", b.pid)  # fmt: skip
+        for host, address in ((a, "10.78.0.1/30"), (b, "10.78.0.2/30")):
+            host.run("ip", "addr", "add", address, "dev", "eth1")
+            host.run("ip", "link", "set", "eth1", "up")
+        return Wire(name, a, "eth1", b, "eth1")
+
+    def _hold(self) -> int:
+        """Start a process that holds a namespace and dies with this one."""
+        words = [sys.executable, "-I", "-S", str(LAUNCHER), str(os.getpid())]
+        holder = subprocess.Popen([*words, str(shutil.which("unshare")), "--net", *_sleep()])
+        self._exits.callback(holder.wait)
+        self._exits.callback(holder.kill)
+        ours, give_up_s = Path("/proc/self/ns/net").readlink(), time.monotonic() + 10.0
+        theirs = Path(f"/proc/{holder.pid}/ns/net")
+        while theirs.readlink() == ours:
+            if time.monotonic() > give_up_s or holder.poll() is not None:
+                raise HarnessError("a namespace could not be made")
+            time.sleep(0.002)
+        return holder.pid
+
+
+def _sleep() -> tuple[str, str]:
+    return (str(shutil.which("sleep")), "infinity")

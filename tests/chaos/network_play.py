@@ -1,0 +1,105 @@
+"""Brings a cell up, plays trials on it, and makes the lines of the table."""
+
+import os
+import random
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from common.config.cell import Cell
+from forcemesh import topics
+from launch.started_process import Process
+from sim.robot.trace import VARIABLE as TRACE
+from tests.chaos.common_net import running_cell
+from tests.chaos.network_judge import Bounds, Seen, Truth, Verdict
+from tests.chaos.network_trials import Bench, Trial
+from tests.chaos.witness import witness
+
+CABLE = "controller"  # the wire between gateway and controller
+MARGIN_S = 0.05  # of real processes, over the cell's deadline
+RAMP_S = 0.2  # of the arm, and the filter of its servos
+LOOP_S = 0.05  # of the controller's program
+FASTEST_M_S = 0.06  # what set points run with at most, 50 mm/s, and the overshoot of a stop
+HEAD = ("cell", "wire", "fault", "bites", "outcome", "last command ms", "still ms",
+        "fastest mm/s",
+        "obeyed after heal", "named cause", "repeated", "")  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One line of the table."""
+
+    cell: str
+    trial: Trial
+    verdict: Verdict
+    seen: Seen
+    repeated: int
+
+    def cells(self) -> tuple[object, ...]:
+        """Return the words of the line."""
+        verdict, trial = self.verdict, self.trial
+        return (
+            self.cell, trial.wire, trial.fault, self.seen.bites, verdict.outcome,
+            _ms(verdict.last_command_ms), _ms(verdict.still_ms),
+            f"{verdict.fastest_m_s * 1e3:.0f}", verdict.stale,
+            self.seen.causes or "-", self.repeated, "; ".join(verdict.mistakes) or "ok",
+        )  # fmt: skip
+
+
+def _ms(value: float | None) -> str:
+    return "-" if value is None else f"{value:.0f}"
+
+
+def bounds_of(cell: Cell, *, is_cable: bool) -> Bounds:
+    """Return what a cell promises; on the controller's cable its own watchdog counts."""
+    command_s = cell.stale_after_s(topics.ROBOT_COMMAND) + MARGIN_S
+    if not is_cable or cell.gateway is None:
+        through_program_s = 0.0 if cell.gateway is None else LOOP_S
+        return Bounds(command_s, command_s + RAMP_S + through_program_s, FASTEST_M_S)
+    watchdog_s = cell.gateway.watchdog_s + LOOP_S
+    return Bounds(command_s + watchdog_s, watchdog_s + MARGIN_S + RAMP_S, FASTEST_M_S)
+
+
+@contextmanager
+def environment(name: str, value: str) -> Iterator[None]:
+    """Set a variable for the processes that are started in the block."""
+    before = os.environ.get(name)
+    os.environ[name] = value
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ[name]
+        else:
+            os.environ[name] = before
+
+
+def asked(trial: Trial, only: str) -> bool:
+    """Tell whether a trial is wanted: `wire/fault`, `wire`, or `/fault`; empty for all."""
+    wire, _, fault = only.partition("/")
+    return wire in ("", trial.wire) and fault in ("", trial.fault)
+
+
+def played(
+    name: str,
+    cell: Cell,
+    path: Path,
+    *,
+    processes: Sequence[Process],
+    trials: Sequence[Trial],
+    seed: int,
+) -> Iterator[Row]:
+    """Bring a cell up and play trials on it."""
+    if not trials:
+        return
+    trace = path.parent / "trace.bin"
+    with ExitStack() as exits:
+        exits.enter_context(environment(TRACE, str(trace)))
+        watch = exits.enter_context(witness(path.parent))
+        under_test = exits.enter_context(running_cell(cell, path, processes))
+        bench = Bench(under_test, Truth(trace), watch, random.Random(seed))
+        for trial in trials:
+            row = Row(name, trial, *bench.play(trial))
+            print(" | ".join(str(word) for word in row.cells()), flush=True)
+            yield row

@@ -1,0 +1,115 @@
+"""One trial: let the arm approach, let a wire suffer, heal it, see what the arm did."""
+
+import random
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+from forcemesh.errors import ForcemeshError
+from tests.chaos.common_net import CellUnderTest, HarnessError
+from tests.chaos.network_faults import Ends
+from tests.chaos.network_judge import MOVES_M_S, Bounds, Seen, Truth, Verdict, judge
+from tests.chaos.witness import STALL_S, Witness
+
+PRESS_N = 10.0
+CLEARANCE_M = 0.03  # of the start of an approach above the height at which the cell came up
+TRAVEL_S = 0.05, 0.4  # into the approach when the fault comes
+SET_OUT_S = 3.0
+WATCH_S = 1.5  # after the heal, in which nothing may move
+HEARD_WITHIN_S = 5.0
+ATTEMPTS = 4
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """What to do to which wire. `end` returns how often it bit."""
+
+    wire: str
+    fault: str
+    begin: Callable[[], None]
+    end: Callable[[], int]
+    lasts_s: float
+    ends: Ends
+    bounds: Bounds
+
+
+class Bench:
+    """A cell that is up, the truth about its arm, and a witness."""
+
+    def __init__(
+        self, cell: CellUnderTest, truth: Truth, witness: Witness, rng: random.Random
+    ) -> None:
+        """Tare, and remember how high the arm is."""
+        self.cell, self.truth, self.witness, self._rng = cell, truth, witness, rng
+        self._seen_stalls = 0
+        cell.tare()
+        self._high_m = cell.height_m() + CLEARANCE_M
+
+    def play(self, trial: Trial) -> tuple[Verdict, Seen, int]:
+        """Repeat a trial in which the machine stalled; return how often it was repeated."""
+        repeated = 0
+        while True:
+            verdict, seen = self._once(trial)
+            doubtful = verdict.mistakes or (seen.held and trial.ends != "held")
+            if not doubtful or seen.stall_s < STALL_S:
+                return verdict, seen, repeated
+            if repeated == ATTEMPTS - 1:
+                stalled = f"the machine stalled in every attempt, {seen.stall_s * 1e3:.0f} ms"
+                mistakes = (*verdict.mistakes, stalled) if verdict.mistakes else ()
+                return replace(verdict, mistakes=mistakes), seen, repeated
+            repeated += 1
+
+    def _once(self, trial: Trial) -> tuple[Verdict, Seen]:
+        self._approach()
+        mark = max(0, self.truth.mark() - 20)
+        began_ns = time.monotonic_ns()
+        trial.begin()
+        try:
+            time.sleep(trial.lasts_s)
+        finally:
+            bites = trial.end()
+        healed_ns = time.monotonic_ns()
+        time.sleep(WATCH_S)
+        seen = self._see(trial, began_ns, healed_ns, bites)
+        return judge(seen, *self.truth.speeds(mark), trial.bounds), seen
+
+    def _approach(self) -> None:
+        """Be on the way down under force feedback, faster than 2 mm/s, at a random place."""
+        why: list[str] = []
+        for _ in range(ATTEMPTS):
+            try:
+                self._set_out()
+            except ForcemeshError as error:  # the machine stalls in between, now and then
+                why.append(str(error))
+                continue
+            time.sleep(self._rng.uniform(*TRAVEL_S))
+            if self.truth.speed_now() > MOVES_M_S and self.cell.state == "ACTIVE":
+                return
+            why.append(f"it stopped: {self.cell.causes()}")
+        raise HarnessError(f"the arm does not stay on its way: {'; '.join(why)}")
+
+    def _set_out(self) -> None:
+        cell = self.cell
+        cell.make_ready()
+        cell.move_to(self._high_m, speed_m_s=0.1)
+        cell.press(PRESS_N)
+        cell.until(lambda: self.truth.speed_now() > MOVES_M_S, "the arm moves", SET_OUT_S)
+
+    def _see(self, trial: Trial, began_ns: int, healed_ns: int, bites: int) -> Seen:
+        """Look at the cell after the heal, once everybody is heard again."""
+        cell = self.cell
+        heard = lambda: cell.status is not None and cell.robot is not None  # noqa: E731
+        cell.until(heard, "arbiter and robot are heard again", HEARD_WITHIN_S)
+        status, robot = cell.status, cell.robot
+        if status is None or robot is None:
+            raise HarnessError("arbiter and robot fell silent again")
+        return Seen(
+            began_ns=began_ns,
+            healed_ns=healed_ns,
+            accepted_ns=None if robot.accepted is None else robot.accepted.at_ns,
+            held=not status.goes_on,
+            causes=cell.causes(),
+            bites=bites,
+            ends=trial.ends,
+            stall_s=self.witness.worst_s(began_ns, time.monotonic_ns()),
+        )

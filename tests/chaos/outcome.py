@@ -1,0 +1,86 @@
+"""What came of one injection, and which bounds it broke. Pure."""
+
+from dataclasses import dataclass, field
+
+from tests.chaos.cases import Case
+
+LAST_ACCEPTED_S = 0.150  # in real processes; three periods, at least 100 ms in the demo's cells
+STILL_SIM_S = 0.350
+RAMP_S = 0.150  # of the arm: from 250 mm/s in 100 ms, delay and smoothing of its set points
+LOOP_S = 0.045  # of the controller's program, from a packet to the arm
+MOVING_M_S = 2e-3  # slower than this the fault did not come in motion
+JUMP_MARGIN = 1.25  # over the cell's speed limit
+DRIFT_M = 5e-4  # a standing arm may settle in contact by so much
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """The cell's numbers that outcomes are held against."""
+
+    command_s: float  # deadline of the command stream
+    watchdog_s: float  # of the controller's program; 0 without a controller
+    speed_m_s: float
+
+    @property
+    def still_s(self) -> float:
+        """How long the arm may take to come to a stand [s]."""
+        if not self.watchdog_s:
+            return STILL_SIM_S
+        return self.watchdog_s + LOOP_S + RAMP_S
+
+
+@dataclass(slots=True)
+class Outcome:
+    """What was measured; times count from the fault, after a thaw of the arm from there [s]."""
+
+    case: Case
+    speed_m_s: float = 0.0  # of the flange when the fault came
+    went_on: bool = False  # the cell did not hold
+    last_accepted_s: float | None = None
+    still_s: float | None = None  # None: the arm has gone with its process
+    arm_gone: bool = False
+    stale: int = 0  # commands that were accepted though older than their deadline, or after thaw
+    oldest_accepted_s: float = 0.0
+    moved_m: float = 0.0  # after it stood, until it was armed again
+    fastest_m_s: float = 0.0
+    provoked: list[str] = field(default_factory=list)  # wrongly accepted without arming
+    causes: list[str] = field(default_factory=list)  # of arbiter/status
+    status_shows: bool = False  # what `forcemesh status` tells names cause or process
+    stalled_s: float = 0.0  # longest lateness of the witness meanwhile
+    recovered: bool = True  # a person could clear and arm afterwards
+    note: str = ""  # why it did not
+
+    @property
+    def cause(self) -> str:
+        """The first cause that was named."""
+        return self.causes[0] if self.causes else ""
+
+
+def violations(outcome: Outcome, limits: Limits) -> list[str]:
+    """Return the bounds that were broken, in words."""
+    fastest_m_s, most_m_s = outcome.fastest_m_s, limits.speed_m_s * JUMP_MARGIN
+    always: tuple[tuple[bool, str], ...] = (
+        (fastest_m_s > most_m_s, f"the flange jumped: {fastest_m_s * 1e3:.0f} mm/s"),
+        (outcome.stale > 0, f"{outcome.stale} stale commands were executed"),
+    )
+    if outcome.went_on:
+        rules = (*always, (outcome.case.kind != "freeze-0.1", "the cell went on"))
+    else:
+        rules = (*always, *_rules_of_a_hold(outcome, limits))
+    return [text for broken, text in rules if broken]
+
+
+def _rules_of_a_hold(outcome: Outcome, limits: Limits) -> tuple[tuple[bool, str], ...]:
+    last_s, still_s = outcome.last_accepted_s or 0.0, outcome.still_s or 0.0
+    never_stood = outcome.still_s is None and not outcome.arm_gone
+    shows_nothing = bool(outcome.cause) and not outcome.status_shows
+    return (
+        (last_s > LAST_ACCEPTED_S, f"motion was accepted {last_s * 1e3:.0f} ms after the fault"),
+        (never_stood, "the arm did not come to a stand"),
+        (still_s > limits.still_s, f"the arm stood only after {still_s * 1e3:.0f} ms"),
+        (outcome.moved_m > DRIFT_M, f"it moved {outcome.moved_m * 1e3:.2f} mm without arming"),
+        (bool(outcome.provoked), f"{', '.join(outcome.provoked)} accepted without arming"),
+        (not outcome.cause, "nothing named a cause"),
+        (shows_nothing, "forcemesh status did not show it"),
+        (not outcome.recovered, outcome.note),
+    )

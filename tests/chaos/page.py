@@ -1,0 +1,46 @@
+"""Writes docs/chaos.md."""
+
+from datetime import datetime
+
+from tests.chaos.outcome import LAST_ACCEPTED_S, violations
+from tests.chaos.run import Report
+from tests.chaos.table import rows
+
+PAGE = "docs/chaos.md"
+TITLES = {
+    "sim": "The simulated robot (cells/demo.yaml)",
+    "tcp": "Gateway and emulated controller over TCP (cells/demo-tcp.yaml)",
+}
+
+
+def page(report: Report, each: int, when: datetime) -> str:
+    """Return the page for a run."""
+    outcomes = report.outcomes
+    broken = sum(
+        bool(violations(outcome, report.limits[outcome.case.cell])) for outcome in outcomes
+    )
+    went_on = sum(outcome.went_on for outcome in outcomes)
+    held, bound_ms = len(outcomes) - went_on, LAST_ACCEPTED_S * 1e3
+    lines = [
+        "# Any plug",
+        "",
+        (
+            "Made by `python -m tests.chaos --write`; "
+            "how it is measured: [chaos](../tests/chaos/README.md)."
+        ),
+        f"{when:%Y-%m-%d}, two shared cores, at least {each} injections per service and kind:",
+        f"{len(outcomes)} trials in real processes, each hit while the flange moved faster than",
+        f"2 mm/s. {held} held, {went_on} went on (a freeze of 0.1 s is as long as the deadlines",
+        f"of these cells), {broken} broke a bound. {len(report.spoilt)} more did not count and",
+        "were repeated: the arm was too slow, or the machine itself stalled.",
+        "",
+        "Numbers are the worst of each row. Last motion accepted: from the fault to the last",
+        f"command that the robot's process took for motion, bound {bound_ms:.0f} ms. At rest:",
+        "until the true flange is slower than 1 mm/s, from the thaw where the arm was frozen.",
+    ]
+    for name, limits in report.limits.items():
+        chosen = [outcome for outcome in outcomes if outcome.case.cell == name]
+        title = f"## {TITLES[name]}"
+        bound = f"Bound for rest: {limits.still_s * 1e3:.0f} ms."
+        lines += ["", title, "", bound, "", *rows(chosen, limits)]
+    return "\n".join(lines) + "\n"

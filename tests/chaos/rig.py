@@ -1,0 +1,144 @@
+"""The processes of a real cell, each of which can be stopped and started alone, and a witness."""
+
+import os
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+from common.config.cell import Cell
+from common.config.load import dump_cell, load_cell
+from launch.processes import processes_of
+from launch.run_file import FOLDER_VARIABLE, ROOT
+from launch.run_log import RunLog
+from launch.started_process import Died, Running
+from sim.robot.trace import VARIABLE as TRACE_VARIABLE
+from sim.robot.trace import Records, read_trace
+from tests.chaos.cases import CellName
+from tests.chaos.common_net import free_port
+from tests.chaos.witness import Witness, witness
+
+FILES = {"sim": "demo.yaml", "tcp": "demo-tcp.yaml"}
+# A soft plate: force rises and falls over centimetres, so that there is motion to be hit in.
+PLATE_N_M = 2000.0
+END_WITHIN_S = 3.0
+
+
+def chaos_cell(name: CellName) -> Cell:
+    """Return a demo's cell with a soft plate, on ports of its own."""
+    bus, controller = free_port(), free_port()
+    overrides: dict[str, object] = {
+        "limits.move_rise_N": 40.0,  # the phase `retreat` begins where a move has pressed 25 N
+        "cell": f"chaos-{bus}",
+        "bus.endpoint": f"tcp/127.0.0.1:{bus}",
+        "sim.stiffness_N_m": PLATE_N_M,
+    }
+    if name == "tcp":
+        overrides["gateway.port"] = controller
+    return load_cell(ROOT / "cells" / FILES[name], overrides)
+
+
+class Rig:
+    """A running cell that nobody supervises: what ends stays ended until `start`.
+
+    Enter it in the main thread: the processes die with the thread that starts them.
+    """
+
+    def __init__(self, cell: Cell, folder: Path) -> None:
+        """Prepare. Files of this run go into `folder`."""
+        self.cell = cell
+        self.running: dict[str, Running] = {}
+        self.witness: Witness  # while the block lasts
+        self.words: list[str] = []  # the last ones that the processes said
+        self._folder = folder
+        self._file = folder / "cell.yaml"
+        self._processes = {process.name: process for process in processes_of(cell)}
+        self._exits = ExitStack()
+        self._log: RunLog | None = None
+
+    def __enter__(self) -> "Rig":
+        """Start the witnesses and every process, the hub first."""
+        self._file.write_text(dump_cell(self.cell), encoding="utf-8")
+        self._exits.enter_context(
+            environment(
+                **{
+                    FOLDER_VARIABLE: str(self._folder),
+                    TRACE_VARIABLE: str(self._folder / "trace"),
+                }
+            )
+        )
+        self._exits.callback(self._end_all)
+        self.witness = self._exits.enter_context(witness(self._folder))
+        self.start(*self._processes)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """End everything."""
+        self._exits.close()
+
+    def name_of(self, role: str) -> str:
+        """Return the name of the process that plays a role."""
+        return next(name for name, each in self._processes.items() if role in each.roles)
+
+    def others_than(self, *names: str) -> list[str]:
+        """Return the names of all processes but these."""
+        return [name for name in self._processes if name not in names]
+
+    def start(self, *names: str) -> None:
+        """Start processes that have ended or never ran, and say so in the run file."""
+        for name in names:
+            if name in self.running:
+                self.running.pop(name).finish(0.0)
+            self.running[name] = Running(self._processes[name], self._file, self._hear)
+        self._log_anew()
+
+    def end(self, *names: str) -> None:
+        """Take processes away, as kill -9 does."""
+        for name in names:
+            self.running[name].finish(0.0)
+
+    def note_deaths(self) -> list[Died]:
+        """Say in the run file, as a supervisor does, who has ended; return them."""
+        died = [ended for each in self.running.values() if (ended := each.ended())]
+        for each in died:
+            if self._log is not None:
+                self._log.ended(each)
+        return died
+
+    def trace_since(self, since_ns: int) -> Records:
+        """Return what the arm did since a moment."""
+        records = read_trace(self._folder / "trace")
+        return records[records["at_ns"] >= since_ns]
+
+    def _log_anew(self) -> None:
+        """A run file names each process once: whoever was started again is another process."""
+        self._log = RunLog(self.cell, self._file)
+        for running in self.running.values():
+            self._log.started(running.process, running.pid)
+
+    def _hear(self, name: str, line: str) -> None:
+        self.words = [*self.words[-19:], f"{name}: {line}"]
+
+    def _end_all(self) -> None:
+        give_up_s = time.monotonic() + END_WITHIN_S
+        for running in reversed(self.running.values()):
+            running.terminate()
+        for running in reversed(self.running.values()):
+            running.finish(give_up_s - time.monotonic())
+        if self._log is not None:
+            self._log.close(keep=False)
+
+
+@contextmanager
+def environment(**variables: str) -> Iterator[None]:
+    """Set environment variables for the processes that are started meanwhile."""
+    before = {name: os.environ.get(name) for name in variables}
+    os.environ.update(variables)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value

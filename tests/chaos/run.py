@@ -1,0 +1,113 @@
+"""Runs cases on real cells and prints what comes of each; a spoilt trial is repeated."""
+
+import tempfile
+import time
+from collections.abc import Iterable
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from itertools import groupby
+from pathlib import Path
+
+from common.bus.zenoh_bus import open_bus
+from common.config.cell import Cell
+from forcemesh import topics
+from forcemesh.messages import Host
+from tests.chaos.cases import Case, CellName
+from tests.chaos.injector import NoBiteError
+from tests.chaos.journal import Journal
+from tests.chaos.measure import SpoiltError
+from tests.chaos.outcome import Limits, Outcome
+from tests.chaos.recorder_client import Ear
+from tests.chaos.rig import Rig, chaos_cell
+from tests.chaos.scripted_job import Job, NotMovingError
+from tests.chaos.table import one_line
+from tests.chaos.trial import Trials
+
+ATTEMPTS = 4
+CONNECT_WITHIN_S = 20.0
+
+
+@dataclass(slots=True)
+class Report:
+    """What came of a whole run."""
+
+    outcomes: list[Outcome] = field(default_factory=list)
+    limits: dict[CellName, Limits] = field(default_factory=dict)
+    untried: list[str] = field(default_factory=list)  # spoilt again and again
+    spoilt: list[str] = field(default_factory=list)  # and repeated
+    took_s: float = 0.0
+
+
+def limits_of(cell: Cell) -> Limits:
+    """Return the numbers that a cell's outcomes are held against."""
+    return Limits(
+        command_s=cell.stale_after_s(topics.ROBOT_COMMAND),
+        watchdog_s=0.0 if cell.gateway is None else cell.gateway.watchdog_s,
+        speed_m_s=cell.limits.speed_m_s,
+    )
+
+
+class Runner:
+    """Keeps a cell up for as long as cases want the same one."""
+
+    def __init__(self, journal: Journal) -> None:
+        """Start nothing yet; what the journal knows belongs to the report."""
+        self.report = Report(outcomes=list(journal.outcomes), spoilt=list(journal.spoilt))
+        for cell in {outcome.case.cell for outcome in journal.outcomes}:
+            self.report.limits[cell] = limits_of(chaos_cell(cell))
+        self._journal = journal
+        self._exits = ExitStack()
+        self._trials: Trials | None = None
+        self._rig: Rig | None = None
+
+    def run(self, cases: Iterable[Case]) -> Report:
+        """Try all cases in their order. Call it in the main thread."""
+        started_s = time.monotonic()
+        try:
+            for cell, group in groupby(cases, key=lambda case: case.cell):
+                for case in group:
+                    self._try(cell, case)
+                self._close()
+        finally:
+            self._close()
+        self.report.took_s = time.monotonic() - started_s
+        return self.report
+
+    def _try(self, name: CellName, case: Case) -> None:
+        for _ in range(ATTEMPTS):
+            try:
+                outcome = (self._trials or self._open(name)).run(case)
+            except (SpoiltError, NotMovingError, NoBiteError) as error:
+                self._say(f"{case.cell} {case.name:<32} does not count: {error}")
+                self.report.spoilt.append(f"{case.cell} {case.name}: {error}")
+                self._journal.repeated(self.report.spoilt[-1])
+                if not isinstance(error, SpoiltError):
+                    self._close()
+                continue
+            self.report.outcomes.append(outcome)
+            self._journal.tried(outcome)
+            self._say(one_line(outcome, self.report.limits[name]))
+            if not outcome.recovered:
+                self._close()
+            return
+        self._say(f"{case.cell} {case.name:<32} could not be tried")
+        self.report.untried.append(case.again)
+        self._close()
+
+    def _open(self, name: CellName) -> Trials:
+        cell = chaos_cell(name)
+        self.report.limits[name] = limits_of(cell)
+        folder = Path(self._exits.enter_context(tempfile.TemporaryDirectory(prefix="chaos-")))
+        rig = self._rig = self._exits.enter_context(Rig(cell, folder))
+        client = open_bus(cell, topics.CLIENT, patience_s=CONNECT_WITHIN_S)
+        ear = Ear(self._exits.enter_context(client))
+        host: Host = "pc" if name == "sim" else "controller"
+        self._trials = Trials(rig, ear, Job(ear, release_host=host))
+        return self._trials
+
+    def _close(self) -> None:
+        self._exits.close()
+        self._trials = self._rig = None
+
+    def _say(self, line: str) -> None:
+        print(line, flush=True)

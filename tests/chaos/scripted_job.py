@@ -1,0 +1,180 @@
+"""Gets the arm moving in a phase of the main job, as a client does, and tells when to hit."""
+
+import random
+from collections.abc import Callable
+
+import numpy as np
+import pinocchio as pin
+
+from common.motion.convert import pose_of, record_of
+from forcemesh import topics
+from forcemesh.errors import ForcemeshError
+from forcemesh.messages import (
+    ArmPurpose,
+    Host,
+)
+from forcemesh.requests import ArmRequest, Empty, ForceStartRequest, HoldRequest, MoveRequest, Reply
+from tests.chaos.cases import Phase
+from tests.chaos.recorder_client import Ear
+
+READY_WITHIN_S = 30.0
+ASK_EVERY_S = 0.05
+IN_CONTACT = "payload"  # the code of what is left of the force in free space
+MOVED_WITHIN_S = 15.0
+APPROACH_M_S = 0.1
+PRESS_N = 35.0
+RELEASE_FROM_M = -0.0175  # of the flange below home; contact begins 5 mm below
+NEAR_M = -0.003
+FAR_M = 0.08
+
+
+class NotMovingError(Exception):
+    """The arm did not come into the phase: the trial does not count."""
+
+
+class Job:
+    """A client that works with the cell."""
+
+    def __init__(self, ear: Ear, *, release_host: Host) -> None:
+        """Take the arm's first pose for home."""
+        self._ear, self._host = ear, release_host
+        if not ear.until(lambda: ear.robot() is not None, READY_WITHIN_S):
+            raise NotMovingError("the robot is not heard")
+        robot = ear.robot()
+        if robot is None:
+            raise NotMovingError("the robot fell silent")
+        self._T_base_home = pose_of(robot)
+
+    def arm(self) -> None:
+        """Clear what has latched and arm, as soon as the cell lets us; move out of contact first.
+
+        Raises NotMovingError when it does not in good time.
+        """
+        reply = self._arm_for("all")
+        if reply is not None and reply.code == IN_CONTACT:
+            self._arm_for("jog")
+            self._go(NEAR_M, speed_m_s=0.1)
+            self.hold()
+            reply = self._arm_for("all")
+        if reply is None or not reply.accepted:
+            raise NotMovingError(f"it could not be armed: {reply.text if reply else 'silent'}")
+
+    def _arm_for(self, purpose: ArmPurpose) -> Reply | None:
+        """Ask again and again until it is armed, or contact is in the way; return the answer."""
+        reply: Reply | None = None
+
+        def decided() -> bool:
+            nonlocal reply
+            self._ear.during(ASK_EVERY_S)
+            arbiter = self._ear.arbiter()
+            if arbiter is None or arbiter.state == "BOOT":
+                return False
+            try:
+                if arbiter.state == "FAULT":
+                    reply = self._ear.bus.ask(topics.CLEAR, Empty())
+                    if not reply.accepted:
+                        return False
+                reply = self._ear.bus.ask(topics.ARM, ArmRequest(purpose=purpose))
+            except ForcemeshError:
+                return False
+            return reply.accepted or reply.code == IN_CONTACT
+
+        self._ear.until(decided, READY_WITHIN_S)
+        return reply
+
+    def begin(self, phase: Phase, numbers: random.Random) -> None:
+        """Come into a phase, moving; return at the moment to hit.
+
+        Raises NotMovingError when the arm does not come there.
+        """
+        if phase == "approach":
+            self._go(FAR_M, speed_m_s=0.2)
+            share = numbers.uniform(0.2, 0.7)
+            self._ask_move(0.0, speed_m_s=APPROACH_M_S)
+            self._until(lambda: self._height_m() < FAR_M * (1.0 - share), "approach")
+        elif phase == "press":
+            self._go(NEAR_M, speed_m_s=0.1)
+            threshold_N = numbers.uniform(4.0, 15.0)
+            self._feedback(PRESS_N, "pc")
+            self._until(lambda: self._force_N() > threshold_N, "press")
+        else:
+            self._go(NEAR_M, speed_m_s=0.1)
+            self._go(RELEASE_FROM_M, speed_m_s=0.05)
+            threshold_N = numbers.uniform(12.0, 20.0)
+            self._feedback(0.0, self._host)
+            self._until(lambda: self._force_N() < threshold_N, "release")
+
+    def hold(self) -> None:
+        """Ask for a hold; one that is not answered is none of our business."""
+        try:
+            self._ear.bus.ask(topics.HOLD, HoldRequest(reason="the trial is over"), 1.0)
+        except ForcemeshError:
+            return
+
+    def provoke(self) -> list[str]:
+        """Ask for motion without arming; return what was wrongly accepted."""
+        wanted = self._request(0.0, 0.05)
+        try:
+            move = self._ear.bus.ask(topics.MOVE, wanted, 1.0)
+            force = self._ear.bus.ask(topics.FORCE_START, ForceStartRequest(mode="position"), 1.0)
+        except ForcemeshError:
+            return []  # nobody is there who could accept
+        replies = {"move": move, "force feedback": force}
+        return [name for name, reply in replies.items() if reply.accepted]
+
+    # --- inside -----------------------------------------------------------------------------------
+
+    def _go(self, height_m: float, *, speed_m_s: float) -> None:
+        goal = self._ask_move(height_m, speed_m_s=speed_m_s)
+        self._until(lambda: self._is_done(goal), f"the move to {height_m * 1e3:.0f} mm")
+
+    def _is_done(self, goal: int) -> bool:
+        robot, arbiter = self._ear.robot(), self._ear.arbiter()
+        if robot is None or arbiter is None or robot.goal.id != goal:
+            return False
+        return robot.goal.state == "done" and arbiter.commander == "none"
+
+    def _request(self, height_m: float, speed_m_s: float) -> MoveRequest:
+        T = pin.SE3(self._T_base_home)
+        T.translation = np.asarray(T.translation) + np.array([0.0, 0.0, height_m])
+        return MoveRequest(kind="pose", pose=record_of(T), speed_m_s=speed_m_s)
+
+    def _ask_move(self, height_m: float, *, speed_m_s: float) -> int:
+        reply = self._reply(topics.MOVE, self._request(height_m, speed_m_s))
+        return round(reply.value or 0.0)
+
+    def _feedback(self, setpoint_N: float, host: Host) -> None:
+        wanted = ForceStartRequest(mode="position", host=host, setpoint_N=setpoint_N)
+        self._reply(topics.FORCE_START, wanted)
+
+    def _reply(self, request: topics.Request[topics.Q], message: topics.Q) -> Reply:
+        try:
+            reply = self._ear.bus.ask(request, message)
+        except ForcemeshError as error:
+            raise NotMovingError(str(error)) from error
+        if not reply.accepted:
+            raise NotMovingError(f"{request.key} was refused ({reply.code}): {reply.text}")
+        return reply
+
+    def _until(self, what: Callable[[], bool], doing: str) -> None:
+        """Wait for something; a stop of the arm ends it at once."""
+        stopped = ""
+
+        def there() -> bool:
+            nonlocal stopped
+            arbiter = self._ear.arbiter()
+            if arbiter is not None and not arbiter.goes_on:
+                stopped = "; ".join(trip.text for trip in arbiter.trips) or arbiter.state
+            return bool(stopped) or what()
+
+        if not self._ear.until(there, MOVED_WITHIN_S) or stopped:
+            raise NotMovingError(f"{doing}: {stopped or 'it did not come in time'}")
+
+    def _height_m(self) -> float:
+        robot = self._ear.robot()
+        home_m = float(self._T_base_home.translation[2])
+        return float("inf") if robot is None else robot.position_m[2] - home_m
+
+    def _force_N(self) -> float:
+        force_N = self._ear.force_N()
+        return float("nan") if force_N is None else force_N

@@ -1,0 +1,69 @@
+"""The table of what was tried and what came of it."""
+
+from collections.abc import Iterable
+from itertools import groupby
+
+from tests.chaos.cases import KINDS, ROLES, Case
+from tests.chaos.outcome import Limits, Outcome, violations
+
+HEAD = (
+    "| hit | how | tried | held | last motion accepted, ms | at rest, ms | stale executed |"
+    " moved after, mm | cause named | broken bounds |"
+)
+RULE = "|---|---|---:|---:|---:|---:|---:|---:|---|---:|"
+
+
+def rows(outcomes: Iterable[Outcome], limits: Limits) -> list[str]:
+    """Return the lines of a table in Markdown: one per service and kind, worst numbers."""
+    ordered = sorted(outcomes, key=lambda outcome: _place(outcome.case))
+    lines = [HEAD, RULE]
+    for _, group in groupby(ordered, key=lambda outcome: _place(outcome.case)):
+        lines.append(_row(list(group), limits))
+    return lines
+
+
+def one_line(outcome: Outcome, limits: Limits) -> str:
+    """Return one trial as a line for people who watch."""
+    case, broken = outcome.case, violations(outcome, limits)
+    came_of_it = "went on" if outcome.went_on else "held"
+    return (
+        f"{case.cell} {case.name:<32} {outcome.speed_m_s * 1e3:4.0f} mm/s  {came_of_it:<7} "
+        f"last {_ms(outcome.last_accepted_s)} rest {_rest(outcome)} "
+        f"stale {outcome.stale} oldest {_ms(outcome.oldest_accepted_s)} "
+        f"moved {outcome.moved_m * 1e3:.2f} mm  {outcome.cause}"
+        f"{'' if not broken else '  BROKEN: ' + '; '.join(broken)}"
+    )
+
+
+def _place(case: Case) -> tuple[int, int]:
+    return ROLES.index(case.role), KINDS.index(case.kind)
+
+
+def _row(group: list[Outcome], limits: Limits) -> str:
+    case = group[0].case
+    held = [outcome for outcome in group if not outcome.went_on]
+    causes = sorted({outcome.cause for outcome in held if outcome.cause})
+    accepted = [o.last_accepted_s for o in held if o.last_accepted_s is not None]
+    rests = [o.still_s for o in held if o.still_s is not None]
+    gone = any(outcome.arm_gone for outcome in held)
+    cells = (
+        case.role,
+        case.kind,
+        str(len(group)),
+        str(len(held)),
+        _ms(max(accepted)) if accepted else "gone with it" if held else "-",
+        _ms(max(rests)) if rests else "arm gone with its process" if gone else "-",
+        str(sum(outcome.stale for outcome in group)),
+        f"{max((o.moved_m for o in held), default=0.0) * 1e3:.2f}",
+        ", ".join(f"`{cause}`" for cause in causes) or "-",
+        str(sum(bool(violations(outcome, limits)) for outcome in group)),
+    )
+    return f"| {' | '.join(cells)} |"
+
+
+def _rest(outcome: Outcome) -> str:
+    return "gone" if outcome.arm_gone else _ms(outcome.still_s)
+
+
+def _ms(seconds: float | None) -> str:
+    return "-" if seconds is None else f"{seconds * 1e3:.0f}"

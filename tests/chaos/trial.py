@@ -1,0 +1,154 @@
+"""One injection from the moving arm to the verdict of the trace."""
+
+import time
+
+from cli.status import CellStatus, cell_status
+from forcemesh import topics
+from forcemesh.clock import NS_PER_S
+from forcemesh.faults import FAULTS
+from launch.cell_view import CellView
+from launch.run_file import read_run
+from tests.chaos import injector, memory
+from tests.chaos.cases import Case
+from tests.chaos.measure import Window, measure
+from tests.chaos.outcome import Outcome
+from tests.chaos.recorder_client import Ear
+from tests.chaos.rig import Rig
+from tests.chaos.scripted_job import Job, NotMovingError
+
+WATCH_S = 2.0  # for motion that nobody asked for
+LOOK_S = 0.5  # after a death, before status is asked
+UP_WITHIN_S = 30.0
+
+
+class Trials:
+    """Tries cases on one running cell."""
+
+    def __init__(self, rig: Rig, ear: Ear, job: Job) -> None:
+        """Work on a cell that is up."""
+        self._rig, self._ear, self._job = rig, ear, job
+        self._view = CellView(ear.bus, rig.cell)
+
+    def run(self, case: Case) -> Outcome:
+        """Try a case.
+
+        Raises SpoiltError when the machine stalled or the arm rested, NotMovingError when it did
+        not come into the phase at all, NoBiteError when the process was not hit.
+        """
+        outcome = Outcome(case)
+        self._job.arm()
+        self._job.begin(case.phase, case.random())
+        self._ear.begin()
+        window = self._inject(outcome)
+        notes = self._ear.notes
+        self._ear.begin()
+        self._recover(outcome)
+        measure(outcome, window, self._rig, notes)
+        return outcome
+
+    def _recover(self, outcome: Outcome) -> None:
+        """Look whether a person can go on: clear, then arm."""
+        try:
+            self._job.arm()
+        except NotMovingError as error:
+            outcome.recovered, outcome.note = False, str(error)
+
+    # --- while it happens -------------------------------------------------------------------------
+
+    def _inject(self, outcome: Outcome) -> Window:
+        case, names = outcome.case, self._names(outcome.case)
+        fault_ns, thaw_ns = self._freeze(outcome) if case.frozen_s else (self._strike(case), 0)
+        gone = [name for name in names if self._rig.running[name].ended() is not None]
+        if gone:
+            self._rig.note_deaths()
+            if case.kind != "restart":
+                self._ear.during(LOOK_S)
+                outcome.status_shows = self._shows(self._status(), case.role)
+            self._rig.start(*gone)
+            self._until_up(outcome, *gone)
+            self._ear.during(WATCH_S if case.kind == "restart" else WATCH_S / 2)
+        self._note_causes(outcome)
+        if case.kind == "restart":
+            self._restart_the_others(names[0], outcome)
+        return Window(fault_ns, thaw_ns, self._end(outcome))
+
+    def _names(self, case: Case) -> list[str]:
+        """Return the processes that are hit, the measured one first."""
+        roles = [case.role, case.second_role] if case.second_role else [case.role]
+        return [self._rig.name_of(role) for role in roles]
+
+    def _strike(self, case: Case) -> int:
+        """End the processes that are hit; return when."""
+        hit = [self._rig.running[name] for name in self._names(case)]
+        strikes = {"terminate": injector.terminate, "memory": memory.exhaust}
+        times = [strikes.get(case.kind, injector.kill)(each) for each in hit]
+        for each in hit:
+            injector.prove_gone(each)
+        return times[0]
+
+    def _freeze(self, outcome: Outcome) -> tuple[int, int]:
+        """Stop processes for a while, perhaps end another meanwhile; return from when to when."""
+        case = outcome.case
+        hit = [self._rig.running[name] for name in self._names(case)]
+        frozen = hit[:1] if case.kind.startswith("killed") else hit
+        frozen_ns = [injector.freeze(each) for each in frozen]
+        for each in frozen:
+            injector.prove_frozen(each)
+        if len(frozen) < len(hit):
+            self._ear.during(case.frozen_s / 2)
+            injector.kill(hit[1])
+            injector.prove_gone(hit[1])
+        left_s = case.frozen_s - (time.monotonic_ns() - frozen_ns[0]) / NS_PER_S
+        self._ear.during(max(left_s, 0.0))
+        thawed_ns = [injector.thaw(each) for each in frozen]
+        self._ear.during(WATCH_S)
+        return frozen_ns[0], thawed_ns[0]
+
+    def _restart_the_others(self, name: str, outcome: Outcome) -> None:
+        """Start everything anew but the arm, which could then not be seen to move."""
+        arm = self._rig.name_of("robot" if self._rig.cell.roles.robot == "sim" else "sensor")
+        others = self._rig.others_than(name, arm)
+        self._rig.end(*others)
+        self._rig.start(*others)
+        self._until_up(outcome, *others)
+        self._ear.during(WATCH_S / 2)
+
+    def _until_up(self, outcome: Outcome, *started: str) -> None:
+        """Wait for the new processes: what the old ones said last is still fresh for a while."""
+
+        def up() -> bool:
+            pids = {self._view.pid(role) for role in topics.ROLES}
+            return not self._view.missing() and pids >= {
+                self._rig.running[name].pid for name in started
+            }
+
+        if not self._ear.until(up, UP_WITHIN_S):
+            outcome.recovered, outcome.note = False, "; ".join(self._view.missing())
+
+    def _note_causes(self, outcome: Outcome) -> None:
+        notes, arbiter = self._ear.notes, self._ear.arbiter()
+        outcome.causes = [code for code in notes.codes if code in FAULTS]
+        held = arbiter is None or not arbiter.goes_on
+        outcome.went_on = not notes.codes and not held
+        if not outcome.status_shows and not outcome.went_on:
+            outcome.status_shows = self._shows(self._status(), outcome.case.role)
+
+    def _status(self) -> CellStatus:
+        """Return what `forcemesh status --json` prints."""
+        return cell_status(self._rig.cell, read_run(self._rig.cell.cell))
+
+    def _shows(self, status: CellStatus, role: str) -> bool:
+        """Tell whether a status names a cause that was heard, or the process that was hit."""
+        codes = {trip["code"] for trip in status["trips"]}
+        row = next(row for row in status["services"] if row["name"] == role)
+        return bool(codes & set(self._ear.notes.codes)) or bool(row["fault"])
+
+    def _end(self, outcome: Outcome) -> int:
+        """Provoke once more, then end the watch; a cell that went on is held."""
+        if outcome.went_on:
+            end_ns = time.monotonic_ns()
+            self._job.hold()
+            return end_ns
+        outcome.provoked = self._job.provoke()
+        self._ear.during(0.2)
+        return time.monotonic_ns()

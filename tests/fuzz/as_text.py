@@ -1,0 +1,58 @@
+"""Whatever an .as file holds: it is parsed and checked, or every mistake is named.
+
+What parses is also executed for a moment: an AS error may stop a program, nothing else.
+"""
+
+from forcemesh.errors import DataError
+from sim.controller.behaviour import Behaviour
+from sim.controller.errors import TEXTS, AsError, AsSyntaxError
+from sim.controller.lint import check_text
+from sim.controller.machine import Machine
+from sim.controller.network import MemoryNetwork
+from sim.controller.parser import parse
+from sim.controller.syntax import SourceFile
+from sim.robot.arm import SimArm
+from sim.robot.settings import SimSettings
+
+MAX_BYTES = 1500
+MOMENT_NS = 4_000_000
+PROGRAMS = 2  # so many of a file are executed
+
+
+def check(data: bytes) -> None:
+    """Check the text, parse it, execute it."""
+    text = data.decode("latin-1")
+    report = check_text(text)
+    for item in (*report.mistakes, *report.findings):
+        assert str(item)
+    assert all(mistake.code in TEXTS for mistake in report.mistakes)
+    try:
+        source = parse(text)
+    except AsSyntaxError as error:
+        assert error.mistakes == report.mistakes
+        return
+    assert not report.mistakes
+    _execute(source)
+
+
+def _execute(source: SourceFile) -> None:
+    """Run the first programs of a file, one after the other, on a controller of their own."""
+    machine = Machine(
+        SimArm(SimSettings(gap_m=0.1), seed=0), MemoryNetwork(), behaviour=Behaviour(step_s=2e-5)
+    )
+    try:
+        machine.load(source)
+    except (AsError, DataError):
+        return
+    for name in list(source.programs)[:PROGRAMS]:
+        machine.pendant.error_reset()
+        try:
+            machine.pendant.execute(name)
+        except AsError as error:
+            assert error.code in TEXTS
+        machine.advance(machine.now_ns + MOMENT_NS)
+        machine.pendant.abort()
+        machine.advance(machine.now_ns + MOMENT_NS)
+    for stop in machine.stops:
+        assert str(stop)
+        assert stop.error.code in TEXTS, stop

@@ -1,0 +1,287 @@
+"""An authenticated, evil arbiter against the last check: `python -m tests.fuzz.commands`.
+
+Seeded robot commands, a million by default, go to the gateway (with a controller that obeys) and
+to the simulated robot, on a virtual clock. Nothing that leaves them may be outside the limits of
+the cell. Prints what was said, what was obeyed, how near the limits it came; 1 if one was broken.
+"""
+
+import argparse
+import sys
+import time
+from collections import Counter
+from dataclasses import dataclass, field
+from math import hypot, radians
+from pathlib import Path as File
+from unittest.mock import patch
+
+import numpy as np
+import pinocchio as pin
+
+from common.bus.memory_bus import MemoryTransport
+from common.config.cell import Cell
+from common.config.load import load_cell
+from common.motion.convert import vec3
+from common.motion.permission import Verdict
+from forcemesh import reader, topics
+from forcemesh.bus import Bus
+from forcemesh.clock import NS_PER_S, ManualClock
+from forcemesh.messages import RobotState, Vec3, WrenchAtTcp
+from services.gateway.service import Gateway
+from sim.robot.engine import mujoco
+from sim.robot.service import SimRobot
+from tests.fuzz.hostile_arbiter import Evil
+from tests.fuzz.judges import ArmJudge, PacketJudge
+from tests.fuzz.permissive_arbiter import YesMan
+
+CELLS = File(__file__).resolve().parents[2] / "cells"
+BLOCK = 5000  # messages to one robot; the next one gets a fresh one and the next seed
+TICK_NS = 1_000_000
+WRENCH_MS = 4
+MOVING = {b"000001", b"000002", b"000003", b"000004", b"000013"}
+# Small, so that all of them are met often.
+LIMITS = {
+    "limits.workspace_min_m": [-0.12, 0.36, 0.10],
+    "limits.workspace_max_m": [0.12, 0.59, 0.34],
+    "limits.tether_m": 0.15,
+    "limits.tether_deg": 60,
+    "sim.gap_m": 0.1,
+}
+
+
+@dataclass(slots=True)
+class Table:
+    """What came of it."""
+
+    messages: int = 0
+    obeyed: int = 0  # taken as new under a permission
+    moved_ms: int = 0  # commanded to move, or packets of motion
+    virtual_s: float = 0.0
+    kinds: Counter[str] = field(default_factory=Counter)
+    holds: Counter[str] = field(default_factory=Counter)
+    broken: Counter[str] = field(default_factory=Counter)
+    first_broken: str = ""
+    most_m: float = 0.0  # in 250 ms
+    most_m_s: float = 0.0
+
+    def add(self, other: "Table") -> None:
+        """Count another block too."""
+        for name in ("messages", "obeyed", "moved_ms", "virtual_s"):
+            setattr(self, name, getattr(self, name) + getattr(other, name))
+        for name in ("kinds", "holds", "broken"):
+            getattr(self, name).update(getattr(other, name))
+        self.first_broken = self.first_broken or other.first_broken
+        self.most_m = max(self.most_m, other.most_m)
+        self.most_m_s = max(self.most_m_s, other.most_m_s)
+
+
+class World:
+    """A robot on a virtual clock, the evil arbiter, an honest wrench, and the judge."""
+
+    def __init__(self, robot: str, seed: int) -> None:
+        """Start all of them."""
+        name = "demo.yaml" if robot == "sim" else "demo-tcp.yaml"
+        self.cell: Cell = load_cell(CELLS / name, LIMITS)
+        self.clock, self.transport = ManualClock(), MemoryTransport()
+        self.table, self._robot, self._seed = Table(), robot, seed
+        limits = self.cell.limits
+        self._evil = Evil(
+            seed,
+            self.cell.cell,
+            self.clock.boot,
+            speed_m_s=limits.speed_m_s,
+            speed_rad_s=radians(limits.speed_deg_s),
+        )
+        self._force_rng = np.random.default_rng(seed)
+        self._push_N = 0.0
+        self._wrench = self._bus("wrench").publisher(topics.WRENCH)
+        topic = topics.ROBOT_COMMAND
+        self._put = self.transport.publish(f"{self.cell.cell}/{topic.key}", topic.qos)
+        self._state = self._bus("arbiter").reader(topics.ROBOT_STATE)
+        self._above = False
+        self._permitted_ns = -NS_PER_S
+        self._seen: object = None
+        self._start()
+
+    def _bus(self, role: str) -> Bus:
+        epoch = 7 if role == "robot" else 9
+        return Bus(role, self.cell.cell, self.transport, self.cell, self.clock, epoch)
+
+    def _start(self) -> None:
+        if self._robot == "sim":
+            self._sim = SimRobot(self._bus("robot"), self.cell)
+            self._arm_judge = ArmJudge(self.cell)
+            self._twin = mujoco.MjData(self._sim.arm.model)
+        else:
+            self._controller = YesMan((0.0, 0.0, -np.pi / 2, 0.0, -np.pi / 2, 0.0))
+            self._gateway = Gateway(self._bus("robot"), self.cell, self._controller)
+            self._packet_judge = PacketJudge(self.cell)
+
+    @property
+    def _judge(self) -> ArmJudge | PacketJudge:
+        return self._arm_judge if self._robot == "sim" else self._packet_judge
+
+    def run(self, messages: int) -> Table:
+        """Let the evil arbiter say so many messages."""
+        for _ in range(100):
+            self._live()
+        pause_ms = 0
+        for _ in range(messages):
+            state = self._state.read(self.clock.now_ns()).message
+            saying = self._evil.say(self.clock.now_ns(), state)
+            self._put(saying.data)
+            self.table.kinds[saying.kind] += 1
+            if saying.permitted:
+                self._permitted_ns = self.clock.now_ns()
+            pause_ms = saying.pause_ms
+            for _ in range(pause_ms):
+                self._live()
+        table, judge = self.table, self._judge
+        table.messages, table.broken = messages, judge.broken
+        table.virtual_s = self.clock.now_ns() / NS_PER_S
+        table.most_m, table.most_m_s = judge.path.most_m, judge.path.most_m_s
+        return table
+
+    def _live(self) -> None:
+        """Let a millisecond pass."""
+        self.clock.advance_ns(TICK_NS)
+        now_ns = self.clock.now_ns()
+        if now_ns // TICK_NS % WRENCH_MS == 0:
+            self._push()
+        before = sum(self._judge.broken.values())
+        if self._robot == "sim":
+            self._live_sim(now_ns)
+        else:
+            self._live_gateway(now_ns)
+        if sum(self._judge.broken.values()) > before and not self.table.first_broken:
+            where = f"seed {self._seed}, {now_ns / NS_PER_S:.3f} s"
+            self.table.first_broken = f"{where}: {dict(self._judge.broken)}"
+        if self._state.poll():
+            state = self._state.read(now_ns).message
+            if state is not None:
+                self._note(state)
+
+    def _note(self, state: RobotState) -> None:
+        if state.hold_reason:
+            self.table.holds[state.hold_code] += 1
+        seen = None if state.accepted is None else (state.accepted.epoch, state.accepted.seq)
+        if seen != self._seen:
+            self._seen, self.table.obeyed = seen, self.table.obeyed + 1
+
+    def _push(self) -> None:
+        """Publish an honest wrench: contact, and now and then somebody who pushes too hard."""
+        if self._force_rng.random() < 0.005:
+            self._push_N = float(self._force_rng.choice([0.0, 0.0, 0.0, 0.0, 5.0, 30.0, 100.0]))
+        force: Vec3 = (0.0, 0.0, self._push_N)
+        torque: Vec3 = (0.0, 0.0, 0.0)
+        if self._robot == "sim":
+            true = self._sim.arm.true_wrench()
+            force, torque = vec3(true.force_N + np.array(force)), vec3(true.torque_Nm)
+        self._wrench.put(WrenchAtTcp(force_N=force, torque_Nm=torque))
+        limits = self.cell.limits
+        self._above = hypot(*force) > limits.force_N or hypot(*torque) > limits.torque_Nm
+
+    def _live_sim(self, now_ns: int) -> None:
+        robot, judge, at_s = self._sim, self._arm_judge, now_ns / NS_PER_S
+        judge.force(at_s, above=self._above)
+        before = robot.arm.q_command
+        robot.step(now_ns)
+        q = robot.arm.q_command
+        twin = self._twin
+        twin.qpos[:6] = q
+        mujoco.mj_kinematics(robot.arm.model, twin)
+        tool_m = np.array(twin.site("tcp").xpos)
+        R = twin.site("tcp").xmat.reshape(3, 3)
+        T_flange_tcp = self.cell.tool.T_flange_tcp.pose
+        flange = pin.SE3(np.array(R), tool_m) * T_flange_tcp.inverse()
+        lease, backs_off = lease_of(robot.verdict), is_backing_off(robot.verdict)
+        judge.look(at_s, q, flange, tool_m, lease=lease, backs_off=backs_off)
+        self.table.moved_ms += not np.array_equal(q, before)
+
+    def _live_gateway(self, now_ns: int) -> None:
+        controller, gateway, judge = self._controller, self._gateway, self._packet_judge
+        joints, above = controller.joint_rad.copy(), self._above
+        lease = lease_of(gateway.verdict)
+        gateway.step(now_ns)
+        measured = gateway.measured
+        T = controller.T if measured is None else measured.T_base_flange
+        if lease_of(gateway.verdict) not in {None, lease}:
+            judge.start = T.copy()
+        deadline_ns = self.cell.stale_after_s(topics.ROBOT_COMMAND) * NS_PER_S
+        may_move = now_ns - self._permitted_ns <= deadline_ns and (
+            not above or is_backing_off(gateway.verdict)
+        )
+        command = gateway.verdict.command
+        kind = "" if command is None else command.kind
+        for chars in controller.sent:
+            judge.packet(now_ns / NS_PER_S, chars, kind=kind, may_move=may_move, T=T, q=joints)
+            self.table.moved_ms += chars[7:13] in MOVING
+        controller.sent.clear()
+
+
+def lease_of(verdict: Verdict) -> tuple[int, int] | None:
+    """Return arbiter's epoch and lease of what is obeyed, None when nothing is."""
+    command, accepted = verdict.command, verdict.accepted
+    if command is None or command.permission is None or accepted is None:
+        return None
+    return accepted.epoch, command.permission.lease
+
+
+def is_backing_off(verdict: Verdict) -> bool:
+    """Tell whether what is obeyed is a lease that frees the arm: above the ceiling it may move."""
+    permission = None if verdict.command is None else verdict.command.permission
+    return permission is not None and permission.purpose == "back_off"
+
+
+def fuzz(robot: str, messages: int, seed: int, *, say: bool = False) -> Table:
+    """Fuzz one robot in blocks; return what came of it.
+
+    Whoever takes another writer's name again and again holds the arm by that alone (`two_writers`).
+    Here that is left out, so that the limits themselves are tried.
+    """
+    table, began_s = Table(), time.monotonic()
+    while table.messages < messages:
+        block = min(BLOCK, messages - table.messages)
+        with patch.object(reader, "CONFLICT_S", 0.0):
+            table.add(World(robot, seed).run(block))
+        seed += 1
+        if say and seed % 10 == 0:
+            rate = table.messages / (time.monotonic() - began_s)
+            print(f"{robot}: {table.messages} messages, {rate:.0f}/s", flush=True)
+    return table
+
+
+def report(robot: str, table: Table, took_s: float) -> None:
+    """Print a table."""
+    rate = table.messages / took_s
+    print(f"--- {robot}: {table.messages} messages in {took_s:.0f} s, {rate:.0f}/s")
+    print(f"virtual time      {table.virtual_s:.0f} s")
+    print(f"obeyed            {table.obeyed}")
+    print(f"moved             {table.moved_ms} {'ms' if robot == 'sim' else 'packets'}")
+    print(f"most in 250 ms    {table.most_m * 1e3:.1f} mm")
+    print(f"fastest in 60 ms  {table.most_m_s * 1e3:.0f} mm/s")
+    print(f"kinds             {dict(table.kinds.most_common())}")
+    print(f"held for          {dict(table.holds.most_common())}")
+    print(f"violations        {dict(table.broken) or 0}")
+    if table.first_broken:
+        print(f"first             {table.first_broken}")
+
+
+def main() -> int:
+    """Fuzz both robots, or one."""
+    parser = argparse.ArgumentParser(prog="python -m tests.fuzz.commands", description=__doc__)
+    parser.add_argument("robots", nargs="*", default=["gateway", "sim"], metavar="gateway|sim")
+    parser.add_argument("--messages", type=int, default=1_000_000, help="in all")
+    parser.add_argument("--seed", type=int, default=1)
+    arguments = parser.parse_args()
+    broken = 0
+    for robot in arguments.robots:
+        began_s = time.monotonic()
+        share = arguments.messages // len(arguments.robots)
+        table = fuzz(robot, share, arguments.seed, say=True)
+        report(robot, table, time.monotonic() - began_s)
+        broken += sum(table.broken.values())
+    return int(broken > 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,115 @@
+"""What the controller's receiver must make of a stream of bytes, said a second time.
+
+Written from controller/README.md, without a look at the program's way of doing it, and without the
+gateway's reader: the fuzzer compares three opinions.
+"""
+
+from dataclasses import dataclass, field
+
+from controller.packet_table import NO_ID, TABLE, Com, greeting, next_id
+
+FRAMES, CHARS = 9, 63
+ARM = 1  # fm.num as it ships
+DIGITS = frozenset(b"0123456789")
+ZERO_VEC = b"000000 " * 6
+AT_ONCE = {
+    Com.WRENCH,
+    Com.FORCE_SET_POINT,
+    Com.HOLD,
+    Com.HEARTBEAT,
+}  # beside 7 with Param 2; all else is queued
+MOTIONS = {Com.MOVE_POSE, Com.MOVE_JOINTS, Com.MOVE_BY_JOINTS, Com.SET_POINT, Com.FEEDBACK}
+
+
+@dataclass(slots=True)
+class Framed:
+    """The valid beginning of a stream, and what has to follow from it."""
+
+    last_id: int = NO_ID  # of the last valid packet; none: not even the hello was
+    greeted_id: int = NO_ID  # of the hello
+    answered: bool = False  # the hello gets one back
+    closed: bool = False  # something was wrong: hold, and close
+    packets: list[tuple[int, int, tuple[int, ...], bytes]] = field(default_factory=list)
+
+    def count(self, com: Com, param: int | None = None) -> int:
+        """How many packets behind the hello are of this command."""
+        return sum(c == com and param in (None, p) for c, p, _, _ in self.packets)
+
+    @property
+    def queued(self) -> list[bytes]:
+        """Packets for the robot program."""
+        return [q for c, p, _, q in self.packets if c not in AT_ONCE and (c, p) != (7, 2)]
+
+    @property
+    def hold_id(self) -> int:
+        """ID of the last command 8, or of the hello, which is a hold too."""
+        ids = [int(q[:6]) for c, _, _, q in self.packets if c == Com.HOLD]
+        return (ids or [self.greeted_id])[-1]
+
+    @property
+    def wrench(self) -> tuple[int, ...] | None:
+        """Vector of the last command 4."""
+        vectors = [v for c, _, v, _ in self.packets if c == Com.WRENCH]
+        return vectors[-1] if vectors else None
+
+    @property
+    def may_move(self) -> bool:
+        """Whether any packet asks for a motion, or starts force feedback."""
+        return any(c in MOTIONS and (c, p) != (7, 2) for c, p, _, _ in self.packets)
+
+
+def frame(stream: bytes) -> Framed:
+    """Return what a receiver takes from a stream, up to the first thing that is wrong."""
+    framed = Framed()
+    for start in range(0, len(stream) - CHARS + 1, CHARS):
+        chars = stream[start : start + CHARS]
+        if start == 0:
+            _greet(chars, framed)
+        else:
+            _take(chars, framed)
+        if framed.closed:
+            break
+    return framed
+
+
+def _greet(chars: bytes, framed: Framed) -> None:
+    """Take the first packet: hello with any ID; another version is told ours and sent away."""
+    found = numbers(chars)
+    framed.closed = True
+    if found is None or b"-" in chars or found[1] != Com.HELLO:
+        return
+    framed.last_id, framed.answered = found[0], True
+    framed.greeted_id = found[0]
+    framed.closed = found[2] != greeting(ARM)
+
+
+def _take(chars: bytes, framed: Framed) -> None:
+    """Take a later packet: the next ID, a known command and Param, no second hello."""
+    found = numbers(chars)
+    framed.closed = True
+    if found is None or not chars.startswith(b"%06d " % next_id(framed.last_id)):
+        return
+    com, param = found[1], found[2]
+    if com not in set(Com) or com >= Com.POSE or com == Com.HELLO:
+        return
+    row = TABLE[Com(com)]
+    if param not in row.params or b"-" in chars[7:21]:
+        return
+    if set(row.vec) == {"0"} and chars[21:] != ZERO_VEC:
+        return
+    framed.last_id, framed.closed = found[0], False
+    framed.packets.append((com, param, found[3:], chars))
+
+
+def numbers(chars: bytes) -> tuple[int, ...] | None:
+    """Return the nine numbers; None if a character, or an ID, is not where it belongs."""
+    found = []
+    for k in range(FRAMES):
+        six, space = chars[7 * k : 7 * k + 6], chars[7 * k + 6 : 7 * k + 7]
+        digits = six[1:] if six[:1] == b"-" else six
+        if space != b" " or not set(digits) <= DIGITS:
+            return None
+        if (int(six) >= 500_000) != (k == 0):
+            return None
+        found.append(int(six))
+    return tuple(found)

@@ -1,0 +1,79 @@
+"""Whatever the controller says: the gateway reads the valid beginning, or closes the link.
+
+However the bytes are cut, the same comes out; only RemoteProtocolError may.
+"""
+
+from collections.abc import Iterable
+from itertools import takewhile
+
+from controller.packet import PACKET_CHARS, Packet, PacketReader, encode
+from controller.packet_table import ID_FIRST
+from forcemesh.errors import RemoteProtocolError
+from services.gateway.dialogue import Dialogue
+from services.gateway.reports import Event
+from services.gateway.scales import Scales
+from tests.fuzz import streams
+from tests.fuzz.framer import numbers
+
+MAX_BYTES = 1 + 20 * PACKET_CHARS
+mutate = streams.mutate
+LATER_NS = 1_000_000
+
+
+def check(data: bytes) -> None:
+    """Read a stream in chunks and as a whole, as packets and as what they mean."""
+    cut, whole = list(streams.chunks(data)), [data[1:]]
+    aligned = [data[k : k + PACKET_CHARS] for k in range(1, len(data), PACKET_CHARS)]
+    valid = list(takewhile(lambda found: found is not None, map(numbers, _whole_ones(aligned))))
+    read, death = _packets(aligned)
+    assert [packet.frames for packet in read] == valid
+    assert bool(death) == (len(valid) < len(_whole_ones(aligned)))
+    assert _packets(cut)[1] == _packets(whole)[1] == death
+    events, death = _events(cut)
+    again, same_death = _events(whole)
+    assert bool(death) == bool(same_death)
+    assert death or events == again
+
+
+def _whole_ones(aligned: list[bytes]) -> list[bytes]:
+    return [chars for chars in aligned if len(chars) == PACKET_CHARS]
+
+
+def _packets(pieces: Iterable[bytes]) -> tuple[list[Packet], str]:
+    """Return what a reader reads, and why it died; once dead it stays so."""
+    reader, found = PacketReader(), list[Packet]()
+    for piece in pieces:
+        try:
+            found += reader.feed(piece)
+        except RemoteProtocolError as error:
+            _stays_dead(reader, str(error))
+            return found, str(error)
+    return found, ""
+
+
+def _stays_dead(reader: PacketReader, reason: str) -> None:
+    try:
+        reader.feed(encode(Packet(ID_FIRST, 12)))
+    except RemoteProtocolError as error:
+        assert str(error) == reason
+    else:
+        raise AssertionError("a reader came back to life")
+
+
+def _events(pieces: Iterable[bytes]) -> tuple[list[Event], str]:
+    """Return what a dialogue makes of it, and why it gave up; it can always ask for a hold."""
+    dialogue, now_ns = Dialogue(Scales()), 0
+    PacketReader().feed(dialogue.connected(now_ns))
+    found, death = list[Event](), ""
+    for piece in pieces:
+        now_ns += LATER_NS
+        try:
+            found += dialogue.feed(piece, now_ns)
+        except RemoteProtocolError as error:
+            death = str(error)
+            break
+        sent = dialogue.tick(now_ns, permitted=True)
+        assert dialogue.ready or not sent
+        PacketReader().feed(sent)
+    assert len(PacketReader().feed(dialogue.hold(now_ns))) == 1
+    return found, death

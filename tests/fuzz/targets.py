@@ -1,0 +1,19 @@
+"""The fuzz targets by name, and their seeds."""
+
+from pathlib import Path
+
+SEEDS = Path(__file__).parent / "seeds"
+AS_CORPUS = SEEDS.parents[1] / "tests" / "corpus" / "as"  # replayed by a test of its own
+# Name of the target: the packages whose branches guide the fuzzer.
+TARGETS = {
+    "as_text": ("sim.controller",),
+    "receiver": ("sim.controller",),
+    "gateway": ("controller.packet", "controller.packet_table", "services.gateway"),
+    "messages": ("forcemesh.codec", "forcemesh.messages"),
+    "cells": ("common.config.load", "common.config.cell", "common.motion.limits", "yaml"),
+}
+
+
+def seeds(target: str) -> list[Path]:
+    """Return the committed seeds of a target; those that once broke something are among them."""
+    return sorted((SEEDS / target).iterdir())

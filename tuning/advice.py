@@ -1,0 +1,251 @@
+"""What was measured, turned into gains, margins and the lines of a cell file. Pure."""
+
+from dataclasses import asdict, dataclass
+from math import ceil
+from typing import Any
+
+from common.config.cell import Cell
+from forcemesh.messages import Gains, Host
+from tuning import plain_map
+from tuning.adaptive_map import loop_hz, remark
+from tuning.contact_response import Answer
+from tuning.contact_spring import Spring
+from tuning.gain_rule import INERTIA_MARGIN, LOOP_GAIN
+from tuning.margins import Forecast, Loop, Margins, forecast, margins
+from tuning.servo import Servo
+
+LEAST_PHASE_DEG, LEAST_GAIN = 50.0, 2.0
+SMALLER = 0.85
+SHORTEST_S = 1e-3  # of what is left of a delay
+SHORTEST_LAG_S = 1e-4  # that a cell file may say
+LONGER_S = 0.005  # by which the adaptive law bears a delay that is said too long
+APPROACH_SHARE = 0.95
+
+
+@dataclass(frozen=True, slots=True)
+class Measured:
+    """What was measured; None is what was not."""
+
+    servo: Servo
+    spring: Spring | None
+    controller: Answer | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Judged:
+    """One gain in one loop."""
+
+    gain: float  # m/(N s) or rad/(N m s)
+    loop: Loop
+    margins: Margins
+    forecast: Forecast
+
+
+@dataclass(frozen=True, slots=True)
+class Advice:
+    """What is recommended for one host, beside what is set now."""
+
+    host: Host
+    tau_s: float
+    force: Judged
+    torque: Judged
+    force_now: Judged
+    torque_now: Judged
+
+    @property
+    def gains(self) -> Gains:
+        """The recommended gains, the same for all axes."""
+        force, torque = self.force.gain, self.torque.gain
+        return Gains(
+            force_i_m_per_Ns=(force, force, force), torque_i_rad_per_Nms=(torque, torque, torque)
+        )
+
+
+def advise(
+    cell: Cell, measured: Measured, host: Host, *, force_now: float, torque_now: float
+) -> Advice:
+    """Return the gains for a host, by the gain rule, and less where their margins are too small.
+
+    They are for delays two deviations longer than measured, and for the worst way in which what was
+    measured may be split into delay and lag.
+
+    Args:
+        cell: The cell as it is set up now.
+        measured: What was measured.
+        host: Where the regulator runs.
+        force_now: Gain of force along the tool's axis that is set now [m/(N s)].
+        torque_now: Gain of torque across it [rad/(N m s)].
+    """
+    k, tilt = stiffness_of(cell, measured)
+    contact, bandwidth = cell.contact, cell.robot.bandwidth_rad_s
+    splits = [_delays(cell, measured, host, lag_s) for lag_s in measured.servo.lags_s]
+    forces = [Loop(k, 0.0, *split, contact.inertia_kg) for split in splits]
+    torques = [Loop(tilt, 0.0, *split, contact.inertia_kg_m2) for split in splits]
+    force, torque = (_least(loops, bandwidth) for loops in (forces, torques))
+    return Advice(
+        host=host,
+        tau_s=force.tau_s,
+        force=judged(force),
+        torque=judged(torque),
+        force_now=judged(force.with_gain(force_now)),
+        torque_now=judged(torque.with_gain(torque_now)),
+    )
+
+
+def refused(cell: Cell, measured: Measured, advices: list[Advice]) -> str:
+    """Say why nothing is recommended; empty: the law bears all that was measured."""
+    k = cell.contact.stiffness_N_m if measured.spring is None else measured.spring.k_N_m
+    found = (plain_map.outside(loop_hz(cell), advice.tau_s, k) for advice in advices)
+    return next((text for text in found if text), "")
+
+
+def remarks(cell: Cell, measured: Measured, sections: dict[str, dict[str, float]]) -> list[str]:
+    """Return what must be known of the recommended numbers where the cell's law is the adaptive."""
+    if cell.force.law != "adaptive":
+        return []
+    robot = cell.robot.model_copy(update=sections["robot"])
+    said = [remark(cell.model_copy(update={"robot": robot}))]
+    longer_s = robot.delay_s + robot.lag_s - measured.servo.least_s
+    if longer_s > LONGER_S:
+        said.append(
+            f"the delay may be said {1e3 * longer_s:.0f} ms too long, the adaptive law was "
+            f"promised to bear {1e3 * LONGER_S:g}: it settles later, and does not overshoot"
+        )
+    return [text for text in said if text]
+
+
+def _delays(cell: Cell, measured: Measured, host: Host, lag_s: float) -> tuple[float, float, float]:
+    """Return pure delay, lag and filter of a loop whose arm has a lag [s]."""
+    filter_s = cell.filter.lowpass_s
+    if host == "controller" and measured.controller is not None:
+        return max(measured.controller.bound_s - lag_s - filter_s, SHORTEST_S), lag_s, filter_s
+    others_s = cell.loop_delay_s - cell.robot.delay_s - cell.robot.lag_s - filter_s
+    return measured.servo.bound_s - lag_s + others_s, lag_s, filter_s
+
+
+def _least(loops: list[Loop], bandwidth_rad_s: float) -> Loop:
+    """Return the loop that bears the least gain."""
+    return min((recommended(loop, bandwidth_rad_s) for loop in loops), key=lambda one: one.gain)
+
+
+def stiffness_of(cell: Cell, measured: Measured) -> tuple[float, float]:
+    """Return the stiffness and the tilt stiffness that gains are to be safe for.
+
+    A face that rests on something softer tilts the more easily: the cell file's tilt stiffness
+    goes down with what was measured, and up.
+    """
+    contact = cell.contact
+    if measured.spring is None:
+        return contact.stiffness_N_m, contact.tilt_stiffness_Nm_rad
+    k = measured.spring.bound_N_m
+    return k, contact.tilt_stiffness_Nm_rad * k / contact.stiffness_N_m
+
+
+def recommended(loop: Loop, bandwidth_rad_s: float) -> Loop:
+    """Return the loop with the rule's gain, or with less where that leaves too little margin."""
+    gain = _ruled(loop, bandwidth_rad_s)
+    while not _is_safe(margins(loop.with_gain(gain))):
+        gain *= SMALLER
+    return loop.with_gain(gain)
+
+
+def judged(loop: Loop) -> Judged:
+    """Return a loop with its margins and what it will do."""
+    return Judged(loop.gain, loop, margins(loop), forecast(loop))
+
+
+def lines(cell: Cell, measured: Measured, advices: list[Advice]) -> dict[str, dict[str, float]]:
+    """Return the sections of the cell file that say what was measured; the gains follow from them.
+
+    One delay must serve both hosts: it is that of the slower one. The lag is the cell's own where
+    what was measured leaves room for it.
+    """
+    fixed_s = cell.loop_delay_s - cell.robot.delay_s - cell.robot.lag_s
+    longest_s = max(advice.tau_s for advice in advices)
+    lag_s = _up(max(measured.servo.lag_near_s(cell.robot.lag_s), SHORTEST_LAG_S), 1e-4)
+    robot = {"delay_s": _up(longest_s - fixed_s - lag_s, 1e-3), "lag_s": lag_s}
+    if (bandwidth := _bandwidth(cell, advices)) > cell.robot.bandwidth_rad_s:
+        robot["bandwidth_rad_s"] = _up(bandwidth, 0.1)
+    found = {"robot": robot}
+    if measured.spring is not None:
+        k, tilt = (float(f"{value:.3g}") for value in stiffness_of(cell, measured))
+        found["contact"] = {"stiffness_N_m": k, "tilt_stiffness_Nm_rad": tilt}
+        tau_s = fixed_s + robot["delay_s"] + robot["lag_s"]
+        allowed_m_s = cell.force.approach_budget_N / (k * tau_s)
+        if cell.force.approach_m_s > allowed_m_s:  # else it could not be armed any more
+            found["force"] = {"approach_m_s": float(f"{APPROACH_SHARE * allowed_m_s:.2g}")}
+    return found
+
+
+def _bandwidth(cell: Cell, advices: list[Advice]) -> float:
+    """Return the bandwidth [rad/s] whose inertia rule gives the gains that margins made smaller."""
+    smaller = [
+        INERTIA_MARGIN / (one.loop.inertia * one.gain)
+        for advice in advices
+        for one in (advice.force, advice.torque)
+        if one.gain < 0.99 * _ruled(one.loop, cell.robot.bandwidth_rad_s)
+    ]
+    return max(smaller, default=0.0)
+
+
+def _ruled(loop: Loop, bandwidth_rad_s: float) -> float:
+    """Return what the gain rule says, whatever its margins are."""
+    return min(
+        LOOP_GAIN / (loop.stiffness * loop.tau_s),
+        INERTIA_MARGIN / (loop.inertia * bandwidth_rad_s),
+    )
+
+
+def as_dict(
+    cell: Cell, measured: Measured, advices: list[Advice], sections: dict[str, dict[str, float]]
+) -> dict[str, Any]:
+    """Return what `--json` prints; numbers that are infinite become null.
+
+    Where nothing is recommended there is a sentence that says why, and no gains.
+    """
+    servo, spring, controller = measured.servo, measured.spring, measured.controller
+    why_not = refused(cell, measured, advices)
+    return {
+        "tau_s": advices[0].tau_s,
+        "delay_and_lag_s": servo.sum_s,
+        "delay_and_lag_deviation_s": servo.deviation_s,
+        "lag_range_s": servo.lags_s,
+        "split_is_known": servo.is_split,
+        "stiffness_N_m": None if spring is None else spring.k_N_m,
+        "stiffness_deviation_N_m": None if spring is None else spring.spread_N_m,
+        "controller_tau_s": None if controller is None else controller.tau_s,
+        "controller_tau_deviation_s": None if controller is None else controller.deviation_s,
+        "refused": why_not or None,
+        "remarks": remarks(cell, measured, sections),
+        "cell_file": None if why_not else sections,
+        "hosts": {advice.host: _host(advice, is_refused=bool(why_not)) for advice in advices},
+    }
+
+
+def _host(advice: Advice, *, is_refused: bool) -> dict[str, Any]:
+    now = {
+        "tau_s": advice.tau_s,
+        "position_now": _plain(advice.force_now),
+        "orientation_now": _plain(advice.torque_now),
+    }
+    if is_refused:
+        return now
+    return now | {
+        "gains": advice.gains.model_dump(),
+        "position": _plain(advice.force),
+        "orientation": _plain(advice.torque),
+    }
+
+
+def _plain(one: Judged) -> dict[str, Any]:
+    numbers = {"gain": one.gain, **asdict(one.margins), **asdict(one.forecast)}
+    return {name: None if value == float("inf") else value for name, value in numbers.items()}
+
+
+def _is_safe(found: Margins) -> bool:
+    return found.stable and found.phase_deg >= LEAST_PHASE_DEG and found.gain >= LEAST_GAIN
+
+
+def _up(value: float, step: float) -> float:
+    """Return the next multiple of a step, at least zero."""
+    return round(max(0, ceil(value / step - 1e-6)) * step, 6)

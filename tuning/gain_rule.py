@@ -1,0 +1,86 @@
+"""The gain rule: integral gains from the stiffest contact and the loop's delay. Pure.
+
+For an integrator behind a dead time, v = Ki (F - F_set), the loop k Ki tau = 0.45 settles from
+30 N to 1 N in four to five tau with at most 2 % overshoot; 1/e is where overshoot begins and
+pi/2 where stability ends; the proportional part alone ends it at k Kp = 1. Independently of the
+stiffness, the inertia in front of the sensor makes the force feedback positive above the robot's
+bandwidth: Ki < 1 / (m w_b), halved here.
+"""
+
+from dataclasses import dataclass
+from math import pi
+
+from common.config.cell import Cell
+from forcemesh.messages import Gains, Preset
+
+LOOP_GAIN = 0.45  # k Ki tau
+LOOP_GAINS: dict[Preset, float] = {"gentle": 0.2, "normal": LOOP_GAIN, "stiff": 0.6}
+INERTIA_MARGIN = 0.5  # of 1 / (m w_b)
+
+
+@dataclass(frozen=True, slots=True)
+class Tuning:
+    """What the gain rule made of a cell."""
+
+    tau_s: float  # all delay and lag in the loop
+    force_i_m_per_Ns: float
+    torque_i_rad_per_Nms: float
+
+    @property
+    def gains(self) -> Gains:
+        """The same for all axes; the proportional part is zero (it only fights known lag)."""
+        force, torque = self.force_i_m_per_Ns, self.torque_i_rad_per_Nms
+        return Gains(
+            force_i_m_per_Ns=(force, force, force),
+            torque_i_rad_per_Nms=(torque, torque, torque),
+        )
+
+
+def tune(cell: Cell, preset: Preset = "normal") -> Tuning:
+    """Apply the gain rule to a cell.
+
+    `gentle` never overshoots and takes three times as long; `stiff` is a quarter less off while a
+    surface moves, and overshoots by 5 to 10 %, where inertia leaves room for it.
+    """
+    tau_s, loop_gain = loop_delay_s(cell), LOOP_GAINS[preset]
+    inertia = INERTIA_MARGIN * min(1.0, loop_gain / LOOP_GAIN)
+    bandwidth = cell.robot.bandwidth_rad_s
+    contact = cell.contact
+    force = min(
+        loop_gain / (contact.stiffness_N_m * tau_s),
+        inertia / (contact.inertia_kg * bandwidth),
+    )
+    torque = min(
+        loop_gain / (contact.tilt_stiffness_Nm_rad * tau_s),
+        inertia / (contact.inertia_kg_m2 * bandwidth),
+    )
+    return Tuning(tau_s, force, torque)
+
+
+def instability(cell: Cell, gains: Gains) -> str:
+    """Say what makes the loop unstable at the cell file's stiffest contact; empty: nothing does.
+
+    No reason to refuse: what is really touched may be softer.
+    """
+    tau_s, bandwidth, contact = loop_delay_s(cell), cell.robot.bandwidth_rad_s, cell.contact
+    stiffness, tilt = contact.stiffness_N_m, contact.tilt_stiffness_Nm_rad
+    ends = {
+        "force_p_m_per_N": 1.0 / stiffness,
+        "force_i_m_per_Ns": min(pi / 2 / (stiffness * tau_s), 1 / (contact.inertia_kg * bandwidth)),
+        "torque_p_rad_per_Nm": 1.0 / tilt,
+        "torque_i_rad_per_Nms": min(
+            pi / 2 / (tilt * tau_s), 1.0 / (contact.inertia_kg_m2 * bandwidth)
+        ),
+    }
+    beyond = [
+        f"{name} above {end:.2g}" for name, end in ends.items() if max(getattr(gains, name)) > end
+    ]
+    if not beyond:
+        return ""
+    where = f"contact.stiffness_N_m {stiffness:g} and a delay of {1e3 * tau_s:.0f} ms"
+    return f"unstable at {where}: {', '.join(beyond)}"
+
+
+def loop_delay_s(cell: Cell) -> float:
+    """Return tau [s], all that lies between a change of force and the arm's answer to it."""
+    return cell.loop_delay_s

@@ -29,7 +29,7 @@ from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Origin, Subprotocol
 
 from bench.panel_browser import one_browser
-from common.client import Cell
+from common.bus.configured_cell import ConfiguredCell
 from common.config.load import dump_cell, load_cell
 from forcemesh.errors import ForcemeshError
 from launch.processes import Supervisor
@@ -72,7 +72,7 @@ def phases() -> list[Phase]:
         os.environ["FORCEMESH_RUN_FOLDER"] = folder
         supervisor = exits.enter_context(Supervisor(load_cell(path), path, say=_quiet))
         supervisor.wait_ready(60.0)
-        cell = exits.enter_context(Cell(path, commander="operator", patience_s=10.0))
+        cell = exits.enter_context(ConfiguredCell(path, commander="operator", patience_s=10.0))
         cell.wait_ready()
         cell.tare()
         cell.arm()
@@ -110,7 +110,7 @@ def _cells(phase: Phase) -> tuple[str, ...]:
 
 
 def _phase(
-    cell: Cell, what: str, *, pid: int | None = None, reader: "_Reader | None" = None
+    cell: ConfiguredCell, what: str, *, pid: int | None = None, reader: "_Reader | None" = None
 ) -> Phase:
     """Watch the cell and the panel's process for a while."""
     time.sleep(SETTLE_S)

@@ -18,8 +18,8 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from common.bus.zenoh_bus import ENDPOINT_VARIABLE
-from common.client import Cell as Client
+from common.bus.configured_cell import ConfiguredCell as Client
+from common.bus.zenoh_settings import ENDPOINT_VARIABLE
 from common.config.load import dump_cell, load_cell
 from forcemesh import topics
 from forcemesh.requests import Empty, RecordRequest

@@ -25,7 +25,8 @@ import zenoh
 from rich.console import Console
 from rich.table import Table
 
-from common.bus.zenoh_settings import client_settings, hub_settings
+from common.bus.hub_settings import hub_settings
+from common.bus.zenoh_settings import client_settings
 from common.config.cell import Cell
 from common.config.load import load_cell
 from forcemesh.topics import TOPICS

@@ -21,7 +21,7 @@ from cli.exits import (
 if TYPE_CHECKING:
     from rich.status import Status
 
-    from common.client import Cell
+    from common.bus.configured_cell import ConfiguredCell
     from common.config.cell import Cell as CellFile
     from forcemesh.bus import Bus
     from forcemesh.errors import ForcemeshError
@@ -178,13 +178,13 @@ def fail(text: str, code: int) -> NoReturn:
 
 
 @contextmanager
-def cell_of(named: Path | None) -> "Iterator[Cell]":
+def cell_of(named: Path | None) -> "Iterator[ConfiguredCell]":
     """Connect a person to the cell that a verb is about; an error becomes one line and a code."""
-    from common.client import Cell
+    from common.bus.configured_cell import ConfiguredCell
 
     with (
         one_line_errors(),
-        Cell(live_cell(named), commander="operator", patience_s=PATIENCE_S) as cell,
+        ConfiguredCell(live_cell(named), commander="operator", patience_s=PATIENCE_S) as cell,
     ):
         yield cell
 

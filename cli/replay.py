@@ -116,7 +116,7 @@ def _bus_of(
     """Open a hub of one's own, or one that somebody else runs, if nobody is alive there."""
     import typer
 
-    from common.bus.zenoh_bus import open_bus, open_hub
+    from common.bus.cell_bus import open_bus, open_hub
     from common.bus.zenoh_settings import ENDPOINT_VARIABLE
     from common.config.load import dump_cell, load_cell
     from forcemesh.topics import CLIENT

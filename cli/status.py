@@ -5,7 +5,7 @@ from datetime import UTC, datetime
 from typing import TypedDict
 
 from cli.exits import NO_ANSWER, NOT_WELL, OK
-from common.bus.zenoh_bus import open_bus
+from common.bus.cell_bus import open_bus
 from common.config.cell import Cell
 from common.security.tls import folder_of, is_encrypted
 from forcemesh import topics

@@ -17,7 +17,7 @@ from cli.context import (
 )
 
 if TYPE_CHECKING:
-    from common.client import Cell
+    from common.bus.configured_cell import ConfiguredCell
     from forcemesh.messages import Trip
 
 BACK_OFF_QUESTION = "the arm moves up to 20 mm at 5 mm/s, away from what it presses on: may it?"
@@ -80,7 +80,7 @@ def back_off(
     typer.echo(f"{end.text}; the arm holds: {step}")
 
 
-def _backed_off(client: "Cell", *, without_force: bool) -> "Trip":
+def _backed_off(client: "ConfiguredCell", *, without_force: bool) -> "Trip":
     try:
         with waiting("backing off"):
             return client.back_off(without_force=without_force)

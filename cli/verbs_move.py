@@ -19,7 +19,8 @@ from cli.context import (
 from cli.numbers import JOINTS, NEGATIVE_NUMBERS, POSE, check_angle, parse_number, parse_vector
 
 if TYPE_CHECKING:
-    from common.client import Cell, Move
+    from common.bus.configured_cell import ConfiguredCell
+    from common.client import Move
     from forcemesh.messages import Asker, RobotState, Vec3, Vec6
     from forcemesh.requests import MoveRequest
 
@@ -188,7 +189,7 @@ def retract(
         typer.echo("the tool is free" if load_N is None else f"{load_N:.1f} N are left")
 
 
-def _ask_when_loaded(client: "Cell", *, yes: bool) -> None:
+def _ask_when_loaded(client: "ConfiguredCell", *, yes: bool) -> None:
     load_N = client.load_N()
     if load_N is not None:
         most_N = client.config.limits.move_rise_N
@@ -208,7 +209,7 @@ def _move(request: "MoveRequest", cell: Path | None, *, wait: bool, yes: bool) -
             _follow(client, going)
 
 
-def _follow(client: "Cell", going: "Move") -> None:
+def _follow(client: "ConfiguredCell", going: "Move") -> None:
     began_ns = client.session.clock.now_ns()
     with waiting(f"goal {going.id}") as live:
 

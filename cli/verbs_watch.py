@@ -11,7 +11,8 @@ import typer
 from cli.context import USAGE, CellOption, cell_of, fail
 
 if TYPE_CHECKING:
-    from common.client import Cell, Feed, Heard
+    from common.bus.configured_cell import ConfiguredCell
+    from common.client import Feed, Heard
     from forcemesh.messages import Message
     from forcemesh.topics import Topic
 
@@ -130,7 +131,7 @@ def _text(value: object) -> str:
 # --- all topics -----------------------------------------------------------------------------------
 
 
-def _watch_all(client: "Cell", count: int | None, as_json: bool) -> None:
+def _watch_all(client: "ConfiguredCell", count: int | None, as_json: bool) -> None:
     from rich.console import Console
     from rich.live import Live
 
@@ -151,7 +152,7 @@ def _watch_all(client: "Cell", count: int | None, as_json: bool) -> None:
                 _look(client, feeds, TABLE_S)
 
 
-def _look(client: "Cell", feeds: "list[Feed[Any]]", for_s: float) -> None:
+def _look(client: "ConfiguredCell", feeds: "list[Feed[Any]]", for_s: float) -> None:
     """Take what comes for a moment: rates are judged by what was seen."""
     clock = client.session.clock
     end_ns = clock.now_ns() + round(for_s * 1e9)
@@ -161,7 +162,7 @@ def _look(client: "Cell", feeds: "list[Feed[Any]]", for_s: float) -> None:
         clock.sleep_s(0.1)
 
 
-def _row(client: "Cell", feed: "Feed[Message]") -> dict[str, Any]:
+def _row(client: "ConfiguredCell", feed: "Feed[Message]") -> dict[str, Any]:
     reading = feed.reading()
     rate_hz = feed.rate_hz
     return {
@@ -176,7 +177,7 @@ def _row(client: "Cell", feed: "Feed[Message]") -> dict[str, Any]:
     }
 
 
-def _rows(client: "Cell", rows: list[dict[str, Any]]) -> Any:
+def _rows(client: "ConfiguredCell", rows: list[dict[str, Any]]) -> Any:
     from rich.table import Table
 
     table = Table(title=f"cell {client.config.cell}")

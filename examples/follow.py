@@ -3,7 +3,7 @@
 import sys
 
 from common.client import Cell, ForcemeshError, NotReachedError
-from common.client.turning import of_oat_deg, plus, turned, unit
+from common.client.turning import plus, turned, unit
 from forcemesh.messages import Vec3
 from forcemesh.requests import ForceStartRequest
 
@@ -15,13 +15,13 @@ ALONG_TOOL = (False, False, True, False, False, False)
 
 def tcp(cell: Cell) -> Vec3:
     """Return where the TCP is, in base [m]."""
-    state, lever = cell.state(), cell.config.tool.T_flange_tcp.position_m
+    state, lever = cell.state(), cell.info.T_flange_tcp.position_m
     return plus(state.position_m, turned(unit(state.orientation_xyzw), lever))
 
 
 def square(cell: Cell, side_m: float) -> tuple[Vec3, ...]:
     """Return the corners in the tool's plane, beginning and ending where the tool is."""
-    q_flange_tool = of_oat_deg(cell.config.tool.T_flange_tcp.oat_deg)
+    q_flange_tool = cell.info.T_flange_tcp.orientation_xyzw
     start, q_base_flange = tcp(cell), unit(cell.state().orientation_xyzw)
     corners = ((side_m, 0.0, 0.0), (side_m, side_m, 0.0), (0.0, side_m, 0.0), (0.0, 0.0, 0.0))
     return tuple(

@@ -21,6 +21,8 @@ Qos = Literal["stream", "report"]  # stream: real-time priority; both drop when 
 
 ROLES = ("hub", "robot", "sensor", "wrench", "regulator", "arbiter")
 HELPERS = ("recorder",)  # beside the cell: nothing that moves the arm waits for one
+INFO = "info"  # the hub answers a query with what a client needs to know of the cell
+SELF_TEST = "self-test"  # read by every role, published by none: proves that access control is on
 DESCRIBE = "describe"  # the hub answers a query with all these tables and their JSON Schema
 CLIENT = "client"  # whoever watches: command line, panel, notebook, any Zenoh program
 

@@ -5,6 +5,7 @@ from collections.abc import Callable
 
 from common.client.roles import Roles
 from common.config.cell import Cell
+from common.config.info import cell_info
 from forcemesh import topics
 from forcemesh.bus import Bus, Reading
 from forcemesh.messages import ArbiterStatus, Health, SensorWrench
@@ -22,7 +23,7 @@ class CellView:
         self.longest_wait_s = cell.stale_after_s(topics.HUB_HEALTH)
         self.helper_wait_s = HELPER_PERIODS / cell.rates.health_hz
         self._arbiter = bus.reader(topics.ARBITER_STATUS)
-        self._roles = Roles(bus, cell)
+        self._roles = Roles(bus, cell_info(cell))
         for name in (*topics.ROLES, *topics.HELPERS):
             self._roles.health(name)
 

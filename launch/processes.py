@@ -10,7 +10,8 @@ from contextlib import ExitStack, suppress
 from pathlib import Path
 from types import TracebackType
 
-from common.bus.zenoh_bus import endpoint_of, open_bus
+from common.bus.cell_bus import open_bus
+from common.bus.zenoh_settings import endpoint_of
 from common.config.cell import Cell
 from common.config.load import dump_cell
 from forcemesh import topics

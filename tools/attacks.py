@@ -22,8 +22,8 @@ from typing import Any, NamedTuple
 
 import zenoh
 
-from common.bus.zenoh_bus import endpoint_of, open_bus
-from common.bus.zenoh_settings import client_settings
+from common.bus.cell_bus import open_bus
+from common.bus.zenoh_settings import client_settings, endpoint_of
 from common.config.cell import Cell
 from common.config.load import load_cell
 from common.security.pki import (

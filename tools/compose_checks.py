@@ -16,8 +16,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from cli.demo.scenario import Plan, Scenario, Trace
-from common.bus.zenoh_bus import open_bus
-from common.client import Cell as Client
+from common.bus.cell_bus import open_bus
+from common.bus.configured_cell import ConfiguredCell as Client
 from common.config.cell import Cell
 from common.config.load import load_cell
 from forcemesh import topics

@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from common.bus.zenoh_bus import open_hub
+from common.bus.cell_bus import open_hub
 from common.config.load import load_cell
 from forcemesh import topics
 from forcemesh.messages import WrenchAtTcp

@@ -24,7 +24,7 @@ from pathlib import Path
 from types import CodeType, FrameType
 from typing import Any
 
-from common.client import Cell
+from common.bus.configured_cell import ConfiguredCell
 from common.config.load import load_cell
 from forcemesh import topics
 from forcemesh.messages import RobotState
@@ -78,10 +78,10 @@ def place_of(code: CodeType) -> tuple[str, str] | None:
     return file, code.co_qualname
 
 
-def client_of(cell: VirtualCell) -> Cell:
+def client_of(cell: VirtualCell) -> ConfiguredCell:
     """Return a client of a cell that may be armed."""
     cell.advance(READY_S)
-    return Cell(cell.cell, commander="operator", bus=cell.client)
+    return ConfiguredCell(cell.cell, commander="operator", bus=cell.client)
 
 
 def pressing(file: str) -> VirtualCell:

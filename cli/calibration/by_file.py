@@ -6,7 +6,7 @@ import typer
 
 from cli.calibration.finish import Job, conclude
 from cli.calibration.installed import refuse_wrong
-from common.bus.zenoh_bus import open_bus
+from common.bus.cell_bus import open_bus
 from forcemesh.errors import BusError
 from forcemesh.topics import CLIENT
 from identification.evidence import Evidence

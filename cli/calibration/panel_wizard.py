@@ -27,7 +27,7 @@ from cli.calibration.places import places_of
 from cli.calibration.wizard import Pace
 from cli.context import NOT_WELL, PATIENCE_S, USAGE
 from cli.payload_tables import found_parameters
-from common.bus.zenoh_bus import open_bus
+from common.bus.cell_bus import open_bus
 from common.config.load import load_cell
 from forcemesh.bus import Bus
 from forcemesh.errors import ForcemeshError

@@ -204,7 +204,7 @@ def _wish(
 
 def _by_arm(job: "Job", wish: "by_arm.Wish", *, verify_only: bool) -> int:
     from cli.calibration import by_arm
-    from common.bus.zenoh_bus import open_bus
+    from common.bus.cell_bus import open_bus
     from forcemesh.topics import CLIENT
 
     with open_bus(job.cell, CLIENT, patience_s=PATIENCE_S) as bus:
@@ -214,7 +214,7 @@ def _by_arm(job: "Job", wish: "by_arm.Wish", *, verify_only: bool) -> int:
 def _by_hand(job: "Job", way: _Way, poses: tuple[int, int, float]) -> int:
     from cli.calibration import by_hand
     from cli.calibration.screen import Keyboard
-    from common.bus.zenoh_bus import open_bus
+    from common.bus.cell_bus import open_bus
     from forcemesh.topics import CLIENT
 
     count, fresh, dwell_s = poses

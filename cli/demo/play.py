@@ -47,7 +47,7 @@ def play_real(
     """
     from cli.panel import panel_beside
     from cli.record import recorder_beside
-    from common.bus.zenoh_bus import open_bus
+    from common.bus.cell_bus import open_bus
     from forcemesh.topics import CLIENT
     from launch.processes import Supervisor
 

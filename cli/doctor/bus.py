@@ -6,7 +6,7 @@ from typing import Any
 
 from cli.doctor.checks import RoleHeard
 from cli.status import helpers_of
-from common.bus.zenoh_bus import open_bus
+from common.bus.cell_bus import open_bus
 from common.config.cell import Cell
 from common.config.load import cell_hash
 from forcemesh import topics

@@ -9,7 +9,7 @@ from types import FrameType
 import numpy as np
 import pinocchio as pin
 
-from common.client import Cell
+from common.bus.configured_cell import ConfiguredCell
 from common.client.asking import stopped
 from common.motion.convert import pose_of
 from common.motion.frames import Array
@@ -41,7 +41,7 @@ class Felt:
 class Feeler:
     """Feels with the tool of a cell from now on."""
 
-    def __init__(self, cell: Cell) -> None:
+    def __init__(self, cell: ConfiguredCell) -> None:
         """Subscribe."""
         self._cell, self._clock = cell, cell.session.clock
         self._T_flange_tcp = cell.config.tool.T_flange_tcp.pose
@@ -142,7 +142,7 @@ class Steady:
 
 
 @contextmanager
-def force_ends(cell: Cell) -> Iterator[None]:
+def force_ends(cell: ConfiguredCell) -> Iterator[None]:
     """Stop force feedback at the end in any case; an interruption, or any accident, holds the arm.
 
     Whoever has stopped the arm meanwhile is not talked over.

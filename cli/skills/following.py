@@ -9,7 +9,7 @@ import pinocchio as pin
 
 from cli.skills.contact_monitor import Feeler, Felt, Steady, Tell, force_ends, silent
 from cli.skills.pressing import BAND_N, STEADY_S, How
-from common.client import Cell
+from common.bus.configured_cell import ConfiguredCell
 from common.motion.frames import Array
 from common.motion.limits import Limits, check_workspace
 from forcemesh import topics
@@ -51,7 +51,13 @@ class Way:
 
 
 def follow(
-    cell: Cell, points: Sequence[Array], way: Way, *, how: How, within_s: float, tell: Tell = silent
+    cell: ConfiguredCell,
+    points: Sequence[Array],
+    way: Way,
+    *,
+    how: How,
+    within_s: float,
+    tell: Tell = silent,
 ) -> Followed:
     """Press, then go along points across the tool's axis while the force is held.
 
@@ -118,7 +124,13 @@ def _left_m(points: list[Array], here: Array, axis: Array, limits: Limits) -> li
 
 
 def _go(
-    cell: Cell, feeler: Feeler, points: list[Array], *, way: Way, to_go: list[float], tell: Tell
+    cell: ConfiguredCell,
+    feeler: Feeler,
+    points: list[Array],
+    *,
+    way: Way,
+    to_go: list[float],
+    tell: Tell,
 ) -> list[Felt]:
     """Send the points bit by bit until all have been gone to; return what was felt."""
     length_m = to_go[0]
@@ -138,7 +150,7 @@ def _go(
             return felt
 
 
-def _send(cell: Cell, points: list[Array], way: Way, *, append: bool) -> None:
+def _send(cell: ConfiguredCell, points: list[Array], way: Way, *, append: bool) -> None:
     asked: list[Vec3] = [(float(p[0]), float(p[1]), float(p[2])) for p in points]
     request = PathRequest(points_m=tuple(asked), append=append, speed_m_s=way.speed_m_s)
     cell.ask(topics.FORCE_PATH, request)

@@ -12,7 +12,7 @@ from cli.context import cell_of
 
 if TYPE_CHECKING:
     from cli.skills.contact_monitor import Tell
-    from common.client import Cell
+    from common.bus.configured_cell import ConfiguredCell
 
 INTERRUPTED = 130
 TAKEN_OVER = "force feedback runs already: this takes it over, and ends it at its own end"
@@ -21,7 +21,7 @@ LOADED = "the tool is loaded with {:.1f} N already: `forcemesh retract` leaves a
 
 
 @contextmanager
-def at_work(named: Path | None) -> "Iterator[tuple[Cell, Tell]]":
+def at_work(named: Path | None) -> "Iterator[tuple[ConfiguredCell, Tell]]":
     """Connect and show a bar; Ctrl-C, a closed terminal and a request to end hold the arm."""
     from cli.skills.contact_monitor import deaf, like_ctrl_c
     from forcemesh.errors import ForcemeshError

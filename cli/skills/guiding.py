@@ -9,7 +9,7 @@ import pinocchio as pin
 
 from cli.skills.contact_monitor import Feeler, Felt, Tell, force_ends, silent
 from cli.skills.path_file import thinned, write_poses
-from common.client import Cell
+from common.bus.configured_cell import ConfiguredCell
 from common.motion.convert import record_of
 from forcemesh.messages import Mode
 from forcemesh.requests import ForceStartRequest, MoveRequest
@@ -37,7 +37,7 @@ class Recording:
 
 
 def guide(
-    cell: Cell,
+    cell: ConfiguredCell,
     recording: Recording,
     *,
     mode: Mode,
@@ -74,7 +74,7 @@ def guide(
 
 
 def play_back(
-    cell: Cell,
+    cell: ConfiguredCell,
     recorded: Sequence[pin.SE3],
     *,
     tolerance_m: float,

@@ -7,7 +7,7 @@ import numpy as np
 import pinocchio as pin
 
 from cli.skills.contact_monitor import Feeler, Felt, Steady, Tell, force_ends, silent
-from common.client import Cell
+from common.bus.configured_cell import ConfiguredCell
 from common.motion.frames import rotation_between
 from forcemesh.errors import NotReachedError
 from forcemesh.messages import Mode, Preset, StartLaw, Vec3
@@ -59,7 +59,12 @@ class Aligned:
 
 
 def touch(
-    cell: Cell, *, force_N: float, within_m: float | None, back_m: float, tell: Tell = silent
+    cell: ConfiguredCell,
+    *,
+    force_N: float,
+    within_m: float | None,
+    back_m: float,
+    tell: Tell = silent,
 ) -> Touched:
     """Approach along the tool's axis until something pushes back, stop there, or a way before.
 
@@ -96,7 +101,7 @@ def touch(
 
 
 def press(
-    cell: Cell,
+    cell: ConfiguredCell,
     *,
     force_N: float,
     hold_s: float,
@@ -132,7 +137,9 @@ def press(
     )
 
 
-def align(cell: Cell, *, force_N: float, within_s: float, how: How, tell: Tell = silent) -> Aligned:
+def align(
+    cell: ConfiguredCell, *, force_N: float, within_s: float, how: How, tell: Tell = silent
+) -> Aligned:
     """Press and turn about the TCP until no torque is left: a face comes to lie flat.
 
     Raises as `press`.
@@ -176,5 +183,5 @@ def _along(start: pin.SE3, felt: Felt) -> float:
     return float(way_m @ start.rotation[:, 2])
 
 
-def _back_m_s(cell: Cell) -> float:
+def _back_m_s(cell: ConfiguredCell) -> float:
     return min(BACK_M_S, cell.config.limits.speed_m_s)

@@ -15,7 +15,7 @@ import numpy as np
 import pinocchio as pin
 
 from cli.skills.contact_monitor import Feeler, Felt, Steady, Tell, force_ends, silent
-from common.client import Cell
+from common.bus.configured_cell import ConfiguredCell
 from common.client.asking import stopped
 from common.motion.convert import pose_of, record_of
 from common.motion.frames import Array
@@ -79,7 +79,7 @@ class Readings:
 class Measuring:
     """One measurement of a cell."""
 
-    def __init__(self, cell: Cell, trial: Trial, tell: Tell = silent) -> None:
+    def __init__(self, cell: ConfiguredCell, trial: Trial, tell: Tell = silent) -> None:
         """Look where the arm is; nothing moves yet. Raises LostError, NotValidError."""
         self._cell, self._trial, self._tell = cell, trial, tell
         self._clock = cell.session.clock
@@ -254,7 +254,7 @@ class Measuring:
 class Ears:
     """Notes every command and every pose, as they were stamped."""
 
-    def __init__(self, cell: Cell, T_flange_tcp: pin.SE3) -> None:
+    def __init__(self, cell: ConfiguredCell, T_flange_tcp: pin.SE3) -> None:
         """Subscribe."""
         self._clock, self._T_flange_tcp = cell.session.clock, T_flange_tcp
         self._period_s = 1.0 / cell.config.rates.control_hz
@@ -302,7 +302,7 @@ class Ears:
 
 
 def measure(
-    cell: Cell,
+    cell: ConfiguredCell,
     trial: Trial,
     *,
     gain: float,

@@ -11,7 +11,7 @@ from cli.skills.force_session import at_work
 
 if TYPE_CHECKING:
     from cli.tune.measure import Readings
-    from common.client import Cell
+    from common.bus.configured_cell import ConfiguredCell
     from forcemesh.messages import Gains
     from tuning.advice import Advice, Measured
 
@@ -84,7 +84,9 @@ def tune(
     raise typer.Exit(OK if first.stable else NOT_WELL)
 
 
-def _refuse_wrong_options(client: "Cell", force_N: float, host: str, *, apply: bool) -> None:
+def _refuse_wrong_options(
+    client: "ConfiguredCell", force_N: float, host: str, *, apply: bool
+) -> None:
     config = client.config
     largest_N = min(config.force.setpoint_max_N, config.limits.force_N)
     if force_N > largest_N:
@@ -95,7 +97,7 @@ def _refuse_wrong_options(client: "Cell", force_N: float, host: str, *, apply: b
         fail("--for goes with --apply: the table shows every host", USAGE)
 
 
-def _along(client: "Cell", gains: "Gains") -> float:
+def _along(client: "ConfiguredCell", gains: "Gains") -> float:
     """Return the gain of force along the tool's axis [m/(N s)]."""
     import numpy as np
 
@@ -105,7 +107,7 @@ def _along(client: "Cell", gains: "Gains") -> float:
     return float((axis * axis) @ np.array(gains.force_i_m_per_Ns))
 
 
-def _advices(client: "Cell", measured: "Measured", gains: "Gains") -> "list[Advice]":
+def _advices(client: "ConfiguredCell", measured: "Measured", gains: "Gains") -> "list[Advice]":
     from tuning.advice import advise
 
     return [
@@ -122,7 +124,7 @@ def _advices(client: "Cell", measured: "Measured", gains: "Gains") -> "list[Advi
 
 
 def _tell(
-    client: "Cell",
+    client: "ConfiguredCell",
     measured: "Measured",
     advices: "list[Advice]",
     readings: "Readings",
@@ -147,7 +149,9 @@ def _tell(
         typer.echo(f"picture: {out}", err=True)
 
 
-def _write(client: "Cell", measured: "Measured", advices: "list[Advice]", path: Path) -> None:
+def _write(
+    client: "ConfiguredCell", measured: "Measured", advices: "list[Advice]", path: Path
+) -> None:
     from cli.tune import texts as words
     from tuning import advice
 
@@ -155,7 +159,7 @@ def _write(client: "Cell", measured: "Measured", advices: "list[Advice]", path: 
     typer.echo(f"written to {path}; {words.advice_for(path)}", err=True)
 
 
-def _apply(client: "Cell", advice: "Advice | None", host: str) -> None:
+def _apply(client: "ConfiguredCell", advice: "Advice | None", host: str) -> None:
     from forcemesh.requests import GainsRequest
 
     if advice is None:

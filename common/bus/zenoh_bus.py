@@ -17,30 +17,15 @@ from typing import TypeAlias
 import zenoh
 
 from common.bus.zenoh_settings import (
-    ENDPOINT_VARIABLE,
-    LONGEST_MESSAGE_B,
     client_settings,
     endpoint_of,
-    hub_settings,
     security_of,
 )
-from common.config.cell import Cell
-from common.security.access_control import SELF_TEST
+from common.config.cell_bus import Reachable
 from common.security.tls import HUB, common_name
-from forcemesh.bus import Bus
-from forcemesh.clock import NS_PER_S, Clock, MonotonicClock
+from forcemesh.clock import NS_PER_S
 from forcemesh.errors import BusError
-from forcemesh.topics import CLIENT, Qos
-
-__all__ = [
-    "ENDPOINT_VARIABLE",
-    "LONGEST_MESSAGE_B",
-    "ZenohTransport",
-    "endpoint_of",
-    "log_refusals",
-    "open_bus",
-    "open_hub",
-]
+from forcemesh.topics import CLIENT, SELF_TEST, Qos
 
 MAX_WAITING_REQUESTS = 16
 SELF_TEST_WITHIN_S = 1.0  # until the hub has told the one session of the other
@@ -50,9 +35,7 @@ PUTS_KEPT = 2048  # of which the longest is reported: more than a busy process p
 
 
 @contextmanager
-def open_bus(
-    cell: Cell, role: str, *, clock: Clock | None = None, patience_s: float = 10.0
-) -> Iterator[Bus]:
+def open_session(cell: Reachable, role: str, patience_s: float) -> Iterator["ZenohTransport"]:
     """Connect a role to its cell's hub; close the session in any case.
 
     Raises:
@@ -70,27 +53,26 @@ def open_bus(
         if security and role != CLIENT:
             with _connect(endpoint, role, patience_s, security) as other:
                 _refuse_an_open_hub(session, other, f"{cell.cell}/{SELF_TEST}", endpoint)
-        yield Bus(role, cell.cell, transport, cell, clock or MonotonicClock())
+        yield transport
     finally:
         transport.close()
 
 
 @contextmanager
-def open_hub(cell: Cell, role: str = "hub", *, clock: Clock | None = None) -> Iterator[Bus]:
-    """Be the cell's hub: a Zenoh router that listens on the cell's endpoint.
+def open_router(settings: Mapping[str, object], endpoint: str) -> Iterator["ZenohTransport"]:
+    """Be a hub: a Zenoh router that listens on an endpoint.
 
     Raises:
-        BusError: The endpoint cannot be listened on, is open to strangers, or lacks a certificate.
+        BusError: The endpoint cannot be listened on.
     """
-    endpoint = endpoint_of(cell)
-    config = zenoh.Config.from_json5(json.dumps(hub_settings(cell, endpoint, role)))
+    config = zenoh.Config.from_json5(json.dumps(settings))
     try:
         session = zenoh.open(config)
     except zenoh.ZError as error:
         raise BusError(f"cannot listen on {endpoint}: is another hub running there?") from error
     transport = ZenohTransport(session)
     try:
-        yield Bus(role, cell.cell, transport, cell, clock or MonotonicClock())
+        yield transport
     finally:
         transport.close()
 
@@ -124,7 +106,7 @@ def _refuse_an_open_hub(ear: zenoh.Session, mouth: zenoh.Session, key: str, endp
     heard.undeclare()
 
 
-def _refuse_a_false_hub(session: zenoh.Session, cell: Cell, endpoint: str) -> None:
+def _refuse_a_false_hub(session: zenoh.Session, cell: Reachable, endpoint: str) -> None:
     """Refuse a hub that shows another name's certificate, though TLS would take it from a server.
 
     Certificates of an older forcemesh, and the hub of another cell under the same authority.

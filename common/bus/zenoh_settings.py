@@ -1,12 +1,11 @@
-"""What Zenoh is told: where the hub is, who we are, what a hub lets through. Pure but for files."""
+"""Settings of Zenoh: the endpoint of the hub, certificates, buffers. Pure but for files."""
 
 import os
 import re
 from collections.abc import Mapping
 from typing import Any
 
-from common.config.cell import Cell
-from common.security.access_control import access_control, rate_limits
+from common.config.cell_bus import Reachable
 from common.security.tls import identity_of, is_encrypted, refuse_in_the_clear
 from forcemesh.errors import ConfigError
 from forcemesh.topics import HELPERS
@@ -24,22 +23,6 @@ WAITING = {"real_time": 16, "data": 16}
 # Each message that nobody has taken yet keeps a buffer of this size, which is cleared before it is
 # used: with Zenoh's 64 kB, to clear them is a third of what it costs to hear a cell.
 BATCH_B = 8192
-# What no honest client needs more of: the longest message of the table has less than 4 kB.
-LONGEST_MESSAGE_B = 16_384
-LONGEST_TRANSPORT_MESSAGE_B = 65_536  # before the hub even knows what it is
-MOST_CLIENTS = 64
-
-SHORT = {
-    "id": "no long messages",
-    "flows": ["ingress"],
-    "messages": ["put", "delete", "query", "reply"],
-    "key_exprs": ["**"],
-    "size_limit": LONGEST_MESSAGE_B,
-}
-HUB_TRANSPORT = {
-    "unicast": {"max_sessions": MOST_CLIENTS},
-    "link": {"rx": {"max_message_size": LONGEST_TRANSPORT_MESSAGE_B}},
-}
 
 
 def listen_with_one_thread() -> None:
@@ -50,7 +33,7 @@ def listen_with_one_thread() -> None:
     os.environ.setdefault(RUNTIME_VARIABLE, ONE_THREAD)
 
 
-def endpoint_of(cell: Cell) -> str:
+def endpoint_of(cell: Reachable) -> str:
     """Return where the hub is: the environment may move it, the cell file says where it is.
 
     Raises:
@@ -64,30 +47,6 @@ def endpoint_of(cell: Cell) -> str:
     return moved or cell.bus.endpoint
 
 
-def hub_settings(cell: Cell, endpoint: str, role: str = "hub") -> dict[str, Any]:
-    """Return what makes a Zenoh router the hub of a cell; `zenohd` takes the same.
-
-    Raises:
-        BusError: As `open_hub`.
-    """
-    security = security_of(cell, role, endpoint)
-    part: dict[str, Any] = {
-        "mode": "router",
-        "listen": {"endpoints": [endpoint]},
-        "low_pass_filter": [SHORT],
-    }
-    if security:
-        part |= {"access_control": access_control(cell), "downsampling": rate_limits(cell)}
-    if cell.bus.upstream is not None:
-        refuse_in_the_clear(cell, cell.bus.upstream.endpoint)
-        part["connect"] = {
-            "endpoints": [cell.bus.upstream.endpoint],
-            "timeout_ms": -1,
-            "exit_on_failure": False,
-        }
-    return _settings(part, role, security, HUB_TRANSPORT)
-
-
 def client_settings(endpoint: str, role: str, security: Mapping[str, object]) -> dict[str, Any]:
     """Return what makes a Zenoh client of a hub; it tries once."""
     part = {
@@ -99,7 +58,7 @@ def client_settings(endpoint: str, role: str, security: Mapping[str, object]) ->
             "retry": {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 2},
         },
     }
-    return _settings(part, role, security)
+    return session_settings(part, role, security)
 
 
 def with_room(endpoint: str) -> str:
@@ -113,18 +72,19 @@ def with_room(endpoint: str) -> str:
     return f"{endpoint}{';' if '#' in where else '#'}so_rcvbuf={ROOM_B}"
 
 
-def security_of(cell: Cell, role: str, endpoint: str) -> Mapping[str, object]:
+def security_of(cell: Reachable, role: str, endpoint: str) -> Mapping[str, object]:
     """Return Zenoh's settings of a role's certificate; nothing where none is asked for."""
     refuse_in_the_clear(cell, endpoint)
     return identity_of(cell, role).settings() if is_encrypted(endpoint) else {}
 
 
-def _settings(
+def session_settings(
     part: Mapping[str, Any],
     name: str,
     security: Mapping[str, object],
     transport: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
+    """Return Zenoh's settings of one session: its own part, and what all of ours have."""
     own = transport or {}
     link = {
         **own.get("link", {}),

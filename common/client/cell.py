@@ -5,20 +5,19 @@ from contextlib import ExitStack
 from math import hypot
 from pathlib import Path
 from types import TracebackType
-from typing import Any, TypeVar
+from typing import Any, Self, TypeVar
 
-from common.bus.zenoh_bus import open_bus
+from common.bus.zenoh_bus import open_session
 from common.client.asking import stopped, well_formed
 from common.client.feed import Feed
 from common.client.force import Force
 from common.client.moves import Moves
 from common.client.session import Session
-from common.config.calibration import CalibrationSection
-from common.config.cell import Cell as CellFile
-from common.config.load import load_cell
+from common.config.cell_bus import Reachable, connection, read_connection
 from forcemesh import topics
 from forcemesh.bus import Bus
-from forcemesh.clock import NS_PER_S
+from forcemesh.cell_info import CellInfo, ask_for_info
+from forcemesh.clock import NS_PER_S, MonotonicClock
 from forcemesh.errors import NotReachedError
 from forcemesh.messages import (
     ArbiterStatus,
@@ -65,29 +64,41 @@ class Cell:
 
     def __init__(
         self,
-        cell: Path | str | CellFile,
+        cell: Path | str | Reachable,
+        name: str | None = None,
         *,
         commander: Asker = "program",
         patience_s: float = 5.0,
         bus: Bus | None = None,
+        info: CellInfo | None = None,
     ) -> None:
         """Connect.
 
         Args:
-            cell: The cell file, or what was read from it.
+            cell: A cell file, of which `cell` and `bus` are read; or, with `name`, the endpoint of
+                the hub, such as tcp/127.0.0.1:7447.
+            name: Name of the cell at that endpoint.
             commander: Who asks for motion: a person (`operator`) takes the arm from a program.
             patience_s: Longest wait for the hub [s].
             bus: A client's bus that is open already, in virtual time for instance.
+            info: Facts of the cell, where they are known; else the hub is asked for them.
 
         Raises:
-            ConfigError: The cell file is wrong.
-            BusError: No hub answers: the cell is not up.
+            ConfigError: The cell file, the endpoint or the name is wrong.
+            BusError: No hub answers: the cell is not up, or it is not the hub of this cell.
         """
-        self.config = cell if isinstance(cell, CellFile) else load_cell(cell)
+        reached = connection_of(cell, name)
         self._exits = ExitStack()
-        if bus is None:
-            bus = self._exits.enter_context(open_bus(self.config, CLIENT, patience_s=patience_s))
-        self.session = session = Session(bus, self.config, commander)
+        try:
+            if bus is None:
+                transport = self._exits.enter_context(open_session(reached, CLIENT, patience_s))
+                info = info or ask_for_info(transport, reached.cell)
+                bus = Bus(CLIENT, reached.cell, transport, info, MonotonicClock())
+            self.info = info or ask_for_info(bus.transport, reached.cell)
+        except BaseException:
+            self._exits.close()
+            raise
+        self.session = session = Session(bus, self.info, commander)
         self.state: Feed[RobotState] = session.feed(topics.ROBOT_STATE)
         self.wrench: Feed[WrenchAtTcp] = session.feed(topics.WRENCH)
         self.sensor: Feed[SensorWrench] = session.feed(topics.SENSOR_WRENCH)
@@ -98,7 +109,7 @@ class Cell:
         self.jog = self.move.jog
         self.force = Force(session)
 
-    def __enter__(self) -> "Cell":
+    def __enter__(self) -> Self:
         """Be closed at the end."""
         return self
 
@@ -197,9 +208,14 @@ class Cell:
         """Take the present reading as zero force; refused in motion or contact."""
         return self.ask(topics.TARE, Empty(), within_s=within_s)
 
-    def calibrate(self, calibration: CalibrationSection, *, within_s: float = 3.0) -> Reply:
-        """Use another calibration from now on; refused in motion or contact."""
-        request = CalibrationRequest(calibration_json=calibration.model_dump_json())
+    def calibrate(self, calibration_json: str, *, within_s: float = 3.0) -> Reply:
+        """Use another calibration from now on; refused in motion or contact.
+
+        Args:
+            calibration_json: The calibration as `forcemesh calibrate` writes it, as JSON.
+            within_s: So long to ask again while the arm moves.
+        """
+        request = CalibrationRequest(calibration_json=calibration_json)
         return self.ask(topics.CALIBRATE, request, within_s=within_s)
 
     # --- what is heard ----------------------------------------------------------------------------
@@ -232,7 +248,7 @@ class Cell:
     def load_N(self) -> float | None:
         """Return the force on the tool [N] when it is loaded, None where it is free or not known.
 
-        Loaded is more than `force.touch_N`, as a wrench says whose calibration holds.
+        Loaded is more than `force.touch_N` of the cell file, as a wrench says whose calibration holds.
         """
         clock = self.session.clock
         give_up_ns = clock.now_ns() + round(HEARD_WITHIN_S * NS_PER_S)
@@ -241,7 +257,7 @@ class Cell:
         if wrench is None or not wrench.calibrated:
             return None
         force_N = hypot(*wrench.force_N)
-        return force_N if force_N > self.config.force.touch_N else None
+        return force_N if force_N > self.info.touch_N else None
 
     def describe(self) -> dict[str, Any]:
         """Return what is said on this cell's bus, with JSON Schema, as its hub tells it."""
@@ -270,3 +286,12 @@ class Cell:
 
 def _is_ready(status: ArbiterStatus) -> bool:
     return status.state == "IDLE" and not status.not_ready
+
+
+def connection_of(cell: Path | str | Reachable, name: str | None) -> Reachable:
+    """Return name and hub of a cell. Raise ConfigError when they are wrong."""
+    if name is not None:
+        return connection({"cell": name, "bus": {"endpoint": cell}}, "Cell(endpoint, name)")
+    if isinstance(cell, (str, Path)):
+        return read_connection(cell)
+    return cell

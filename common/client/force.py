@@ -48,8 +48,8 @@ class Force:
         """Start nothing yet."""
         self._session = session
         self._wanted: ForceStartRequest | None = None  # what this client has started
-        axis = turning.of_oat_deg(session.config.tool.T_flange_tcp.oat_deg)
-        self._axis_in_flange = turning.turned(axis, (0.0, 0.0, 1.0))
+        tool = session.info.T_flange_tcp
+        self._axis_in_flange = turning.turned(tool.orientation_xyzw, (0.0, 0.0, 1.0))
 
     @well_formed()
     def start(

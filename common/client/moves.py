@@ -194,10 +194,7 @@ class Moves:
     ) -> PoseRecord:
         """Return the pose of the flange that a jog would lead to from where the arm is now."""
         state = self._session.feed(topics.ROBOT_STATE)()
-        frame = self._session.config.tool.T_flange_tcp
-        tool = PoseRecord(
-            position_m=frame.position_m, orientation_xyzw=turning.of_oat_deg(frame.oat_deg)
-        )
+        tool = self._session.info.T_flange_tcp
         flange = PoseRecord(position_m=state.position_m, orientation_xyzw=state.orientation_xyzw)
         return turning.jogged(flange, tool, shift_m, turn_rad, in_tool_axes=axes == "tool")
 

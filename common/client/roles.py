@@ -1,9 +1,9 @@
 """Who of a cell is heard: the health of its roles, as seen by a client."""
 
 from common.client.feed import Feed
-from common.config.cell import Cell as CellFile
 from forcemesh import topics
 from forcemesh.bus import Bus, Reading
+from forcemesh.cell_info import CellInfo
 from forcemesh.clock import NS_PER_S
 from forcemesh.errors import LostError
 from forcemesh.messages import Health, SensorWrench
@@ -14,14 +14,14 @@ POLL_S = 0.02
 class Roles:
     """Roles and helpers of one cell. Subscribes to a health when it is first asked for."""
 
-    def __init__(self, bus: Bus, cell: CellFile) -> None:
+    def __init__(self, bus: Bus, info: CellInfo) -> None:
         """A sensor of somebody else's has no health here; its readings show it."""
         self._bus = bus
-        self._longest_wait_s = cell.stale_after_s(topics.HUB_HEALTH)
+        self._longest_wait_s = info.stale_after_s(topics.HUB_HEALTH)
         self.feeds: dict[str, Feed[Health] | Feed[SensorWrench]] = {
             name: Feed(bus, topic, LostError) for name, topic in topics.EVERY_HEALTH.items()
         }
-        if cell.roles.sensor == "external":
+        if info.roles["sensor"] == "external":
             self.feeds["sensor"] = Feed(bus, topics.SENSOR_WRENCH, LostError)
 
     def health(self, role: str) -> Reading[Health] | Reading[SensorWrench]:

@@ -6,8 +6,8 @@ from typing import Any, TypeVar
 from common.client import asking
 from common.client.feed import Feed
 from common.client.roles import Roles
-from common.config.cell import Cell as CellFile
 from forcemesh.bus import Bus
+from forcemesh.cell_info import CellInfo
 from forcemesh.clock import Clock
 from forcemesh.errors import BusError, LostError
 from forcemesh.messages import Asker, Message, Record
@@ -21,10 +21,10 @@ Q = TypeVar("Q", bound=Record)
 class Session:
     """One client on one cell's bus. Safe from any thread."""
 
-    def __init__(self, bus: Bus, config: CellFile, commander: Asker) -> None:
+    def __init__(self, bus: Bus, info: CellInfo, commander: Asker) -> None:
         """Use an open bus; nothing is subscribed to before it is needed."""
-        self.bus, self.config, self.commander = bus, config, commander
-        self.roles = Roles(bus, config)
+        self.bus, self.info, self.commander = bus, info, commander
+        self.roles = Roles(bus, info)
         self._lock = threading.Lock()
         self._feeds: dict[str, Feed[Any]] = {}
 

@@ -1,11 +1,20 @@
-"""The section `bus` of a cell file: where the hub is, and who may say what on the way there."""
+"""Connection to a cell: its name and its hub, as the sections `cell` and `bus` of a cell file."""
 
-from typing import Annotated
+from pathlib import Path
+from typing import Annotated, Any, Protocol
 
-from pydantic import Field
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from common.config.cell_terms import Section
+from forcemesh.errors import ConfigError
 from forcemesh.patterns import CELL_NAME, ENDPOINT
+from forcemesh.validation_texts import what_is_wrong
+
+
+class Section(BaseModel):
+    """Base of every section of a cell file: unknown keys and non-finite numbers are mistakes."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
 class TlsSection(Section):
@@ -30,3 +39,55 @@ class BusSection(Section):
     monitor_may_hold: bool = False  # a certificate that only reads may also stop the arm
     upstream: UpstreamSection | None = None
     below: tuple[Annotated[str, Field(pattern=CELL_NAME)], ...] = Field((), max_length=32)
+
+
+class Reachable(Protocol):
+    """Anything that says which cell it is and where its hub is: a cell file, or a `Connection`."""
+
+    @property
+    def cell(self) -> str:
+        """Name of the cell: the first part of every key."""
+
+    @property
+    def bus(self) -> BusSection:
+        """Where the hub is, and how to reach it."""
+
+
+class Connection(BaseModel):
+    """Name and hub of a cell. Other sections of a cell file are not read."""
+
+    model_config = ConfigDict(frozen=True, extra="ignore")
+
+    cell: str = Field(pattern=CELL_NAME)
+    bus: BusSection = BusSection()
+
+
+def read_connection(path: Path | str) -> Connection:
+    """Read the sections `cell` and `bus` of a cell file.
+
+    Raises:
+        ConfigError: The file cannot be read, or one of the two sections holds a mistake.
+    """
+    source = str(path)
+    try:
+        tree = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ConfigError(source, [f"cannot be read: {error.strerror or error}"]) from None
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        raise ConfigError(source, [f"not YAML: {' '.join(str(error).split())}"]) from None
+    return connection(tree, source)
+
+
+def connection(tree: Any, source: str) -> Connection:
+    """Validate name and hub of a cell. Raise ConfigError, which lists every mistake."""
+    if not isinstance(tree, dict):
+        raise ConfigError(source, ["the file must hold a map of sections"])
+    try:
+        return Connection.model_validate(tree)
+    except ValidationError as error:
+        raise ConfigError(source, [_explain(item) for item in error.errors()]) from None
+
+
+def _explain(item: Any) -> str:
+    path = ".".join(str(part) for part in item["loc"])
+    return f"{path}: {what_is_wrong(item)}"

@@ -2,7 +2,7 @@
 
 from pydantic import Field
 
-from common.config.cell_terms import Section
+from common.config.cell_bus import Section
 
 
 class RecorderSection(Section):

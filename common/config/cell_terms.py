@@ -3,7 +3,9 @@
 from math import radians
 from typing import TYPE_CHECKING, Annotated
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
+
+from common.config.cell_bus import Section
 
 if TYPE_CHECKING:
     import pinocchio as pin
@@ -14,12 +16,6 @@ Coordinate = Annotated[float, Field(ge=-2.0, le=2.0)]  # [m] of something on the
 Angle = Annotated[float, Field(ge=-720.0, le=720.0)]  # [degrees]
 AxisGain = Annotated[float, Field(ge=0.5, le=1.5)]
 Fraction = Annotated[float, Field(gt=0.0, le=1.0)]
-
-
-class Section(BaseModel):
-    """Base of every section: unknown keys and non-finite numbers are mistakes."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
 class FrameSection(Section):

@@ -17,7 +17,7 @@ from contextlib import AbstractContextManager, ExitStack
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
-from common.bus.zenoh_bus import open_bus
+from common.bus.cell_bus import open_bus
 from common.config.cell import Cell
 from common.config.load import cell_hash, load_cell
 from common.runtime.heartbeat import heartbeat_of_this_process

@@ -10,9 +10,18 @@ from typing import Any
 
 from common.config.cell import Cell
 from common.security.tls import MONITOR, OPERATOR, PANEL, common_name
-from forcemesh.topics import DESCRIBE, HEALTH, HELPERS, HOLD, REQUESTS, ROLES, TOPICS
+from forcemesh.topics import (
+    DESCRIBE,
+    HEALTH,
+    HELPERS,
+    HOLD,
+    INFO,
+    REQUESTS,
+    ROLES,
+    SELF_TEST,
+    TOPICS,
+)
 
-SELF_TEST = "self-test"  # may be heard by every role and said by nobody: proves that this is on
 # A flood ends at the hub. Streams are not counted: what was kept up comes in bunches, of which
 # nothing must be lost, and who reads a stream keeps the newest anyway.
 REPORT_ROOM = 20.0  # times the rate of a topic
@@ -84,7 +93,9 @@ def rate_limits(cell: Cell) -> list[dict[str, Any]]:
         for request in REQUESTS
         if request is not HOLD
     ]
-    questions.append({"key_expr": f"{cell.cell}/{DESCRIBE}", "freq": DESCRIPTIONS_HZ})
+    questions += [
+        {"key_expr": f"{cell.cell}/{key}", "freq": DESCRIPTIONS_HZ} for key in (DESCRIBE, INFO)
+    ]
     return [
         {"id": "reports", "flows": [INGRESS], "messages": ["put"], "rules": reports},
         {"id": "questions", "flows": [INGRESS], "messages": ["query"], "rules": questions},
@@ -150,7 +161,7 @@ def _person(cell: Cell, asked: Sequence[str]) -> list[Rule]:
 
     What is said on the bus at all, the hub itself tells everybody with a certificate.
     """
-    asked = [*asked, DESCRIBE]
+    asked = [*asked, DESCRIBE, INFO]
     cells = (cell.cell, *cell.bus.below)
     keys = tuple(key for name in cells for key in _keys(name, [topic.key for topic in TOPICS]))
     return [

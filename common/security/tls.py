@@ -10,7 +10,7 @@ import os
 from dataclasses import dataclass
 from pathlib import Path
 
-from common.config.cell import Cell
+from common.config.cell_bus import Reachable
 from common.security.published_ports import hub_stays_here, is_loopback
 from forcemesh.errors import SetupError
 from forcemesh.topics import CLIENT, HELPERS, ROLES
@@ -49,7 +49,7 @@ def stays_here(endpoint: str) -> bool:
     return is_loopback(host) or hub_stays_here(host)
 
 
-def refuse_in_the_clear(cell: Cell, endpoint: str) -> None:
+def refuse_in_the_clear(cell: Reachable, endpoint: str) -> None:
     """Keep a bus that others can reach from being used without certificates.
 
     Raises:
@@ -66,7 +66,7 @@ def refuse_in_the_clear(cell: Cell, endpoint: str) -> None:
     )
 
 
-def folder_of(cell: Cell) -> Path:
+def folder_of(cell: Reachable) -> Path:
     """Return where the certificates are: the environment may move it."""
     moved = os.environ.get(FOLDER_VARIABLE)
     named = None if cell.bus.tls is None else cell.bus.tls.folder
@@ -109,7 +109,7 @@ class Identity:
         }
 
 
-def identity_of(cell: Cell, role: str) -> Identity:
+def identity_of(cell: Reachable, role: str) -> Identity:
     """Return who a role is. A client is who the environment says, else the first one it can be.
 
     Raises:

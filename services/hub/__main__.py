@@ -4,7 +4,9 @@ import os
 from contextlib import AbstractContextManager
 from functools import partial
 
-from common.bus.zenoh_bus import endpoint_of, log_refusals, open_hub
+from common.bus.cell_bus import open_hub
+from common.bus.zenoh_bus import log_refusals
+from common.bus.zenoh_settings import endpoint_of
 from common.config.cell import Cell
 from common.runtime.service import main
 from common.security.access_control import names_of

@@ -12,8 +12,8 @@ from collections import Counter
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 
-from common.security.access_control import SELF_TEST
 from forcemesh.clock import NS_PER_S
+from forcemesh.topics import SELF_TEST
 
 MOST_AT_ONCE_B = (
     256_000  # of Zenoh's lines in one step, twice what a busy cell makes; the rest is lost

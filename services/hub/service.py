@@ -4,7 +4,9 @@ from collections import Counter
 from typing import Protocol, runtime_checkable
 
 from common.config.cell import Cell
+from common.config.info import cell_info
 from forcemesh.bus import Bus
+from forcemesh.cell_info import InfoServer
 from forcemesh.schema import Describer
 from services.hub.refusals import Refusals
 
@@ -32,6 +34,7 @@ class Hub:
         self._transport = bus.transport
         self._refusals = refusals or Refusals()
         self._describer = Describer(bus)
+        self._info = InfoServer(bus.transport, cell_info(cell))
 
     @property
     def fault(self) -> str:
@@ -46,6 +49,7 @@ class Hub:
         """Tell what was refused and what is said here: the router works in its own threads."""
         self._refusals.step(now_ns)
         self._describer.step()
+        self._info.step()
 
     def counters(self) -> dict[str, int]:
         """Return what was refused, by cause; Zenoh counts the rest for itself."""

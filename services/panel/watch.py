@@ -4,7 +4,7 @@ import threading
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
-from common.client import Cell
+from common.bus.configured_cell import ConfiguredCell
 from common.config.cell import Cell as CellFile
 from forcemesh import topics
 from forcemesh.bus import Reading
@@ -56,7 +56,7 @@ class Watch:
         """Prepare; no session is opened."""
         self.cell = cell
         self.clock = clock or MonotonicClock()
-        self._client: Cell | None = None
+        self._client: ConfiguredCell | None = None
         self._lock = threading.Lock()
         self._joined = threading.Event()
         self._try_at_ns = 0
@@ -99,7 +99,7 @@ class Watch:
         )
 
     @property
-    def client(self) -> Cell:
+    def client(self) -> ConfiguredCell:
         """The cell to ask. Raises BusError when it is not reached."""
         client = self._client
         if client is None:
@@ -108,7 +108,7 @@ class Watch:
 
     def _open(self) -> None:
         try:
-            client = Cell(self.cell, commander="operator", patience_s=0.0)
+            client = ConfiguredCell(self.cell, commander="operator", patience_s=0.0)
         except BusError as error:
             self._fault = str(error)
             self._try_at_ns = self.clock.now_ns() + round(AGAIN_S * NS_PER_S)

@@ -11,7 +11,7 @@ from urllib.parse import urlsplit
 import pytest
 from playwright.sync_api import Browser, sync_playwright
 
-from common.client import Cell
+from common.bus.configured_cell import ConfiguredCell
 from common.config.load import dump_cell, load_cell
 from forcemesh.errors import ForcemeshError
 from tests.browser.rig import ROOT, SPARE, Cockpit, answers, running, wait_until
@@ -53,25 +53,25 @@ def cell_file(tmp_path_factory) -> Path:
 
 
 @pytest.fixture(scope="session")
-def cell(cell_file) -> Iterator[Cell]:
+def cell(cell_file) -> Iterator[ConfiguredCell]:
     """The cell, up, as a client of the bus sees it; `up` has started its panel."""
     folder = {"FORCEMESH_RUN_FOLDER": str(cell_file.parent), "FORCEMESH_NO_PANEL": "0"}
     with running("-m", "cli", "up", "--cell", cell_file, **folder):
         port = load_cell(cell_file).panel.port
         wait_until(lambda: answers(port))
-        with Cell(cell_file, commander="operator", patience_s=10.0) as client:
+        with ConfiguredCell(cell_file, commander="operator", patience_s=10.0) as client:
             client.wait_ready(60.0)
             yield client
 
 
 @pytest.fixture
-def ready(cell) -> Cell:
+def ready(cell) -> ConfiguredCell:
     """The cell with an arm at rest above its plate that is not armed, and tared."""
     wait_until(lambda: brought_home(cell))
     return cell
 
 
-def brought_home(cell: Cell) -> bool:
+def brought_home(cell: ConfiguredCell) -> bool:
     """Bring the arm home; tell whether that went well: a machine that stalls makes it hold."""
     try:
         cell.hold("a test begins")

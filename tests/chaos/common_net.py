@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from common.bus.zenoh_bus import open_bus
+from common.bus.cell_bus import open_bus
 from common.config.cell import Cell
 from common.config.load import dump_cell, load_cell
 from common.motion.convert import pose_of, record_of

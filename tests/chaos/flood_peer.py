@@ -11,7 +11,7 @@ import time
 
 import zenoh
 
-from common.bus.zenoh_bus import endpoint_of
+from common.bus.zenoh_settings import endpoint_of
 from common.config.cell import Cell
 from common.config.load import load_cell
 from common.runtime.service import stop_on_signals

@@ -10,7 +10,7 @@ import zenoh
 from cryptography import x509
 from cryptography.hazmat.primitives import hashes
 
-from common.bus.zenoh_bus import open_bus, open_hub
+from common.bus.cell_bus import open_bus, open_hub
 from common.bus.zenoh_settings import client_settings
 from common.config.cell import Cell
 from common.security.pki import Pair, make_certificate, read_authority, write_pair

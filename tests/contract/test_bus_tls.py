@@ -15,8 +15,9 @@ import zenoh
 from typer.testing import CliRunner
 
 from cli.__main__ import app
-from common.bus.zenoh_bus import ENDPOINT_VARIABLE, open_bus, open_hub
-from common.bus.zenoh_settings import client_settings, hub_settings
+from common.bus.cell_bus import open_bus, open_hub
+from common.bus.hub_settings import hub_settings
+from common.bus.zenoh_settings import ENDPOINT_VARIABLE, client_settings
 from common.config.cell import Cell
 from common.config.load import dump_cell, load_cell
 from common.security.pki import copy_certificate, make_certificate, read_authority, write_pair

@@ -10,7 +10,9 @@ from typing import Any
 
 import pytest
 
-from common.bus.zenoh_bus import ENDPOINT_VARIABLE, Ear, open_bus, open_hub
+from common.bus.cell_bus import open_bus, open_hub
+from common.bus.zenoh_bus import Ear
+from common.bus.zenoh_settings import ENDPOINT_VARIABLE
 from common.config.cell import Cell
 from common.config.load import load_cell
 from forcemesh import topics

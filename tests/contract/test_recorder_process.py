@@ -13,7 +13,8 @@ import pytest
 import yaml
 from mcap.reader import NonSeekingReader
 
-from common.bus.zenoh_bus import ENDPOINT_VARIABLE, open_bus, open_hub
+from common.bus.cell_bus import open_bus, open_hub
+from common.bus.zenoh_settings import ENDPOINT_VARIABLE
 from common.config.cell import Cell
 from common.config.load import load_cell
 from forcemesh import topics

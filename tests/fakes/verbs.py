@@ -9,10 +9,10 @@ from typer.testing import CliRunner, Result
 from cli.__main__ import app
 from cli.context import one_line_errors
 from cli.skills import force_session as at_work
-from common.client import Cell
+from common.bus.configured_cell import ConfiguredCell
 
 
-def said(monkeypatch: pytest.MonkeyPatch, client: Cell, tell: Any, *words: str) -> Result:
+def said(monkeypatch: pytest.MonkeyPatch, client: ConfiguredCell, tell: Any, *words: str) -> Result:
     """Call a verb that works on a cell; `tell` takes its progress."""
 
     @contextmanager

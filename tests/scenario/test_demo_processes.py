@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from common.bus.zenoh_bus import open_bus
+from common.bus.cell_bus import open_bus
 from common.config.load import load_cell
 from forcemesh import topics
 

@@ -12,7 +12,9 @@ from typing import Any
 import pytest
 import zenoh
 
-from common.bus.zenoh_bus import LONGEST_MESSAGE_B, ZenohTransport, open_hub
+from common.bus.cell_bus import open_hub
+from common.bus.hub_settings import LONGEST_MESSAGE_B
+from common.bus.zenoh_bus import ZenohTransport
 from common.config.cell import Cell
 from common.config.load import load_cell
 from forcemesh import topics

@@ -6,7 +6,7 @@ import urllib.request
 
 import pytest
 
-from common.bus.zenoh_bus import open_bus
+from common.bus.cell_bus import open_bus
 from common.config.load import dump_cell, load_cell
 from forcemesh import topics
 from forcemesh.errors import ConfigError

@@ -7,7 +7,7 @@ import time
 import pytest
 
 from cli.record import WITHOUT_VARIABLE
-from common.bus.zenoh_bus import open_bus
+from common.bus.cell_bus import open_bus
 from common.config.load import load_cell
 from forcemesh import topics
 from forcemesh.messages import MAY_MOVE

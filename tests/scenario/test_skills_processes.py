@@ -5,7 +5,7 @@ import subprocess
 
 import pytest
 
-from common.bus.zenoh_bus import open_bus
+from common.bus.cell_bus import open_bus
 from common.config.load import dump_cell, load_cell
 from forcemesh.topics import CLIENT
 from tests.fakes.axes_checked import axes_are_checked

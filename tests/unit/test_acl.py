@@ -7,9 +7,9 @@ import pytest
 
 from common.config.cell import Cell
 from common.config.load import load_cell
-from common.security.access_control import ANYBODY, SELF_TEST, access_control, names_of, rate_limits
+from common.security.access_control import ANYBODY, access_control, names_of, rate_limits
 from common.security.tls import MONITOR, OPERATOR, PANEL, PEOPLE, common_name
-from forcemesh.topics import DESCRIBE, HELPERS, HOLD, REQUESTS, ROLES, TOPICS
+from forcemesh.topics import DESCRIBE, HELPERS, HOLD, INFO, REQUESTS, ROLES, SELF_TEST, TOPICS
 
 CELLS = Path(__file__).resolve().parents[2] / "cells"
 FILES = sorted(path.name for path in CELLS.glob("*.yaml"))
@@ -87,7 +87,7 @@ def test_people_hear_everything_and_say_nothing(cell: Cell) -> None:
         assert allowed(cell, name, "put", "egress") == keys(cell, TOPICS)
         everything = {f"{each}/**" for each in (cell.cell, *cell.bus.below)}
         assert allowed(cell, name, "declare_subscriber", "ingress") == everything
-    described = {f"{cell.cell}/{DESCRIBE}"}
+    described = {f"{cell.cell}/{DESCRIBE}", f"{cell.cell}/{INFO}"}
     everything = keys(cell, REQUESTS) | described
     for person, wanted in ((OPERATOR, everything), (PANEL, everything), (MONITOR, described)):
         name = common_name(person, cell.cell)
@@ -100,7 +100,7 @@ def test_a_monitor_may_hold_and_no_more_if_the_cell_says_so() -> None:
     """One word in the cell file gives a monitor one request."""
     cell = load_cell(CELLS / "demo.yaml", {"bus.monitor_may_hold": True})
     asked = allowed(cell, common_name(MONITOR, cell.cell), "query", "ingress")
-    assert asked == keys(cell, [HOLD]) | {f"{cell.cell}/{DESCRIBE}"}
+    assert asked == keys(cell, [HOLD]) | {f"{cell.cell}/{DESCRIBE}", f"{cell.cell}/{INFO}"}
 
 
 def test_who_shows_the_hubs_certificate_hears_its_health_and_no_more(cell: Cell) -> None:
@@ -182,7 +182,7 @@ def test_hold_is_never_counted_and_a_flood_of_anything_else_ends_at_the_hub(cell
     """Streams are left alone too; reports have 20 times their rate, requests 100 Hz."""
     reports = {f"{cell.cell}/{t.key}": 20.0 * cell.rate_hz(t) for t in TOPICS if t.qos == "report"}
     asked = {f"{cell.cell}/{row.key}": 100.0 for row in REQUESTS if row.key != "request/hold"}
-    asked[f"{cell.cell}/{DESCRIBE}"] = 5.0
+    asked[f"{cell.cell}/{DESCRIBE}"] = asked[f"{cell.cell}/{INFO}"] = 5.0
     limits = rate_limits(cell)
     assert len({limit["id"] for limit in limits}) == len(limits) == 2
     for limit, message, expected in zip(limits, ("put", "query"), (reports, asked), strict=True):

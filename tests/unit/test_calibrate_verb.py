@@ -49,7 +49,7 @@ def lab(tmp_path, monkeypatch) -> CalibrationLab:
     def open_bus(_cell: Any, _role: str, *, patience_s: float) -> Iterator[Any]:
         yield found.bus
 
-    monkeypatch.setattr("common.bus.zenoh_bus.open_bus", open_bus)
+    monkeypatch.setattr("common.bus.cell_bus.open_bus", open_bus)
     return found
 
 

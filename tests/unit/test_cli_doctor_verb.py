@@ -16,7 +16,8 @@ from cli.context import NO_ANSWER, NOT_WELL, OK, USAGE
 from cli.doctor import link as doctor_link
 from cli.doctor.bus import listen
 from cli.doctor.link import Patience
-from common.bus.zenoh_bus import ENDPOINT_VARIABLE, open_bus
+from common.bus.cell_bus import open_bus
+from common.bus.zenoh_settings import ENDPOINT_VARIABLE
 from common.config.cell import Cell
 from common.config.load import cell_hash, dump_cell, load_cell
 from controller.packet_table import Status

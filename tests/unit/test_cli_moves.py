@@ -4,12 +4,13 @@ import pytest
 from typer.testing import CliRunner
 
 from cli.__main__ import app
-from common.client import ArmStoppedError, Cell, Move
+from common.bus.configured_cell import ConfiguredCell
+from common.client import ArmStoppedError, Move
 from forcemesh.requests import MoveRequest
 from tests.fakes.lab import Lab
 
 
-def ask(cell: Cell, lab: Lab, commander: str) -> Move:
+def ask(cell: ConfiguredCell, lab: Lab, commander: str) -> Move:
     """Ask for a move up."""
     pose = lab.target(z_m=0.04)
     wish = MoveRequest.model_validate({"kind": "pose", "pose": pose, "commander": commander})
@@ -19,7 +20,7 @@ def ask(cell: Cell, lab: Lab, commander: str) -> Move:
 def test_a_move_that_is_taken_over_ends_with_the_reason() -> None:
     """The program hears who took the arm; the person's move is waited for to its end."""
     lab = Lab()
-    cell = Cell(lab.cell.cell, bus=lab.cell.client)
+    cell = ConfiguredCell(lab.cell.cell, bus=lab.cell.client)
     of_program = ask(cell, lab, "program")
     lab.cell.advance(0.3)
     of_person = ask(cell, lab, "operator")

@@ -13,8 +13,10 @@ from typer.testing import CliRunner, Result
 
 from cli.__main__ import app
 from cli.context import CELL_VARIABLE, NO_ANSWER, NOT_WELL, OK, REFUSED, USAGE
-from common.bus.zenoh_bus import ENDPOINT_VARIABLE, open_hub
-from common.client import Cell, LostError
+from common.bus.cell_bus import open_hub
+from common.bus.configured_cell import ConfiguredCell
+from common.bus.zenoh_settings import ENDPOINT_VARIABLE
+from common.client import LostError
 from common.config.cell import Cell as CellFile
 from common.config.load import dump_cell, load_cell
 from forcemesh import topics
@@ -341,7 +343,7 @@ def test_watch_without_a_topic_shows_how_all_of_them_come() -> None:
 
 def test_a_client_serves_many_threads_at_once(services: StandIn, cell_file: Path) -> None:
     """Buttons of a panel and its plots: every request is answered, every reading is good."""
-    with Cell(cell_file) as cell, ThreadPoolExecutor(8) as pool:
+    with ConfiguredCell(cell_file) as cell, ThreadPoolExecutor(8) as pool:
         asked = [pool.submit(cell.hold, f"thread {i}") for i in range(16)]
         seen = [pool.submit(cell.state) for _ in range(64)]
         assert all(each.result().accepted for each in asked)
@@ -354,7 +356,7 @@ def test_a_client_of_a_cell_whose_service_is_silent_says_which(
 ) -> None:
     """The hub answers, nobody writes any health: all roles are named."""
     del services
-    with Cell(cell_file) as cell, pytest.raises(LostError) as caught:
+    with ConfiguredCell(cell_file) as cell, pytest.raises(LostError) as caught:
         cell.wrench(within_s=0.1)
     assert caught.value.roles == topics.ROLES
     assert "wrench missing" in str(caught.value)

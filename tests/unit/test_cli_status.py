@@ -14,7 +14,8 @@ import pytest
 from cli.doctor.bus import listen
 from cli.record import recorder_beside
 from cli.status import DOWN, CellStatus, cell_status, is_well, restarts_of
-from common.bus.zenoh_bus import ENDPOINT_VARIABLE, open_bus
+from common.bus.cell_bus import open_bus
+from common.bus.zenoh_settings import ENDPOINT_VARIABLE
 from common.config.cell import Cell
 from common.config.load import dump_cell, load_cell
 from forcemesh import topics

@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 from cli.__main__ import app
 from cli.context import CELL_VARIABLE, EXITS, NO_ANSWER, NOT_WELL, USAGE
 from cli.exits import TABLE, exit_code_of
-from common.bus.zenoh_bus import ENDPOINT_VARIABLE
+from common.bus.zenoh_settings import ENDPOINT_VARIABLE
 from common.config.load import load_cell
 from forcemesh.errors import (
     BusError,

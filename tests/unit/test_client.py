@@ -7,9 +7,9 @@ from typing import Literal
 
 import pytest
 
+from common.bus.configured_cell import ConfiguredCell
 from common.client import (
     ArmStoppedError,
-    Cell,
     DataError,
     ForcemeshError,
     LostError,
@@ -36,20 +36,20 @@ def lab() -> Lab:
 
 
 @pytest.fixture
-def cell(lab: Lab) -> Iterator[Cell]:
+def cell(lab: Lab) -> Iterator[ConfiguredCell]:
     """A client on it."""
-    with Cell(lab.cell.cell, bus=lab.cell.client) as client:
+    with ConfiguredCell(lab.cell.cell, bus=lab.cell.client) as client:
         yield client
 
 
 @pytest.fixture(scope="module")
-def calm() -> Cell:
+def calm() -> ConfiguredCell:
     """A client on a cell that stays armed and still; tests share it."""
     lab = Lab()
-    return Cell(lab.cell.cell, bus=lab.cell.client)
+    return ConfiguredCell(lab.cell.cell, bus=lab.cell.client)
 
 
-def up(cell: Cell) -> MoveRequest:
+def up(cell: ConfiguredCell) -> MoveRequest:
     """A move up that takes a while."""
     state = cell.state()
     x, y, z = state.position_m
@@ -68,7 +68,7 @@ def test_the_example_of_the_readme_presses(lab: Lab) -> None:
     assert printed == [pytest.approx(15.0, abs=1.0)]
 
 
-def test_every_verb_waits_until_it_is_so(lab: Lab, cell: Cell) -> None:
+def test_every_verb_waits_until_it_is_so(lab: Lab, cell: ConfiguredCell) -> None:
     """Hold, clear, arm, press, change the set point, stop."""
     cell.hold("a test")
     cell.clear()
@@ -84,7 +84,9 @@ def test_every_verb_waits_until_it_is_so(lab: Lab, cell: Cell) -> None:
     assert cell.status().commander == "none"
 
 
-def test_a_refusal_carries_code_remedy_and_the_number_that_was_too_much(calm: Cell) -> None:
+def test_a_refusal_carries_code_remedy_and_the_number_that_was_too_much(
+    calm: ConfiguredCell,
+) -> None:
     """What a program needs, and the sentence that a person needs."""
     with pytest.raises(RefusedError) as caught:
         calm.force.start(500.0)
@@ -95,7 +97,7 @@ def test_a_refusal_carries_code_remedy_and_the_number_that_was_too_much(calm: Ce
     assert str(error).endswith(f"[value 500, limit {error.limit:g}] -> {error.remedy}")
 
 
-def test_a_move_returns_where_the_arm_is(lab: Lab, cell: Cell) -> None:
+def test_a_move_returns_where_the_arm_is(lab: Lab, cell: ConfiguredCell) -> None:
     """To a pose and by joint angles; the state that comes back is that of the end."""
     before = cell.state()
     x, y, z = before.position_m
@@ -108,7 +110,7 @@ def test_a_move_returns_where_the_arm_is(lab: Lab, cell: Cell) -> None:
 
 @pytest.mark.parametrize(("axes", "up_m"), [("base", 0.01), ("tool", -0.01)])
 def test_a_jog_shifts_and_turns_the_tool(
-    cell: Cell, axes: Literal["base", "tool"], up_m: float
+    cell: ConfiguredCell, axes: Literal["base", "tool"], up_m: float
 ) -> None:
     """Along base z, and back along the tool's own z, which points down here: the same way."""
     before = cell.state()
@@ -119,7 +121,7 @@ def test_a_jog_shifts_and_turns_the_tool(
 
 
 def test_a_move_that_returned_may_be_followed_by_the_next_at_once(
-    lab: Lab, cell: Cell, monkeypatch: pytest.MonkeyPatch
+    lab: Lab, cell: ConfiguredCell, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Also where the arbiter hears of the arrival after the client, as on a busy machine."""
     arbiter = lab.cell.runners["arbiter"]
@@ -130,14 +132,14 @@ def test_a_move_that_returned_may_be_followed_by_the_next_at_once(
         cell.move.to((x_m, y_m, z_m + 0.001 * (1 + number % 2)))
 
 
-def test_a_move_out_of_reach_is_refused_before_it_begins(calm: Cell) -> None:
+def test_a_move_out_of_reach_is_refused_before_it_begins(calm: ConfiguredCell) -> None:
     """The workspace is the arbiter's to keep; the code is a row of the table."""
     with pytest.raises(RefusedError) as caught:
         calm.move.to((0.0, 0.475, 3.0))
     assert caught.value.code in FAULTS
 
 
-def test_a_move_that_is_stopped_says_by_what(lab: Lab, cell: Cell) -> None:
+def test_a_move_that_is_stopped_says_by_what(lab: Lab, cell: ConfiguredCell) -> None:
     """A hold by somebody else ends the waiting with its reason and the way on."""
     going = cell.move.begin(up(cell))
     lab.cell.advance(0.3)
@@ -148,14 +150,16 @@ def test_a_move_that_is_stopped_says_by_what(lab: Lab, cell: Cell) -> None:
     assert caught.value.remedy == FAULTS["hold"].remedy
 
 
-def test_a_move_without_time_left_holds_the_arm(cell: Cell) -> None:
+def test_a_move_without_time_left_holds_the_arm(cell: ConfiguredCell) -> None:
     """What nobody waits for any more does not go on."""
     with pytest.raises(NotReachedError, match=r"not done within 0\.2 s"):
         cell.move.begin(up(cell)).wait(timeout_s=0.2)
     assert cell.status().state == "HOLDING"
 
 
-def test_pressing_that_does_not_come_about_stops_force_feedback(lab: Lab, cell: Cell) -> None:
+def test_pressing_that_does_not_come_about_stops_force_feedback(
+    lab: Lab, cell: ConfiguredCell
+) -> None:
     """The time is up while the tool is still on its way to the plate."""
     with pytest.raises(NotReachedError, match=r"15 N were not reached within 0\.1 s"):
         cell.force.press(15.0, within_s=0.1)
@@ -164,7 +168,7 @@ def test_pressing_that_does_not_come_about_stops_force_feedback(lab: Lab, cell: 
     assert cell.target.reading().message.mode is None  # type: ignore[union-attr]
 
 
-def test_pressing_that_is_stopped_says_by_what(lab: Lab, cell: Cell) -> None:
+def test_pressing_that_is_stopped_says_by_what(lab: Lab, cell: ConfiguredCell) -> None:
     """A hold while the tool approaches."""
     lab.cell.advance(0.1)
     stop_at = lab.cell.clock.now_ns() + 200_000_000
@@ -177,7 +181,7 @@ def test_pressing_that_is_stopped_says_by_what(lab: Lab, cell: Cell) -> None:
         cell.force.press(15.0, progress=hold)
 
 
-def test_what_nobody_started_cannot_be_changed(calm: Cell) -> None:
+def test_what_nobody_started_cannot_be_changed(calm: ConfiguredCell) -> None:
     """A set point alone would leave mode and axes to chance."""
     with pytest.raises(ForcemeshError, match="use start"):
         calm.force.set(5.0)
@@ -201,13 +205,13 @@ def test_what_nobody_started_cannot_be_changed(calm: Cell) -> None:
         (lambda cell: cell.arm("weld"), "purpose: .*found 'weld'"),
     ],
 )
-def test_an_argument_that_no_request_can_say_is_named(calm: Cell, do, names: str) -> None:
+def test_an_argument_that_no_request_can_say_is_named(calm: ConfiguredCell, do, names: str) -> None:
     """One sentence of ours, nothing was sent."""
     with pytest.raises(DataError, match=names):
         do(calm)
 
 
-def test_gains_come_back_as_numbers(calm: Cell) -> None:
+def test_gains_come_back_as_numbers(calm: ConfiguredCell) -> None:
     """What was set is there, what was left out is as before."""
     before = calm.force.gains()
     assert isinstance(before, Gains)
@@ -216,7 +220,7 @@ def test_gains_come_back_as_numbers(calm: Cell) -> None:
     assert after == before.model_copy(update={"force_i_m_per_Ns": (1e-5, 2e-5, 3e-5)})
 
 
-def test_speeds_that_are_left_out_keep_their_value(calm: Cell) -> None:
+def test_speeds_that_are_left_out_keep_their_value(calm: ConfiguredCell) -> None:
     """The arbiter sends along what was set."""
     before = calm.speed()
     wanted = calm.speed(mechanical_m_s=0.02)
@@ -224,7 +228,7 @@ def test_speeds_that_are_left_out_keep_their_value(calm: Cell) -> None:
     assert calm.speed() == wanted == before.model_copy(update={"mechanical_m_s": 0.02})
 
 
-def test_a_service_that_died_is_named(lab: Lab, cell: Cell) -> None:
+def test_a_service_that_died_is_named(lab: Lab, cell: ConfiguredCell) -> None:
     """By the feed that fell silent, and by the request that nobody answers."""
     lab.cell.kill("wrench")
     with pytest.raises(LostError, match=r"silent: wrench\b") as caught:
@@ -234,7 +238,7 @@ def test_a_service_that_died_is_named(lab: Lab, cell: Cell) -> None:
         cell.wrench(within_s=0.05)
 
 
-def test_a_service_that_cannot_answer_says_why(lab: Lab, cell: Cell) -> None:
+def test_a_service_that_cannot_answer_says_why(lab: Lab, cell: ConfiguredCell) -> None:
     """The wrench without a robot is heard, and is no force."""
     lab.cell.kill("robot")
     lab.cell.advance(0.3)
@@ -244,7 +248,7 @@ def test_a_service_that_cannot_answer_says_why(lab: Lab, cell: Cell) -> None:
     assert caught.value.remedy
 
 
-def test_a_stream_yields_each_message_once_and_in_order(calm: Cell) -> None:
+def test_a_stream_yields_each_message_once_and_in_order(calm: ConfiguredCell) -> None:
     """At the rate of the cell, with the stamps of its writer."""
     heard = list(calm.wrench.stream(seconds=0.5))
     numbers = [each.header.seq for each in heard]
@@ -254,14 +258,14 @@ def test_a_stream_yields_each_message_once_and_in_order(calm: Cell) -> None:
     assert heard[-1].stamp_s - heard[0].stamp_s == pytest.approx(0.5, rel=0.1)
 
 
-def test_a_stream_that_falls_silent_ends_with_the_reason(lab: Lab, cell: Cell) -> None:
+def test_a_stream_that_falls_silent_ends_with_the_reason(lab: Lab, cell: ConfiguredCell) -> None:
     """A loop over messages does not hang for ever."""
     lab.cell.kill("wrench")
     with pytest.raises(LostError, match=r"nothing on wrench for 0\.5 s"):
         list(cell.wrench.stream(silence_s=0.5))
 
 
-def test_a_rate_is_the_writers_however_seldom_one_looks(lab: Lab, cell: Cell) -> None:
+def test_a_rate_is_the_writers_however_seldom_one_looks(lab: Lab, cell: ConfiguredCell) -> None:
     """It is taken from the numbers that messages carry."""
     for _ in range(4):
         cell.wrench.reading()

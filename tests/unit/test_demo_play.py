@@ -44,7 +44,7 @@ def play(monkeypatch: pytest.MonkeyPatch, mourners: Mourners) -> ForcemeshError:
         raise BusError(UNHEARD)
 
     monkeypatch.setattr("launch.processes.Supervisor", lambda _cell: mourners)
-    monkeypatch.setattr("common.bus.zenoh_bus.open_bus", lambda *_: nullcontext())
+    monkeypatch.setattr("common.bus.cell_bus.open_bus", lambda *_: nullcontext())
     monkeypatch.setattr(demo_play, "Scenario", lambda *_, **__: type("S", (), {"run": unheard})())
     with pytest.raises(ForcemeshError) as caught:
         demo_play.play_real(load_cell(CELL), Plan(), lambda *_: None, 7.0)

@@ -12,8 +12,8 @@ import pytest
 import zenoh
 from jsonschema import Draft202012Validator
 
-from common.bus.zenoh_bus import open_hub
-from common.client import Cell
+from common.bus.cell_bus import open_hub
+from common.bus.configured_cell import ConfiguredCell
 from common.config.load import load_cell
 from forcemesh.codec import Header, encode, encode_record
 from forcemesh.requests import Reply
@@ -79,7 +79,7 @@ def test_the_file_in_the_documentation_is_that_of_the_code() -> None:
 def test_a_client_asks_the_hub_what_is_said() -> None:
     """The whole table, from the running cell."""
     cell = VirtualCell(CELL)
-    assert Cell(CELL, bus=cell.client).describe() == describe()
+    assert ConfiguredCell(CELL, bus=cell.client).describe() == describe()
 
 
 @pytest.fixture

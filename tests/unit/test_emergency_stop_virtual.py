@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from common.client import Cell
+from common.bus.configured_cell import ConfiguredCell
 from common.config.load import load_cell
 from common.motion.convert import vec3
 from forcemesh import topics
@@ -85,7 +85,7 @@ def test_power_that_goes_while_it_presses_is_not_made_up_for_when_it_comes_back(
     lab.assert_still(1.0)
     assert not lab.status.goes_on
 
-    client = Cell(lab.cell.cell, commander="operator", bus=lab.cell.client)
+    client = ConfiguredCell(lab.cell.cell, commander="operator", bus=lab.cell.client)
     lab.cell.advance(1.2)
     sank_m = lab.p_m()
     client.clear()

@@ -12,7 +12,8 @@ from typer.testing import CliRunner
 
 from cli.__main__ import app
 from cli.status import in_words
-from common.bus.zenoh_bus import ENDPOINT_VARIABLE, open_bus
+from common.bus.cell_bus import open_bus
+from common.bus.zenoh_settings import ENDPOINT_VARIABLE
 from common.config.cell import Cell
 from common.config.load import dump_cell, load_cell
 from forcemesh import topics

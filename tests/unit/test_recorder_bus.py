@@ -5,12 +5,12 @@ from typing import Any
 
 import pytest
 
+from common.bus.hub_settings import hub_settings
 from common.bus.zenoh_settings import (
     BATCH_B,
     ONE_THREAD,
     RUNTIME_VARIABLE,
     client_settings,
-    hub_settings,
     listen_with_one_thread,
     with_room,
 )

@@ -11,7 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from common.bus.zenoh_bus import ENDPOINT_VARIABLE, open_hub
+from common.bus.cell_bus import open_hub
+from common.bus.zenoh_settings import ENDPOINT_VARIABLE
 from common.config.load import load_cell
 from common.runtime.service import refuse_unless_played_by
 from forcemesh import topics

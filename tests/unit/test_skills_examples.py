@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from common.client import Cell
+from common.bus.configured_cell import ConfiguredCell
 from common.config.load import load_cell
 from launch.virtual_cell import VirtualCell
 from tests.fakes.axes_checked import axes_are_checked
@@ -29,12 +29,12 @@ def load(name: str):
     return module
 
 
-def armed(**overrides) -> tuple[VirtualCell, Cell]:
+def armed(**overrides) -> tuple[VirtualCell, ConfiguredCell]:
     """Return a cell in virtual time and a program's client of it."""
     changed = {f"sim.{k}": v for k, v in overrides.items()}
     config = load_cell(DEMO, {"rates": HALF_RATES, **changed})
     world = VirtualCell(config)
-    cell = Cell(config, bus=world.client)
+    cell = ConfiguredCell(config, bus=world.client)
     cell.wait_ready()
     cell.tare()
     cell.arm()

@@ -10,7 +10,7 @@ from cli.skills import force_session as at_work
 from cli.skills.contact_monitor import silent
 from cli.skills.path_file import read_poses
 from cli.skills.pressing import How
-from common.client import Cell
+from common.bus.configured_cell import ConfiguredCell
 from common.config.load import load_cell
 from common.motion.convert import pose_of
 from forcemesh.errors import ArmStoppedError, DataError, NotReachedError
@@ -29,7 +29,7 @@ class Skilled:
     def __init__(self, **overrides) -> None:
         config = load_cell(DEMO, {"rates": HALF_RATES, **overrides})
         self.world = VirtualCell(config)
-        self.client = Cell(config, bus=self.world.client, commander="operator")
+        self.client = ConfiguredCell(config, bus=self.world.client, commander="operator")
         self.client.wait_ready()
         self.client.tare()
         self.client.arm()

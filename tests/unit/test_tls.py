@@ -6,13 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.bus.zenoh_settings import (
-    ENDPOINT_VARIABLE,
-    client_settings,
-    endpoint_of,
-    hub_settings,
-    security_of,
-)
+from common.bus.hub_settings import hub_settings
+from common.bus.zenoh_settings import ENDPOINT_VARIABLE, client_settings, endpoint_of, security_of
 from common.config.cell import Cell
 from common.config.load import load_cell
 from common.security.published_ports import HUB_PUBLISHED

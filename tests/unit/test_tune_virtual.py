@@ -9,7 +9,7 @@ import pytest
 
 from cli.skills.contact_monitor import silent
 from cli.tune.measure import Ears, Measuring, Readings, Trial, measure
-from common.client import Cell
+from common.bus.configured_cell import ConfiguredCell
 from common.config.load import load_cell
 from forcemesh.errors import DataError, NotReachedError, RefusedError
 from launch.virtual_cell import VirtualCell
@@ -33,7 +33,7 @@ class Tuned:
     def __init__(self, name: str = "demo.yaml", overrides=None) -> None:
         config = load_cell(CELLS / name, overrides)
         self.world = VirtualCell(config)
-        self.client = Cell(config, bus=self.world.client, commander="operator")
+        self.client = ConfiguredCell(config, bus=self.world.client, commander="operator")
         self.world.advance(1.6)
         self.client.wait_ready()
         self.client.tare()

@@ -8,7 +8,7 @@ import typer
 
 from cli import verbs_motion
 from cli.context import REFUSED, confirmed
-from common.client import Cell
+from common.bus.configured_cell import ConfiguredCell
 from common.config.load import load_cell
 from forcemesh import topics
 from forcemesh.errors import ArmStoppedError, RefusedError
@@ -19,9 +19,9 @@ from tests.fakes.lab import BRAKE_S, Lab
 WIDE = load_cell(DEMO_CELL, {"limits.move_rise_N": 1000.0})
 
 
-def client_of(lab: Lab) -> Cell:
+def client_of(lab: Lab) -> ConfiguredCell:
     """A program's way into the lab."""
-    return Cell(lab.cell.cell, commander="operator", bus=lab.cell.client)
+    return ConfiguredCell(lab.cell.cell, commander="operator", bus=lab.cell.client)
 
 
 def test_a_jog_into_the_plate_stops_at_its_force_rise_below_the_ceiling() -> None:

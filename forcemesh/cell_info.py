@@ -1,0 +1,58 @@
+"""What a client needs to know of a cell and asks its hub for: rates, deadlines, roles, the tool.
+
+The hub answers a query on `<cell>/info` with it, from the cell file that it runs with. So a client
+needs the address of a hub and the name of a cell, and no file.
+"""
+
+from typing import Any
+
+from forcemesh.bus import CallSource, Transport
+from forcemesh.codec import decode_record, encode_record
+from forcemesh.errors import LostError
+from forcemesh.messages import PoseRecord, Record
+from forcemesh.topics import INFO, Topic
+
+
+class CellInfo(Record):
+    """Facts of one cell, as its hub has read them."""
+
+    cell: str
+    config_hash: str  # of the cell file; every process of a cell reports the same
+    roles: dict[str, str]  # the process that plays each role: `robot` is `sim` or `gateway`
+    rates_hz: dict[str, float]  # by topic
+    deadlines_s: dict[str, float]  # by topic: the age from which on it is stale
+    T_flange_tcp: PoseRecord  # tool centre point in the flange frame
+    touch_N: float  # contact begins above
+
+    def rate_hz(self, topic: Topic[Any]) -> float:
+        """Return how often a topic is published [Hz]."""
+        return self.rates_hz[topic.key]
+
+    def stale_after_s(self, topic: Topic[Any]) -> float:
+        """Return the age [s] from which on a topic is stale."""
+        return self.deadlines_s[topic.key]
+
+
+class InfoServer:
+    """The hub's answer to clients; the payload of the query is ignored."""
+
+    def __init__(self, transport: Transport, info: CellInfo) -> None:
+        """Encode the answer once: it does not change while a hub runs."""
+        self._answer = encode_record(info)
+        self._calls: CallSource = transport.serve(f"{info.cell}/{INFO}")
+
+    def step(self) -> None:
+        """Answer every query that has come in."""
+        while (call := self._calls.take()) is not None:
+            call.answer(self._answer)
+
+
+def ask_for_info(transport: Transport, cell: str, timeout_s: float = 2.0) -> CellInfo:
+    """Return the facts of a cell from its hub. Raise LostError when it does not answer."""
+    data = transport.ask(f"{cell}/{INFO}", b"", timeout_s)
+    if data is None:
+        text = (
+            f"the hub did not answer {cell}/{INFO} in {timeout_s:g} s: is {cell} the cell's name?"
+        )
+        raise LostError(text, ("hub",))
+    return decode_record(data, CellInfo)

@@ -19,10 +19,10 @@ from rich.console import Console
 from rich.table import Table
 
 from common.bus.configured_cell import ConfiguredCell as Client
-from common.bus.zenoh_settings import ENDPOINT_VARIABLE
 from common.config.load import dump_cell, load_cell
 from forcemesh import topics
 from forcemesh.requests import Empty, RecordRequest
+from forcemesh.zenoh_settings import ENDPOINT_VARIABLE
 from launch.processes import Supervisor
 from launch.started_process import Process, Running, say_on_stderr
 from services.recorder.reading import RecordedFile

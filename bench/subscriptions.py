@@ -26,10 +26,10 @@ from rich.console import Console
 from rich.table import Table
 
 from common.bus.hub_settings import hub_settings
-from common.bus.zenoh_settings import client_settings
 from common.config.cell import Cell
 from common.config.load import load_cell
 from forcemesh.topics import TOPICS
+from forcemesh.zenoh_settings import client_settings
 from tools.figures import put
 
 DEMO = Path(__file__).parents[1] / "cells" / "demo.yaml"

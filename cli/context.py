@@ -223,7 +223,7 @@ def client_of(named: Path | None) -> "Iterator[tuple[CellFile, Bus]]":
 
 def ask(bus: "Bus", request: "Request[Q]", message: Q) -> "Reply":
     """Send a request and print the answer. Raise RefusedError when it is refused."""
-    from common.client.asking import ask as ask_once
+    from forcemesh.client.ask import ask as ask_once
 
     reply = ask_once(bus, request, message)
     tell(reply)

@@ -65,7 +65,7 @@ def init(
 ) -> None:
     """Make the authority and a certificate for every role and person of a cell."""
     from common.security.pki import make_authority, read_authority, write_pair
-    from common.security.tls import AUTHORITY, NAMES
+    from forcemesh.identity import AUTHORITY, NAMES
     from services.panel.access import TOKEN_VARIABLE
 
     with one_line_errors():
@@ -116,7 +116,7 @@ def issue(
 ) -> None:
     """Make one certificate: a new one before the old one expires, or one for another machine."""
     from common.security.pki import read_authority
-    from common.security.tls import HUB, NAMES, PAGE
+    from forcemesh.identity import HUB, NAMES, PAGE
 
     with one_line_errors():
         loaded, where = _cell_and_folder(cell, folder)
@@ -155,7 +155,7 @@ def check(folder: FolderOption = None, cell: CellOption = None) -> None:
 
 def _cell_and_folder(cell: Path | None, folder: Path | None) -> tuple[Cell, Path]:
     from common.config.load import load_cell
-    from common.security.tls import folder_of
+    from forcemesh.identity import folder_of
 
     loaded = load_cell(find_cell_file(cell))
     return loaded, folder_of(loaded) if folder is None else folder.expanduser().resolve()
@@ -165,7 +165,7 @@ def _issue(
     authority: Pair, name: str, cell: Cell, folder: Path, *, hosts: list[str], days: int
 ) -> None:
     from common.security.pki import make_certificate, write_pair
-    from common.security.tls import HUB
+    from forcemesh.identity import HUB
 
     names = dict.fromkeys([HUB, "localhost", "127.0.0.1", "::1", socket.gethostname(), *hosts])
     pair = make_certificate(authority, name, cell.cell, hosts=[*names], days=days, now=_now())
@@ -188,7 +188,7 @@ def _issue_page(
         read_authority,
         write_pair,
     )
-    from common.security.tls import PAGE, PAGE_AUTHORITY
+    from forcemesh.identity import PAGE, PAGE_AUTHORITY
 
     if again or not (folder / f"{PAGE_AUTHORITY}.pem").exists():
         write_pair(folder, PAGE_AUTHORITY, make_page_authority(cell.cell, _now()), owner=None)
@@ -201,7 +201,7 @@ def _issue_page(
 def _copy_authority(source: Path, target: Path) -> None:
     """Put the authority's certificate, never its key, beside others."""
     from common.security.pki import copy_certificate
-    from common.security.tls import AUTHORITY
+    from forcemesh.identity import AUTHORITY
 
     copy_certificate(source, target, AUTHORITY, owner=_owner())
 

@@ -117,9 +117,9 @@ def _bus_of(
     import typer
 
     from common.bus.cell_bus import open_bus, open_hub
-    from common.bus.zenoh_settings import ENDPOINT_VARIABLE
     from common.config.load import dump_cell, load_cell
     from forcemesh.topics import CLIENT
+    from forcemesh.zenoh_settings import ENDPOINT_VARIABLE
 
     if onto is not None:
         there = load_cell(onto)

@@ -7,9 +7,9 @@ from typing import TypedDict
 from cli.exits import NO_ANSWER, NOT_WELL, OK
 from common.bus.cell_bus import open_bus
 from common.config.cell import Cell
-from common.security.tls import folder_of, is_encrypted
 from forcemesh import topics
 from forcemesh.errors import BusError, SetupError
+from forcemesh.identity import folder_of, is_encrypted
 from forcemesh.messages import Health
 from launch.cell_view import CellView
 from launch.run_file import Run

@@ -20,7 +20,7 @@ from cli.numbers import JOINTS, NEGATIVE_NUMBERS, POSE, check_angle, parse_numbe
 
 if TYPE_CHECKING:
     from common.bus.configured_cell import ConfiguredCell
-    from common.client import Move
+    from forcemesh.client import Move
     from forcemesh.messages import Asker, RobotState, Vec3, Vec6
     from forcemesh.requests import MoveRequest
 
@@ -54,7 +54,7 @@ def move_to(
 ) -> None:
     """Move the flange to a pose in base: position [mm], Kawasaki's O, A, T [degrees]."""
     x, y, z, o, a, t = parse_vector(pose, POSE)
-    from common.client.turning import of_oat_deg
+    from forcemesh.client.rotations import of_oat_deg
     from forcemesh.messages import PoseRecord
     from forcemesh.requests import MoveRequest
 

@@ -12,7 +12,7 @@ from cli.context import USAGE, CellOption, cell_of, fail
 
 if TYPE_CHECKING:
     from common.bus.configured_cell import ConfiguredCell
-    from common.client import Feed, Heard
+    from forcemesh.client import Feed, Heard
     from forcemesh.messages import Message
     from forcemesh.topics import Topic
 

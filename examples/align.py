@@ -3,8 +3,8 @@
 import math
 import sys
 
-from common.client import Cell, ForcemeshError, NotReachedError
-from common.client.turning import inverse, times, unit
+from forcemesh.client import Cell, ForcemeshError, NotReachedError
+from forcemesh.client.rotations import inverse, times, unit
 
 FORCE_N = 10.0
 NO_TORQUE_NM = 0.1

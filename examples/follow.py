@@ -2,8 +2,8 @@
 
 import sys
 
-from common.client import Cell, ForcemeshError, NotReachedError
-from common.client.turning import plus, turned, unit
+from forcemesh.client import Cell, ForcemeshError, NotReachedError
+from forcemesh.client.rotations import plus, turned, unit
 from forcemesh.messages import Vec3
 from forcemesh.requests import ForceStartRequest
 

@@ -3,7 +3,7 @@
 import statistics
 import sys
 
-from common.client import Cell, ForcemeshError
+from forcemesh.client import Cell, ForcemeshError
 
 FORCE_N = 10.0
 HOLD_S = 2.0

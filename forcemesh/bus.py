@@ -1,6 +1,6 @@
 """The bus as services see it: publishers, readers that judge, inboxes; checked against the table.
 
-What carries the bytes is a `Transport`: Zenoh between processes (`common.bus.zenoh_bus`), or
+What carries the bytes is a `Transport`: Zenoh between processes (`forcemesh.zenoh_session`), or
 memory inside one process on a virtual clock (`common.bus.memory_bus`). Services cannot tell which.
 """
 

@@ -3,11 +3,11 @@
 import time
 from collections.abc import Callable
 
-from common.client.roles import Roles
 from common.config.cell import Cell
 from common.config.info import cell_info
 from forcemesh import topics
 from forcemesh.bus import Bus, Reading
+from forcemesh.client.roles import Roles
 from forcemesh.messages import ArbiterStatus, Health, SensorWrench
 
 POLL_S = 0.02

@@ -11,7 +11,6 @@ from pathlib import Path
 from types import TracebackType
 
 from common.bus.cell_bus import open_bus
-from common.bus.zenoh_settings import endpoint_of
 from common.config.cell import Cell
 from common.config.load import dump_cell
 from forcemesh import topics
@@ -19,6 +18,7 @@ from forcemesh.bus import Bus
 from forcemesh.errors import BusError, ForcemeshError
 from forcemesh.messages import MAY_MOVE
 from forcemesh.requests import HoldRequest
+from forcemesh.zenoh_settings import endpoint_of
 from launch.cell_view import POLL_S, CellView
 from launch.restart import PAUSE_S, Patience, Reviver
 from launch.run_file import read_run, writable_folder, write_whole

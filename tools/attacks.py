@@ -23,7 +23,6 @@ from typing import Any, NamedTuple
 import zenoh
 
 from common.bus.cell_bus import open_bus
-from common.bus.zenoh_settings import client_settings, endpoint_of
 from common.config.cell import Cell
 from common.config.load import load_cell
 from common.security.pki import (
@@ -33,13 +32,14 @@ from common.security.pki import (
     read_authority,
     write_pair,
 )
-from common.security.tls import AUTHORITY, Identity, folder_of
 from forcemesh import topics
 from forcemesh.bus import Bus
 from forcemesh.clock import MonotonicClock
 from forcemesh.codec import Header, decode, encode
+from forcemesh.identity import AUTHORITY, Identity, folder_of
 from forcemesh.messages import Goal, Permission, RobotCommand, RobotState
 from forcemesh.requests import ArmRequest, Empty, HoldRequest, MoveRequest
+from forcemesh.zenoh_settings import client_settings, endpoint_of
 
 SECONDS = 1.0  # of each attack
 EVERY_S = 0.02

@@ -12,9 +12,9 @@ from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING
 
 from cli.doctor.checks import Line, passed, skipped, trouble
-from common.bus.zenoh_settings import endpoint_of
 from common.runtime.priority import PRIORITY
 from common.runtime.version import forcemesh_version
+from forcemesh.zenoh_settings import endpoint_of
 
 if TYPE_CHECKING:
     from common.config.cell import Cell

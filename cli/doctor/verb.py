@@ -109,7 +109,7 @@ def _look(cell: "Cell") -> "list[Line]":
 def _zenoh(cell: "Cell", found: "Overheard | None") -> "Line":
     """Tell whether the bus answers; a cell that is not up has none."""
     from cli.doctor.checks import passed, skipped
-    from common.bus.zenoh_settings import endpoint_of
+    from forcemesh.zenoh_settings import endpoint_of
 
     where = endpoint_of(cell)
     if found is None:

@@ -10,10 +10,10 @@ import numpy as np
 import pinocchio as pin
 
 from common.bus.configured_cell import ConfiguredCell
-from common.client.asking import stopped
 from common.motion.convert import pose_of
 from common.motion.frames import Array
 from forcemesh import topics
+from forcemesh.client.ask import stopped
 from forcemesh.clock import NS_PER_S
 from forcemesh.errors import ArmStoppedError, ForcemeshError, LostError, NotReachedError
 from forcemesh.messages import RegulatorTarget

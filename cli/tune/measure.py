@@ -16,11 +16,11 @@ import pinocchio as pin
 
 from cli.skills.contact_monitor import Feeler, Felt, Steady, Tell, force_ends, silent
 from common.bus.configured_cell import ConfiguredCell
-from common.client.asking import stopped
 from common.motion.convert import pose_of, record_of
 from common.motion.frames import Array
 from forcemesh import topics
 from forcemesh.bus import Reader
+from forcemesh.client.ask import stopped
 from forcemesh.clock import NS_PER_S
 from forcemesh.errors import DataError, NotReachedError, RefusedError
 from forcemesh.faults import FAULTS

@@ -4,11 +4,11 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from common.bus.hub_settings import hub_settings
-from common.bus.zenoh_bus import open_router, open_session
-from common.bus.zenoh_settings import endpoint_of
 from common.config.cell import Cell
 from forcemesh.bus import Bus
 from forcemesh.clock import Clock, MonotonicClock
+from forcemesh.zenoh_session import open_router, open_session
+from forcemesh.zenoh_settings import endpoint_of
 
 
 @contextmanager

@@ -2,11 +2,11 @@
 
 from pathlib import Path
 
-from common.client import Cell
 from common.config.cell import Cell as CellFile
 from common.config.info import cell_info
 from common.config.load import load_cell
 from forcemesh.bus import Bus
+from forcemesh.client import Cell
 from forcemesh.messages import Asker
 
 

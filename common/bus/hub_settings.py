@@ -1,11 +1,11 @@
-"""Settings of a cell's hub: access control, rate limits, lengths of messages. Pure but for files."""
+"""Settings of a cell's hub: access control, rate limits, lengths of messages."""
 
 from typing import Any
 
-from common.bus.zenoh_settings import security_of, session_settings
 from common.config.cell import Cell
 from common.security.access_control import access_control, rate_limits
-from common.security.tls import refuse_in_the_clear
+from forcemesh.identity import refuse_in_the_clear
+from forcemesh.zenoh_settings import security_of, session_settings
 
 # What no honest client needs more of: the longest message of the table has less than 4 kB.
 LONGEST_MESSAGE_B = 16_384

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from common.security.published_ports import HUB_PUBLISHED, PANEL_PUBLISHED, is_loopback
+from forcemesh.published_ports import HUB_PUBLISHED, PANEL_PUBLISHED, is_loopback
 
 # Who plays robot and sensor in the containers of a profile.
 PLAYERS: dict[str, dict[str, tuple[str, ...]]] = {

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import yaml
 from pydantic import AwareDatetime, Field, model_validator
 
-from common.config.cell_bus import Section
 from common.config.cell_terms import AxisGain, FrameSection, NotNegative
+from forcemesh.connection import Section
 from forcemesh.errors import DataError
 from forcemesh.messages import Vec3
 from forcemesh.units import mounting_objection

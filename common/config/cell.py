@@ -8,11 +8,11 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, model_validator
 
 from common.config.calibration import CalibrationSection, PayloadSection
-from common.config.cell_bus import BusSection, Section
 from common.config.cell_panel import PanelSection
 from common.config.cell_recorder import RecorderSection
 from common.config.cell_sim import SimSection
 from common.config.cell_terms import Angle, Fraction, FrameSection, Positive
+from forcemesh.connection import BusSection, Section
 from forcemesh.messages import Host, Law, Vec3
 from forcemesh.patterns import CELL_NAME
 from forcemesh.topics import Topic

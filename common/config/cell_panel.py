@@ -2,7 +2,7 @@
 
 from pydantic import Field, field_validator, model_validator
 
-from common.config.cell_bus import Section
+from forcemesh.connection import Section
 from forcemesh.patterns import TOKEN
 
 SHORTEST_TOKEN = 16

@@ -2,7 +2,7 @@
 
 from pydantic import Field
 
-from common.config.cell_bus import Section
+from forcemesh.connection import Section
 
 
 class RecorderSection(Section):

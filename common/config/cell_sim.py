@@ -5,7 +5,7 @@ from typing import Annotated
 from pydantic import Field
 
 from common.config.calibration import BiasForce, ComPart
-from common.config.cell_bus import Section
+from forcemesh.connection import Section
 
 SimTorque = Annotated[float, Field(ge=-20.0, le=20.0)]  # [N m] of the simulated sensor's bias
 

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from pydantic import Field
 
-from common.config.cell_bus import Section
+from forcemesh.connection import Section
 
 if TYPE_CHECKING:
     import pinocchio as pin

@@ -1,9 +1,9 @@
 """The facts of a cell file that its hub gives to clients."""
 
-from common.client import turning
 from common.config.cell import Cell
 from common.config.load import cell_hash
 from forcemesh.cell_info import CellInfo
+from forcemesh.client import rotations as turning
 from forcemesh.messages import PoseRecord
 from forcemesh.topics import TOPICS
 

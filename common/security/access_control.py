@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from common.config.cell import Cell
-from common.security.tls import MONITOR, OPERATOR, PANEL, common_name
+from forcemesh.identity import MONITOR, OPERATOR, PANEL, common_name
 from forcemesh.topics import (
     DESCRIBE,
     HEALTH,

@@ -18,8 +18,8 @@ from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
-from common.security.tls import AUTHORITY, HUB, common_name
 from forcemesh.errors import DataError
+from forcemesh.identity import AUTHORITY, HUB, common_name
 
 AUTHORITY_DAYS = 3650
 CLOCK_SKEW = dt.timedelta(hours=1)  # between this machine and the others
@@ -55,7 +55,7 @@ def make_certificate(
 
     Args:
         authority: Signs it.
-        name: A name of common/security/tls.py. The hub's certificate is good for both ends of a
+        name: A name of forcemesh/identity.py. The hub's certificate is good for both ends of a
             link, for it may hang on another hub; all others are good for a client's end alone.
         cell: Of which the name is.
         hosts: Under which the hub is reached; no other name is reached by anyone.

@@ -13,8 +13,8 @@ from cryptography.hazmat.primitives import serialization
 from cryptography.x509.oid import NameOID
 
 from common.security.pki import can_be_the_hub, read_certificate
-from common.security.tls import AUTHORITY, HUB, NAMES, PAGE, PAGE_AUTHORITY, common_name
 from forcemesh.errors import DataError
+from forcemesh.identity import AUTHORITY, HUB, NAMES, PAGE, PAGE_AUTHORITY, common_name
 
 SOON = dt.timedelta(days=14)
 OTHERS = stat.S_IRWXG | stat.S_IRWXO

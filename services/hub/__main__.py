@@ -5,13 +5,13 @@ from contextlib import AbstractContextManager
 from functools import partial
 
 from common.bus.cell_bus import open_hub
-from common.bus.zenoh_bus import log_refusals
-from common.bus.zenoh_settings import endpoint_of
 from common.config.cell import Cell
 from common.runtime.service import main
 from common.security.access_control import names_of
-from common.security.tls import is_encrypted
 from forcemesh.bus import Bus
+from forcemesh.identity import is_encrypted
+from forcemesh.zenoh_session import log_refusals
+from forcemesh.zenoh_settings import endpoint_of
 from services.hub.refusals import Refusals
 from services.hub.service import Hub
 

@@ -12,8 +12,8 @@ from http.cookies import CookieError, SimpleCookie
 from urllib.parse import parse_qs, urlsplit
 
 from common.config.cell_panel import SAME_TOKEN, PanelSection, guessable
-from common.security.published_ports import PANEL_PUBLISHED, is_loopback
 from forcemesh.errors import ForcemeshError
+from forcemesh.published_ports import PANEL_PUBLISHED, is_loopback
 from services.panel.sessions import LASTS_S, Rights
 
 TOKEN_VARIABLE = "FORCEMESH_PANEL_TOKEN"  # noqa: S105 - the name of a variable

@@ -7,7 +7,7 @@ import threading
 
 import viser
 
-from common.client import Cell, RefusedError
+from forcemesh.client import Cell, RefusedError
 from forcemesh.errors import NotReachedError
 from services.panel.markup import html
 from services.panel.viewer import Viewer

@@ -8,8 +8,8 @@ import ssl
 from pathlib import Path
 
 from common.config.cell import Cell
-from common.security.tls import PAGE, folder_of
 from forcemesh.errors import ForcemeshError
+from forcemesh.identity import PAGE, folder_of
 from services.panel.access import Door
 
 

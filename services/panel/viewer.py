@@ -11,8 +11,8 @@ from typing import Any, Literal
 
 import viser
 
-from common.client import Cell, RefusedError
 from common.config.cell import Cell as CellFile
+from forcemesh.client import Cell, RefusedError
 from forcemesh.errors import BusError, ForcemeshError
 from services.panel.faultlog import FaultLog
 from services.panel.markup import Html, html

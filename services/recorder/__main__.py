@@ -1,7 +1,7 @@
 """Recorder: every topic in, MCAP files out; it never commands, and nobody waits for it."""
 
-from common.bus.zenoh_settings import listen_with_one_thread
 from common.runtime.service import main
+from forcemesh.zenoh_settings import listen_with_one_thread
 from services.recorder.service import Recorder
 
 if __name__ == "__main__":

@@ -11,11 +11,11 @@ import time
 
 import zenoh
 
-from common.bus.zenoh_settings import endpoint_of
 from common.config.cell import Cell
 from common.config.load import load_cell
 from common.runtime.service import stop_on_signals
 from forcemesh import topics
+from forcemesh.zenoh_settings import endpoint_of
 
 BURST_S = 0.001
 VIEWER_HOLDS = 64  # samples that wait in the viewer's own channel

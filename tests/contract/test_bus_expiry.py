@@ -11,13 +11,13 @@ from cryptography import x509
 from cryptography.hazmat.primitives import hashes
 
 from common.bus.cell_bus import open_bus, open_hub
-from common.bus.zenoh_settings import client_settings
 from common.config.cell import Cell
 from common.security.pki import Pair, make_certificate, read_authority, write_pair
-from common.security.tls import Identity
 from forcemesh import topics
 from forcemesh.clock import MonotonicClock
+from forcemesh.identity import Identity
 from forcemesh.messages import Permission, RobotCommand
+from forcemesh.zenoh_settings import client_settings
 from tests.contract.test_bus_tls import make_cell, make_certificates
 
 pytestmark = pytest.mark.realtime

@@ -17,16 +17,16 @@ from typer.testing import CliRunner
 from cli.__main__ import app
 from common.bus.cell_bus import open_bus, open_hub
 from common.bus.hub_settings import hub_settings
-from common.bus.zenoh_settings import ENDPOINT_VARIABLE, client_settings
 from common.config.cell import Cell
 from common.config.load import dump_cell, load_cell
 from common.security.pki import copy_certificate, make_certificate, read_authority, write_pair
-from common.security.tls import FOLDER_VARIABLE, NAME_VARIABLE, NAMES, Identity
 from forcemesh import topics
 from forcemesh.errors import BusError
+from forcemesh.identity import FOLDER_VARIABLE, NAME_VARIABLE, NAMES, Identity
 from forcemesh.messages import Health, WrenchAtTcp
 from forcemesh.requests import HoldRequest, Reply
 from forcemesh.topics import HEALTH, REQUESTS, TOPICS
+from forcemesh.zenoh_settings import ENDPOINT_VARIABLE, client_settings
 from services.hub.service import MOST_LINKS, Hub
 from tests.chaos.common_net import free_port
 

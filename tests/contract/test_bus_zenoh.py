@@ -11,8 +11,6 @@ from typing import Any
 import pytest
 
 from common.bus.cell_bus import open_bus, open_hub
-from common.bus.zenoh_bus import Ear
-from common.bus.zenoh_settings import ENDPOINT_VARIABLE
 from common.config.cell import Cell
 from common.config.load import load_cell
 from forcemesh import topics
@@ -20,6 +18,8 @@ from forcemesh.bus import Bus, Publisher, Reader
 from forcemesh.errors import BusError
 from forcemesh.messages import ArbiterStatus, Message, WrenchAtTcp
 from forcemesh.requests import ArmRequest, HoldRequest, Reply
+from forcemesh.zenoh_session import Ear
+from forcemesh.zenoh_settings import ENDPOINT_VARIABLE
 
 pytestmark = pytest.mark.realtime
 

@@ -14,7 +14,6 @@ import yaml
 from mcap.reader import NonSeekingReader
 
 from common.bus.cell_bus import open_bus, open_hub
-from common.bus.zenoh_settings import ENDPOINT_VARIABLE
 from common.config.cell import Cell
 from common.config.load import load_cell
 from forcemesh import topics
@@ -22,6 +21,7 @@ from forcemesh.bus import Bus, Publisher, Reader, Source
 from forcemesh.messages import Health, WrenchAtTcp
 from forcemesh.requests import Empty, RecordRequest
 from forcemesh.topics import CLIENT
+from forcemesh.zenoh_settings import ENDPOINT_VARIABLE
 from services.recorder.reading import RecordedFile
 from tests.chaos.common_net import free_port
 from tests.unit.test_recorder_files import of_every_topic, recorded

@@ -14,7 +14,6 @@ import zenoh
 
 from common.bus.cell_bus import open_hub
 from common.bus.hub_settings import LONGEST_MESSAGE_B
-from common.bus.zenoh_bus import ZenohTransport
 from common.config.cell import Cell
 from common.config.load import load_cell
 from forcemesh import topics
@@ -22,6 +21,7 @@ from forcemesh.bus import MOST_AT_ONCE, Inbox
 from forcemesh.codec import encode_record
 from forcemesh.messages import Health
 from forcemesh.requests import Empty
+from forcemesh.zenoh_session import ZenohTransport
 from tests.chaos import flood, soak
 from tests.chaos.common_net import free_port, make_cell, running_cell
 from tests.chaos.flood_peer import session_of

@@ -9,7 +9,7 @@ from nbclient import NotebookClient
 from typer.testing import CliRunner
 
 from cli.__main__ import app
-from common.client import Cell
+from forcemesh.client import Cell
 
 ROOT = Path(__file__).parents[2]
 FOLDER = ROOT / "notebooks"

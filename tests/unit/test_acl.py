@@ -8,7 +8,7 @@ import pytest
 from common.config.cell import Cell
 from common.config.load import load_cell
 from common.security.access_control import ANYBODY, access_control, names_of, rate_limits
-from common.security.tls import MONITOR, OPERATOR, PANEL, PEOPLE, common_name
+from forcemesh.identity import MONITOR, OPERATOR, PANEL, PEOPLE, common_name
 from forcemesh.topics import DESCRIBE, HELPERS, HOLD, INFO, REQUESTS, ROLES, SELF_TEST, TOPICS
 
 CELLS = Path(__file__).resolve().parents[2] / "cells"

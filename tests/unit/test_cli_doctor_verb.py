@@ -17,12 +17,12 @@ from cli.doctor import link as doctor_link
 from cli.doctor.bus import listen
 from cli.doctor.link import Patience
 from common.bus.cell_bus import open_bus
-from common.bus.zenoh_settings import ENDPOINT_VARIABLE
 from common.config.cell import Cell
 from common.config.load import cell_hash, dump_cell, load_cell
 from controller.packet_table import Status
 from forcemesh import topics
 from forcemesh.messages import Health, RobotState
+from forcemesh.zenoh_settings import ENDPOINT_VARIABLE
 from launch.processes import Supervisor
 from launch.run_file import FOLDER_VARIABLE, new_run, write_run
 from launch.started_process import Process

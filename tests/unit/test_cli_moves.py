@@ -5,7 +5,7 @@ from typer.testing import CliRunner
 
 from cli.__main__ import app
 from common.bus.configured_cell import ConfiguredCell
-from common.client import ArmStoppedError, Move
+from forcemesh.client import ArmStoppedError, Move
 from forcemesh.requests import MoveRequest
 from tests.fakes.lab import Lab
 

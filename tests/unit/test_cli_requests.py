@@ -15,11 +15,10 @@ from cli.__main__ import app
 from cli.context import CELL_VARIABLE, NO_ANSWER, NOT_WELL, OK, REFUSED, USAGE
 from common.bus.cell_bus import open_hub
 from common.bus.configured_cell import ConfiguredCell
-from common.bus.zenoh_settings import ENDPOINT_VARIABLE
-from common.client import LostError
 from common.config.cell import Cell as CellFile
 from common.config.load import dump_cell, load_cell
 from forcemesh import topics
+from forcemesh.client import LostError
 from forcemesh.faults import FAULTS
 from forcemesh.messages import (
     ArbiterStatus,
@@ -31,6 +30,7 @@ from forcemesh.messages import (
     WrenchAtTcp,
 )
 from forcemesh.requests import ArmRequest, BackOffRequest, MoveRequest, Reply
+from forcemesh.zenoh_settings import ENDPOINT_VARIABLE
 from launch.run_file import FOLDER_VARIABLE
 
 pytestmark = pytest.mark.realtime

@@ -15,13 +15,13 @@ from cli.doctor.bus import listen
 from cli.record import recorder_beside
 from cli.status import DOWN, CellStatus, cell_status, is_well, restarts_of
 from common.bus.cell_bus import open_bus
-from common.bus.zenoh_settings import ENDPOINT_VARIABLE
 from common.config.cell import Cell
 from common.config.load import dump_cell, load_cell
 from forcemesh import topics
 from forcemesh.bus import Bus
 from forcemesh.errors import ForcemeshError
 from forcemesh.messages import ArbiterStatus, Health, SensorWrench
+from forcemesh.zenoh_settings import ENDPOINT_VARIABLE
 from launch.cell_view import CellView
 from launch.processes import Supervisor
 from launch.run_file import FOLDER_VARIABLE, read_run

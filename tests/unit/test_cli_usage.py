@@ -12,9 +12,9 @@ from typer.testing import CliRunner, Result
 
 from cli.__main__ import app
 from cli.context import CELL_VARIABLE, NO_ANSWER, OK, USAGE
-from common.bus.zenoh_settings import ENDPOINT_VARIABLE
 from common.config.load import dump_cell, load_cell
 from forcemesh import topics
+from forcemesh.zenoh_settings import ENDPOINT_VARIABLE
 from launch.run_file import FOLDER_VARIABLE
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -17,7 +17,6 @@ from typer.testing import CliRunner
 from cli.__main__ import app
 from cli.context import CELL_VARIABLE, EXITS, NO_ANSWER, NOT_WELL, USAGE
 from cli.exits import TABLE, exit_code_of
-from common.bus.zenoh_settings import ENDPOINT_VARIABLE
 from common.config.load import load_cell
 from forcemesh.errors import (
     BusError,
@@ -27,6 +26,7 @@ from forcemesh.errors import (
     RefusedError,
     SetupError,
 )
+from forcemesh.zenoh_settings import ENDPOINT_VARIABLE
 from launch.run_file import FOLDER_VARIABLE
 from tests.fakes.wrong_input import PASSES_ON, ROWS
 from tools.cli_page import PAGE, page, walk
@@ -118,7 +118,7 @@ def test_each_error_has_one_exit_code_in_every_verb(
     def fails(*_args: Any, **_options: Any) -> Any:
         raise error
 
-    for module in ("common.config.load", "common.client.cell"):
+    for module in ("common.config.load", "forcemesh.client.cell"):
         monkeypatch.setattr(f"{module}.load_cell", fails, raising=False)
     code, text = said(f"{verb} {WORDS.get(verb, '')}")
     assert code == exit_code_of(error)

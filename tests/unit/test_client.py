@@ -8,7 +8,10 @@ from typing import Literal
 import pytest
 
 from common.bus.configured_cell import ConfiguredCell
-from common.client import (
+from common.motion.convert import pose_of
+from common.motion.frames import rotation_between
+from forcemesh import topics
+from forcemesh.client import (
     ArmStoppedError,
     DataError,
     ForcemeshError,
@@ -17,9 +20,6 @@ from common.client import (
     NotValidError,
     RefusedError,
 )
-from common.motion.convert import pose_of
-from common.motion.frames import rotation_between
-from forcemesh import topics
 from forcemesh.faults import FAULTS
 from forcemesh.messages import Gains, PoseRecord
 from forcemesh.requests import Empty, HoldRequest, MoveRequest

@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.client import turning
 from common.motion.convert import pose_of, record_of
 from common.motion.frames import Oat, R_from_oat, R_from_quaternion, pose, rotation_from_vector
+from forcemesh.client import rotations as turning
 from forcemesh.messages import PoseRecord, Vec3
 
 METRES = st.tuples(*[st.floats(-2.0, 2.0)] * 3)

@@ -13,11 +13,11 @@ from typer.testing import CliRunner
 from cli.__main__ import app
 from cli.status import in_words
 from common.bus.cell_bus import open_bus
-from common.bus.zenoh_settings import ENDPOINT_VARIABLE
 from common.config.cell import Cell
 from common.config.load import dump_cell, load_cell
 from forcemesh import topics
 from forcemesh.messages import Health
+from forcemesh.zenoh_settings import ENDPOINT_VARIABLE
 from launch.processes import Supervisor
 from launch.run_file import FOLDER_VARIABLE
 from launch.started_process import Process

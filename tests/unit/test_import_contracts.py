@@ -14,7 +14,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 PROJECT: dict[str, Any] = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 CONTRACTS: list[dict[str, Any]] = PROJECT["tool"]["importlinter"]["contracts"]
-LIBRARIES = {"common/bus/zenoh_bus.py": "zenoh", "forcemesh/codec.py": "msgpack"}
+LIBRARIES = {"forcemesh/zenoh_session.py": "zenoh", "forcemesh/codec.py": "msgpack"}
 
 
 @pytest.fixture(scope="module")
@@ -25,7 +25,7 @@ def skeleton(tmp_path_factory: pytest.TempPathFactory) -> Path:
     named = [module for contract in CONTRACTS for module in contract.get("source_modules", [])]
     fixed = [module for module in named if "*" not in module]
     others = [
-        "common.bus.zenoh_bus",
+        "forcemesh.zenoh_session",
         "forcemesh.clock",
         "forcemesh.codec",
         "services.one.law",
@@ -73,7 +73,7 @@ def test_empty_modules_break_no_contract(skeleton: Path) -> None:
 @pytest.mark.parametrize(
     ("module", "imported", "contract"),
     [
-        ("common/bus/zenoh_bus.py", "services.one.law", "Imports point one way"),
+        ("forcemesh/zenoh_session.py", "services.one.law", "Imports point one way"),
         ("services/two/x.py", "sim.robot.contact", "Imports point one way"),
         ("forcemesh/codec.py", "common.motion.frames", "Imports point one way"),
         ("identification/x.py", "services.one.law", "Imports point one way"),
@@ -82,7 +82,7 @@ def test_empty_modules_break_no_contract(skeleton: Path) -> None:
         ("services/two/x.py", "services.one.law", "Services meet on the bus only"),
         ("services/two/x.py", "zenoh", "Only one file knows Zenoh"),
         ("cli/x.py", "msgpack", "Only forcemesh.codec knows MessagePack"),
-        ("services/one/law.py", "common.bus.zenoh_bus", "Pure modules"),
+        ("services/one/law.py", "forcemesh.zenoh_session", "Pure modules"),
         ("common/motion/frames.py", "socket", "Pure modules"),
         ("controller/packet.py", "time", "Pure modules"),
     ],

@@ -16,9 +16,9 @@ from websockets.typing import Origin
 
 from common.config.cell_panel import PanelSection
 from common.config.load import load_cell
-from common.security.published_ports import is_loopback
 from forcemesh.clock import NS_PER_S, ManualClock
 from forcemesh.errors import ConfigError, ForcemeshError
+from forcemesh.published_ports import is_loopback
 from services.panel.access import Door, door_of
 from services.panel.policy import with_nonce_unpacked
 from services.panel.server import Gate, PanelServer, close_server, listen, open_server

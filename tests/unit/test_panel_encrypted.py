@@ -27,8 +27,8 @@ from common.security.pki import (
     write_pair,
 )
 from common.security.pki_check import check_folder
-from common.security.tls import NAMES, PAGE, PAGE_AUTHORITY
 from forcemesh.errors import ForcemeshError
+from forcemesh.identity import NAMES, PAGE, PAGE_AUTHORITY
 from services.panel.access import Door
 from services.panel.encrypted import context_of
 from services.panel.server import Gate, close_server, open_server

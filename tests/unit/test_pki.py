@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 from cli.__main__ import app
 from common.security.pki import Pair, make_authority, make_certificate, read_authority, write_pair
 from common.security.pki_check import Finding, check_folder
-from common.security.tls import NAMES
+from forcemesh.identity import NAMES
 
 ROOT = Path(__file__).resolve().parents[2]
 NOW = dt.datetime(2026, 1, 1, tzinfo=dt.UTC)

@@ -6,7 +6,9 @@ from typing import Any
 import pytest
 
 from common.bus.hub_settings import hub_settings
-from common.bus.zenoh_settings import (
+from forcemesh.codec import MAX_BYTES
+from forcemesh.topics import CLIENT, HELPERS, ROLES
+from forcemesh.zenoh_settings import (
     BATCH_B,
     ONE_THREAD,
     RUNTIME_VARIABLE,
@@ -14,8 +16,6 @@ from common.bus.zenoh_settings import (
     listen_with_one_thread,
     with_room,
 )
-from forcemesh.codec import MAX_BYTES
-from forcemesh.topics import CLIENT, HELPERS, ROLES
 from tests.fakes.bench import CELL
 
 HUB = "tcp/127.0.0.1:7447"

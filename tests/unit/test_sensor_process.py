@@ -12,11 +12,11 @@ from pathlib import Path
 import pytest
 
 from common.bus.cell_bus import open_hub
-from common.bus.zenoh_settings import ENDPOINT_VARIABLE
 from common.config.load import load_cell
 from common.runtime.service import refuse_unless_played_by
 from forcemesh import topics
 from forcemesh.errors import ConfigError
+from forcemesh.zenoh_settings import ENDPOINT_VARIABLE
 from services.sensor.rdt import Command, request
 from tests.fakes.rdt_sensor import PATIENCE_S, PERIOD_S, REAL_CELL, ROOT, FakeSensor
 

@@ -49,8 +49,8 @@ def test_an_example_is_short_and_uses_nothing_but_the_client(path: Path) -> None
     imports = {line.split()[1] for line in text.splitlines() if line.startswith(("import", "from"))}
     ours = {name for name in imports if name.split(".")[0] in set(PRODUCTION)}
     assert ours <= {
-        "common.client",
-        "common.client.turning",
+        "forcemesh.client",
+        "forcemesh.client.rotations",
         "forcemesh.messages",
         "forcemesh.requests",
     }

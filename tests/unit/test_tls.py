@@ -7,11 +7,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from common.bus.hub_settings import hub_settings
-from common.bus.zenoh_settings import ENDPOINT_VARIABLE, client_settings, endpoint_of, security_of
 from common.config.cell import Cell
 from common.config.load import load_cell
-from common.security.published_ports import HUB_PUBLISHED
-from common.security.tls import (
+from forcemesh.errors import BusError, ConfigError
+from forcemesh.identity import (
     FOLDER_VARIABLE,
     NAME_VARIABLE,
     NAMES,
@@ -22,8 +21,9 @@ from common.security.tls import (
     refuse_in_the_clear,
     stays_here,
 )
-from forcemesh.errors import BusError, ConfigError
+from forcemesh.published_ports import HUB_PUBLISHED
 from forcemesh.topics import CLIENT, HELPERS, ROLES
+from forcemesh.zenoh_settings import ENDPOINT_VARIABLE, client_settings, endpoint_of, security_of
 
 DEMO = Path(__file__).resolve().parents[2] / "cells" / "demo.yaml"
 HERE = ["tcp/127.0.0.1:7447", "tcp/127.8.8.8:1", "tcp/[::1]:7447", "tcp/localhost:7447",

@@ -6,7 +6,7 @@ from typing import Any, get_args
 
 import viser
 
-from common.client import Cell
+from forcemesh.client import Cell
 from forcemesh.clock import NS_PER_S
 from forcemesh.errors import ForcemeshError
 from forcemesh.messages import Gains, Mode, Preset, StartLaw, Vec3

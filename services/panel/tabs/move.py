@@ -8,9 +8,9 @@ from typing import Literal
 import numpy as np
 import viser
 
-from common.client import Cell
 from common.motion.convert import pose_of, record_of, vec6
 from common.motion.frames import Oat, R_from_oat, oat_from_R, pose
+from forcemesh.client import Cell
 from forcemesh.messages import RobotState, Vec3
 from forcemesh.requests import MoveRequest
 from services.panel.backing_off import BackOff

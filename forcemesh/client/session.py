@@ -3,11 +3,11 @@
 import threading
 from typing import Any, TypeVar
 
-from common.client import asking
-from common.client.feed import Feed
-from common.client.roles import Roles
 from forcemesh.bus import Bus
 from forcemesh.cell_info import CellInfo
+from forcemesh.client import ask as asking
+from forcemesh.client.feed import Feed
+from forcemesh.client.roles import Roles
 from forcemesh.clock import Clock
 from forcemesh.errors import BusError, LostError
 from forcemesh.messages import Asker, Message, Record

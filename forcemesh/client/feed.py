@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
-from common.client.asking import remedy_of
 from forcemesh.bus import Bus, Reader, Reading
+from forcemesh.client.ask import remedy_of
 from forcemesh.clock import NS_PER_S, Clock
 from forcemesh.codec import Header
 from forcemesh.errors import LostError, NotValidError

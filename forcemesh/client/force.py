@@ -3,10 +3,10 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from common.client import turning
-from common.client.asking import stopped, well_formed
-from common.client.session import Session
 from forcemesh import topics
+from forcemesh.client import rotations as turning
+from forcemesh.client.ask import stopped, well_formed
+from forcemesh.client.session import Session
 from forcemesh.clock import NS_PER_S
 from forcemesh.errors import ForcemeshError, NotReachedError
 from forcemesh.messages import (

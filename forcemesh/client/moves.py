@@ -3,10 +3,10 @@
 from collections.abc import Callable
 from typing import Literal, NoReturn
 
-from common.client import turning
-from common.client.asking import remedy_of, stopped, well_formed
-from common.client.session import Session
 from forcemesh import topics
+from forcemesh.client import rotations as turning
+from forcemesh.client.ask import remedy_of, stopped, well_formed
+from forcemesh.client.session import Session
 from forcemesh.clock import NS_PER_S
 from forcemesh.errors import ArmStoppedError, LostError, NotReachedError, RefusedError
 from forcemesh.messages import ZERO3, PoseRecord, Quaternion, RobotState, Vec3, Vec6

@@ -5,10 +5,10 @@ it is not: a refusal with code and remedy, an arm that was stopped, a service th
 Command line, panel and notebooks use it; it imports neither physics nor plots.
 """
 
-from common.client.cell import Cell
-from common.client.feed import Feed, Heard
-from common.client.force import Force, Pressed
-from common.client.moves import Move, Moves
+from forcemesh.client.cell import Cell
+from forcemesh.client.feed import Feed, Heard
+from forcemesh.client.force import Force, Pressed
+from forcemesh.client.moves import Move, Moves
 from forcemesh.errors import (
     ArmStoppedError,
     BusError,

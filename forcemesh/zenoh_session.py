@@ -16,16 +16,16 @@ from typing import TypeAlias
 
 import zenoh
 
-from common.bus.zenoh_settings import (
+from forcemesh.clock import NS_PER_S
+from forcemesh.connection import Reachable
+from forcemesh.errors import BusError
+from forcemesh.identity import HUB, common_name
+from forcemesh.topics import CLIENT, SELF_TEST, Qos
+from forcemesh.zenoh_settings import (
     client_settings,
     endpoint_of,
     security_of,
 )
-from common.config.cell_bus import Reachable
-from common.security.tls import HUB, common_name
-from forcemesh.clock import NS_PER_S
-from forcemesh.errors import BusError
-from forcemesh.topics import CLIENT, SELF_TEST, Qos
 
 MAX_WAITING_REQUESTS = 16
 SELF_TEST_WITHIN_S = 1.0  # until the hub has told the one session of the other

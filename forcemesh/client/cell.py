@@ -7,17 +7,16 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self, TypeVar
 
-from common.bus.zenoh_bus import open_session
-from common.client.asking import stopped, well_formed
-from common.client.feed import Feed
-from common.client.force import Force
-from common.client.moves import Moves
-from common.client.session import Session
-from common.config.cell_bus import Reachable, connection, read_connection
 from forcemesh import topics
 from forcemesh.bus import Bus
 from forcemesh.cell_info import CellInfo, ask_for_info
+from forcemesh.client.ask import stopped, well_formed
+from forcemesh.client.feed import Feed
+from forcemesh.client.force import Force
+from forcemesh.client.moves import Moves
+from forcemesh.client.session import Session
 from forcemesh.clock import NS_PER_S, MonotonicClock
+from forcemesh.connection import Reachable, connection, read_connection
 from forcemesh.errors import NotReachedError
 from forcemesh.messages import (
     ArbiterStatus,
@@ -44,6 +43,7 @@ from forcemesh.requests import (
 )
 from forcemesh.schema import ask_for_description
 from forcemesh.topics import CLIENT, Request, Topic
+from forcemesh.zenoh_session import open_session
 
 M = TypeVar("M", bound=Message)
 Q = TypeVar("Q", bound=Record)
@@ -248,7 +248,7 @@ class Cell:
     def load_N(self) -> float | None:
         """Return the force on the tool [N] when it is loaded, None where it is free or not known.
 
-        Loaded is more than `force.touch_N` of the cell file, as a wrench says whose calibration holds.
+        Loaded is more than `force.touch_N` of the cell file; the calibration in use must be valid.
         """
         clock = self.session.clock
         give_up_ns = clock.now_ns() + round(HEARD_WITHIN_S * NS_PER_S)

@@ -1,9 +1,9 @@
 """Who of a cell is heard: the health of its roles, as seen by a client."""
 
-from common.client.feed import Feed
 from forcemesh import topics
 from forcemesh.bus import Bus, Reading
 from forcemesh.cell_info import CellInfo
+from forcemesh.client.feed import Feed
 from forcemesh.clock import NS_PER_S
 from forcemesh.errors import LostError
 from forcemesh.messages import Health, SensorWrench

@@ -10,9 +10,9 @@ import os
 from dataclasses import dataclass
 from pathlib import Path
 
-from common.config.cell_bus import Reachable
-from common.security.published_ports import hub_stays_here, is_loopback
+from forcemesh.connection import Reachable
 from forcemesh.errors import SetupError
+from forcemesh.published_ports import hub_stays_here, is_loopback
 from forcemesh.topics import CLIENT, HELPERS, ROLES
 
 FOLDER_VARIABLE = "FORCEMESH_PKI"

@@ -5,9 +5,9 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
-from common.config.cell_bus import Reachable
-from common.security.tls import identity_of, is_encrypted, refuse_in_the_clear
+from forcemesh.connection import Reachable
 from forcemesh.errors import ConfigError
+from forcemesh.identity import identity_of, is_encrypted, refuse_in_the_clear
 from forcemesh.topics import HELPERS
 
 ENDPOINT_VARIABLE = "FORCEMESH_ENDPOINT"

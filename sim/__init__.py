@@ -1,1 +1,1 @@
-"""Stand-ins for hardware: the MuJoCo robot and whatever else a cell needs to run without an arm."""
+"""Simulated hardware: MuJoCo robot, emulated AS controller and Net F/T sensor."""

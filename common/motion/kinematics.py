@@ -1,4 +1,4 @@
-"""Forward and inverse kinematics of the arm, as the controller has them. Never raises in a loop."""
+"""Forward and inverse kinematics of the arm. Errors are returned, not raised."""
 
 import math
 from dataclasses import dataclass
@@ -17,15 +17,15 @@ MAX_SPEED_RAD_S.setflags(write=False)
 
 _TOLERANCE = 1e-10  # of log6, m and rad together
 _MAX_ITERATIONS = 40
-_MAX_STEP_RAD = 0.3  # of one Newton step, so that a far start does not fly off
-_DAMPING = 0.1  # times the error: fades out towards the solution, which stays quadratic
+_MAX_STEP_RAD = 0.3  # of one Newton step: keeps the iteration from diverging at a far start
+_DAMPING = 0.1  # times the error: vanishes at the solution and keeps quadratic convergence
 _LEAST_DAMPING = 1e-7
 _LOCAL = pin.ReferenceFrame.LOCAL
 
 
 @dataclass(frozen=True, slots=True)
 class IkResult:
-    """Joint angles [rad], or the reason why there are none."""
+    """Joint angles [rad], or the reason why the pose has no solution."""
 
     q: Array | None
     reason: str = ""
@@ -33,15 +33,15 @@ class IkResult:
 
 @cache
 def _model() -> pin.Model:
-    """Return the arm's geometry, read once: nobody changes it."""
+    """Return the arm's geometry, read once and shared: it is read-only."""
     return pin.buildModelFromMJCF(str(MODEL_PATH))
 
 
 class ArmKinematics:
-    """The RS007L's geometry, read from the same file as the physics."""
+    """Kinematics of the RS007L, read from the same model file as the physics."""
 
     def __init__(self) -> None:
-        """Read the model: limits, frames, reach. Raises only if the file is damaged."""
+        """Read limits, frames and reach from the model. Raises only if the file is damaged."""
         self.model = _model()
         self.lower_rad: Array = np.array(self.model.lowerPositionLimit)
         self.upper_rad: Array = np.array(self.model.upperPositionLimit)
@@ -65,22 +65,22 @@ class ArmKinematics:
     def solve(self, T_base_flange: pin.SE3, q_start: Array, *, jump_rad: float) -> IkResult:
         """Return the joint angles that reach a pose, on the branch of q_start.
 
-        Newton's method on log6(T(q)^-1 T_goal), damped in proportion to what is left to go.
+        Newton's method on log6(T(q)^-1 T_goal), damped in proportion to the remaining error.
 
         Args:
-            T_base_flange: Pose wanted.
+            T_base_flange: Target pose.
             q_start: Where the search starts [rad]. Shape (6,).
-            jump_rad: No joint may end farther than this from its start [rad].
+            jump_rad: Largest permitted change of any joint from its start [rad].
         """
         if not is_finite_pose(T_base_flange):
-            return IkResult(None, "the pose holds a number that is not finite")
+            return IkResult(None, "the pose contains a number that is not finite")
         q, error = self._newton(T_base_flange, q_start)
         if error > 1e-7:
             return IkResult(None, self._why_not(T_base_flange, q, error))
         return self._within_limits(q, q_start, jump_rad)
 
     def limit_violation(self, q: Array) -> str:
-        """Return a sentence about the first joint beyond its limit, or an empty string."""
+        """Return a message about the first joint outside its limits, or an empty string."""
         for number, (angle, low, high) in enumerate(zip(q.tolist(), *self._limits, strict=True), 1):
             if angle < low or angle > high:
                 return (
@@ -119,7 +119,7 @@ class ArmKinematics:
                 f" the arm is {1e3 * self.reach_m:.0f} mm long"
             )
         least = float(np.linalg.svd(self.jacobian(q), compute_uv=False)[-1])
-        where = "a singular pose is in the way" if least < 0.02 else "the search ended beside it"
+        where = "singular pose" if least < 0.02 else "the iteration did not converge"
         return f"not reachable from here: {where} (error {error:.1e})"
 
     def _within_limits(self, q: Array, q_start: Array, jump_rad: float) -> IkResult:
@@ -131,8 +131,8 @@ class ArmKinematics:
         if farthest > jump_rad:
             return IkResult(
                 None,
-                f"joint {moved.index(farthest) + 1} would have to jump by"
+                f"joint {moved.index(farthest) + 1} would jump by"
                 f" {math.degrees(farthest):.1f} deg,"
-                f" allowed are {math.degrees(jump_rad):.1f} deg",
+                f" limit {math.degrees(jump_rad):.1f} deg",
             )
         return IkResult(q)

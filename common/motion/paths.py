@@ -1,4 +1,4 @@
-"""Paths of the controller's own motions: a share s in 0..1 of the way gives joint angles."""
+"""Path geometry of the controller's motions: path parameter s in 0..1 to joint angles."""
 
 import math
 from typing import Protocol
@@ -9,24 +9,24 @@ import pinocchio as pin
 from common.motion.frames import Array, rotation_between, rotation_from_vector
 from common.motion.kinematics import ArmKinematics, IkResult
 
-TURN_RADIUS_M = 0.24  # a turn counts like a move on this radius: 0.25 m/s goes with 60 deg/s
-_SAMPLE_M = 0.01  # a linear path is checked this finely before it starts
+TURN_RADIUS_M = 0.24  # scales rotation to translation: 0.25 m/s corresponds to 60 deg/s
+_SAMPLE_M = 0.01  # sampling of a linear path for the check before it starts
 _SAMPLES = (8, 200)
 _FINEST_SHARE = 1e-3
-_JUMP_RAD = 0.6  # between two samples of the check, and so surely between two ticks
+_JUMP_RAD = 0.6  # largest joint change between two samples, thus also between two ticks
 
 
 class Path(Protocol):
-    """Where the arm is after a share of the way."""
+    """Path: joint angles as a function of the path parameter."""
 
-    extent_m: float  # the greatest speed anywhere on the way when s runs through in 1 s [m/s]
+    extent_m: float  # largest speed on the path when s runs from 0 to 1 in 1 s [m/s]
 
     def at(self, share: float, q_near: Array) -> IkResult:
-        """Return the joint angles at a share of the way, on the branch of q_near."""
+        """Return the joint angles at path parameter `share`, on the branch of q_near."""
 
 
 class JointPath:
-    """All joints start and arrive together."""
+    """Synchronised joint path: all joints start and arrive together."""
 
     def __init__(self, kinematics: ArmKinematics, q_from: Array, q_to: Array) -> None:
         self._from, self._way = q_from.copy(), q_to - q_from
@@ -38,7 +38,7 @@ class JointPath:
         self.extent_m = max(fastest_m, TURN_RADIUS_M * float(abs(self._way).max()))
 
     def at(self, share: float, q_near: Array) -> IkResult:  # noqa: ARG002 - one shape for all paths
-        """Return the joint angles at a share of the way."""
+        """Return the joint angles at path parameter `share`."""
         return IkResult(self._q(share))
 
     def _q(self, share: float) -> Array:
@@ -46,7 +46,7 @@ class JointPath:
 
 
 class LinearPath:
-    """The flange moves on a straight line and turns about one fixed axis (log3), evenly."""
+    """Linear path of the flange with uniform rotation about one fixed axis (log3)."""
 
     def __init__(self, kinematics: ArmKinematics, q_from: Array, T_goal: pin.SE3) -> None:
         self._kinematics = kinematics
@@ -59,27 +59,27 @@ class LinearPath:
         )
 
     def pose(self, share: float) -> pin.SE3:
-        """Return T_base_flange at a share of the way."""
+        """Return T_base_flange at path parameter `share`."""
         R = rotation_from_vector(share * self._turn).dot(self._R_from)
         return pin.SE3(R, self._from_m + share * self._way)
 
     def at(self, share: float, q_near: Array) -> IkResult:
-        """Return the joint angles at a share of the way, on the branch of q_near."""
+        """Return the joint angles at path parameter `share`, on the branch of q_near."""
         return self._kinematics.solve(self.pose(share), q_near, jump_rad=_JUMP_RAD)
 
     def obstacle(self, q_from: Array) -> str:
-        """Walk the whole way once; return why it cannot be gone, or an empty string."""
+        """Check the whole path; return why it cannot be followed, or an empty string."""
         count = min(max(_SAMPLES[0], math.ceil(self.extent_m / _SAMPLE_M)), _SAMPLES[1])
         q = q_from
         for k in range(count):
             result = self._walk(k / count, (k + 1) / count, q)
             if result.q is None:
-                return f"after {100 * (k + 1) // count} % of the way: {result.reason}"
+                return f"after {100 * (k + 1) // count} % of the path: {result.reason}"
             q = result.q
         return ""
 
     def _walk(self, share: float, to_share: float, q: Array) -> IkResult:
-        """Go from one share to another, in halves where the joints turn fast."""
+        """Follow the path from one parameter to another, bisecting where joints turn fast."""
         result = self.at(to_share, q)
         if result.q is not None or to_share - share < _FINEST_SHARE:
             return result

@@ -1,5 +1,5 @@
-"""An emulator of Kawasaki's AS: the language here, the machine that runs it beside it.
+"""Emulator of a Kawasaki AS controller: lexer, parser, compiler to closures, and the machine.
 
-`syntax` (what a program is), `parser` (text to programs), `expressions`, `functions_*`, `memory`
-and `values` (what they mean), `machine_api` (what the language asks of the robot), `lint`.
+`syntax` (syntax tree), `parser` (text to programs), `expressions`, `functions_*`, `memory` and
+`values` (semantics), `machine_api` (interface from language to robot), `lint`.
 """

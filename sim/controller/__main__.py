@@ -1,4 +1,4 @@
-"""`python -m sim.controller FILE.as` runs an AS file; `--check FILE.as` only looks at it."""
+"""Command `python -m sim.controller FILE.as`: runs an AS file; `--check` only checks it."""
 
 import argparse
 import sys
@@ -19,7 +19,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _check(words: list[str]) -> int:
     parser = argparse.ArgumentParser(prog="python -m sim.controller")
-    parser.add_argument("--check", action="store_true", help="parse and lint, run nothing")
+    parser.add_argument("--check", action="store_true", help="parse and lint only")
     parser.add_argument("--strict", action="store_true", help="findings are errors (exit code 1)")
     parser.add_argument("file", type=Path, help="the .as or .pg file")
     given = parser.parse_args(words)
@@ -31,12 +31,12 @@ def _check(words: list[str]) -> int:
 
 
 def _run(words: list[str]) -> int:
-    # The arm and the bus are only needed, and only loaded, to run something.
+    # Imported here: only a run needs the arm and the bus.
     from sim.controller import run  # noqa: PLC0415
 
     parser = argparse.ArgumentParser(
         prog="python -m sim.controller",
-        epilog="--check FILE [--strict] only parses the file and lists what it finds",
+        epilog="--check FILE [--strict] parses the file and lists findings without running it",
     )
     parser.add_argument("file", help="the .as or .pg file")
     run.add_arguments(parser)

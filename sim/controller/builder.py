@@ -1,4 +1,4 @@
-"""From what Lark recognises in a line to the values of `syntax`: expressions and arguments."""
+"""Syntax tree builder for expressions and arguments: Lark parse trees to `syntax` values."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ SPELLINGS = {"=<": "<=", "=>": ">=", "!=": "<>"}
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """One line: its label and its statement (None: nothing but a label, or nothing at all)."""
+    """One line: its label and its statement (None: label only, or empty line)."""
 
     label: str | None
     statement: Statement | None
@@ -24,7 +24,7 @@ class Line:
 
 @dataclass(frozen=True, slots=True)
 class Slot:
-    """An argument with the words behind it: `30 MM/S ALWAYS`."""
+    """One argument with its trailing words: `30 MM/S ALWAYS`."""
 
     argument: Expression | None
     words: tuple[str, ...] = ()
@@ -32,18 +32,18 @@ class Slot:
 
 @dataclass(frozen=True, slots=True)
 class Prefix:
-    """The number of a task, device or robot before a colon: `2:`."""
+    """Number of a task, device or robot before a colon: `2:`."""
 
     number: Expression
 
 
 def short_name(name: str) -> str:
-    """Return what AS keeps of a name: lower case, 15 characters."""
+    """Return the significant part of a name: lower case, 15 characters."""
     return name.lower()[:SIGNIFICANT_CHARACTERS]
 
 
 def as_number(spelled: str) -> float:
-    """Return the value of a number as it is spelled: 8.5E3, ^B101, ^HC1 or 'A."""
+    """Return the value of a number literal: 8.5E3, ^B101, ^HC1 or 'A."""
     if spelled.startswith("'"):
         return float(ord(spelled[1]))
     if spelled.startswith("^"):
@@ -52,17 +52,17 @@ def as_number(spelled: str) -> float:
 
 
 def as_word(argument: Expression | None) -> Expression | None:
-    """Take a name that looks like a variable for the bare word it is."""
+    """Convert an expression that parsed as a variable or function into a bare word."""
     if isinstance(argument, syntax.Variable) and not argument.indices:
         return syntax.Word(argument.name)
     if isinstance(argument, syntax.Function) and not argument.arguments:
-        return syntax.Word(argument.name.lower())  # SWITCH(ERROR): also a function's name
+        return syntax.Word(argument.name.lower())  # SWITCH(ERROR): ERROR is also a function
     return argument
 
 
 @v_args(inline=True)
 class ExpressionBuilder(Transformer[Token, Line]):
-    """One method per rule of the grammar that makes a value."""
+    """Lark transformer with one method per expression rule of the grammar."""
 
     def number(self, token: Token) -> Expression:
         """`8.5E3`."""
@@ -73,7 +73,7 @@ class ExpressionBuilder(Transformer[Token, Line]):
         return syntax.Text(token.value[1:-1])
 
     def variable(self, token: Token, *rest: Expression | Brackets) -> Expression:
-        """Build a variable, or the constant or function that looks like one."""
+        """Build a variable, or a constant or function without arguments."""
         local = token.value.startswith(".")
         bare = token.value[1:] if local else token.value
         kind = bare[0] if bare[0] in "$#@&" else ""
@@ -85,7 +85,7 @@ class ExpressionBuilder(Transformer[Token, Line]):
                 return syntax.Function(upper)
         indices = rest[0].indices if rest and isinstance(rest[0], Brackets) else ()
         if len(indices) > 3:
-            raise AsError("P0119", f"{token.value} has {len(indices)} indices; 3 are the most")
+            raise AsError("P0119", f"{token.value} has {len(indices)} indices, limit 3")
         name = short_name(bare[len(kind) :])
         whole = bool(rest) and not indices
         if kind == "&":
@@ -128,7 +128,7 @@ class ExpressionBuilder(Transformer[Token, Line]):
         return operand
 
     def slot(self, *items: Expression | Token) -> Slot:
-        """Gather one argument and its words."""
+        """Build one argument with its words."""
         argument: Expression | None = None
         words = []
         for item in items:
@@ -139,7 +139,7 @@ class ExpressionBuilder(Transformer[Token, Line]):
         return Slot(argument, tuple(words))
 
     def arguments(self, *slots: Slot) -> tuple[Slot, ...]:
-        """Gather a list of arguments."""
+        """Build a list of arguments."""
         return slots
 
     def prefix(self, number: Expression) -> Prefix:
@@ -147,13 +147,13 @@ class ExpressionBuilder(Transformer[Token, Line]):
         return Prefix(number)
 
     def parameters(self, *given: syntax.Variable | syntax.Reference) -> tuple[syntax.Variable, ...]:
-        """Gather the parameters of a program."""
+        """Build the parameter list of a program."""
         return tuple(p.variable if isinstance(p, syntax.Reference) else p for p in given)
 
 
 @dataclass(frozen=True, slots=True)
 class Brackets:
-    """The indices of an array element; none for the whole array."""
+    """Indices of an array element; empty for the whole array."""
 
     indices: tuple[Expression, ...]
 

@@ -1,4 +1,4 @@
-"""From a program to closures: which file executes which instruction."""
+"""Compiler from programs to closures, with the dispatch table of instructions."""
 
 from collections.abc import Callable, Mapping
 from functools import lru_cache
@@ -96,7 +96,7 @@ INSTRUCTIONS: dict[str, CompileInstruction] = {
 
 @lru_cache(maxsize=8)
 def compile_file(source: SourceFile) -> Mapping[str, Compiled]:
-    """Return the programs of a file as they are executed: the same ones by every machine."""
+    """Return the compiled programs of a file; all machines share them."""
     evaluate = Evaluate(Expressions())
     return {name: compile_program(p, evaluate) for name, p in source.programs.items()}
 
@@ -104,9 +104,9 @@ def compile_file(source: SourceFile) -> Mapping[str, Compiled]:
 def compile_program(program: Program, evaluate: Evaluate) -> Compiled:
     """Return a program that can be executed.
 
-    A step that cannot be compiled is no reason to refuse the file: it fails when it is reached,
-    as on the controller, with its code, program and step. Each one is compiled when it is reached
-    first: half of a program never is.
+    A step that cannot be compiled does not reject the file: it fails when it is reached, as on the
+    controller, with its code, program and step. Steps are compiled lazily when first reached, as
+    half of a program never is.
     """
     ops: list[Op] = []
     for at, step in enumerate(program.steps):
@@ -115,7 +115,7 @@ def compile_program(program: Program, evaluate: Evaluate) -> Compiled:
 
 
 def _when_reached(step: Step, at: int, evaluate: Evaluate, ops: list[Op]) -> Op:
-    """Return an operation that is compiled the first time, and from then on stands in its place."""
+    """Return an operation that compiles itself at the first call and then replaces itself."""
     op: Op | None = None
 
     def run(task: "Task") -> int:
@@ -147,7 +147,7 @@ def _compile(step: Step, at: int, evaluate: Evaluate) -> Op:
 def _compile_instruction(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
     compiler = INSTRUCTIONS.get(statement.name)
     if compiler is None:
-        known = "unknown" if statement.unknown else "known, but not emulated"
+        known = "unknown" if statement.unknown else "not emulated"
         return _failing(AsError("E0111", f"{statement.name} is {known}"))
     return compiler(statement, at, evaluate)
 

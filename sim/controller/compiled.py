@@ -1,6 +1,6 @@
-"""Programs that can be executed: one closure for each step, in the order of the steps.
+"""Compiled programs: one closure for each step, in the order of the steps.
 
-Nothing here belongs to one machine: what a step reads and moves, it finds at the task.
+Compiled programs are independent of a machine: a step accesses all state through its task.
 """
 
 from collections.abc import Callable, Sequence
@@ -13,12 +13,12 @@ if TYPE_CHECKING:
     from sim.controller.task import Task
 
 Op = Callable[["Task"], int]
-"""Executes a step for a task and returns the index of the step to go on with."""
+"""Executes a step for a task and returns the index of the next step."""
 
 
 @dataclass(frozen=True, slots=True)
 class Compiled:
-    """A program and its operations."""
+    """Program with its compiled operations."""
 
     program: Program
     ops: Sequence[Op]
@@ -30,5 +30,5 @@ class Compiled:
 
     @property
     def steps(self) -> tuple[Step, ...]:
-        """The steps as written."""
+        """The parsed steps."""
         return self.program.steps

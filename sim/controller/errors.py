@@ -1,4 +1,4 @@
-"""What goes wrong in AS: mistakes in a file, and errors of a running program with AS's own codes.
+"""AS errors: mistakes in a file, and run-time errors of a program, with Kawasaki's codes.
 
 Texts follow appendix 4 of the AS Language Reference Manual.
 """
@@ -44,13 +44,13 @@ TEXTS = {
     "E6016": "Cannot move through a singular point",
 }
 # fmt: on
-# Manual's own numbers; codes above that carry a number of this emulator are listed in
-# docs/as-emulator.md ("codes of our own").
+# Numbers of the manual; codes that only this emulator uses are listed in docs/as-emulator.md
+# ("codes of our own").
 
 
 @dataclass(frozen=True, slots=True)
 class Mistake:
-    """One thing wrong in a file: where, which code, what was found and what would be right."""
+    """One mistake in a file: position, code, the text found and the text expected."""
 
     where: Position
     code: str
@@ -63,7 +63,7 @@ class Mistake:
 
 
 class AsSyntaxError(ForcemeshError):
-    """A file is no valid AS. `mistakes` holds every one that was found."""
+    """Error: a file is not valid AS. `mistakes` lists all mistakes found."""
 
     def __init__(self, mistakes: tuple[Mistake, ...]) -> None:
         """Put one mistake on each line."""
@@ -72,10 +72,10 @@ class AsSyntaxError(ForcemeshError):
 
 
 class AsError(ForcemeshError):
-    """A running program broke a rule of AS. `code` is AS's own, such as "E0102"."""
+    """Run-time error of an AS program. `code` is the AS code, such as "E0102"."""
 
     def __init__(self, code: str, detail: str = "") -> None:
-        """Keep the code for ERROR and $ERROR, the detail for people."""
+        """Store the code for ERROR and $ERROR, and the detail for the message."""
         self.code = code
         self.detail = detail
         super().__init__(f"({code}) {error_text(code)}{': ' if detail else ''}{detail}")
@@ -90,7 +90,7 @@ _BASES = {"P": 10000, "W": 20000, "E": 30000, "D": 40000}
 
 
 def number_of(code: str) -> int:
-    """Return the number that AS's ERROR gives for a code: "E4024" is -34024."""
+    """Return the number of ERROR for a code: "E4024" is -34024."""
     return -(_BASES[code[0]] + int(code[1:]))
 
 
@@ -103,5 +103,5 @@ def code_of(number: int) -> str | None:
 
 
 def error_text(code: str) -> str:
-    """Return the text for a code; unknown codes have one that says so."""
+    """Return the text for a code; "Error" for an unknown code."""
     return TEXTS.get(code, "Error")

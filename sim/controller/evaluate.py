@@ -1,4 +1,4 @@
-"""What the instructions need of the language: their arguments as closures over a task."""
+"""Argument compiler for instructions: arguments as closures over a task."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -17,14 +17,14 @@ from sim.controller.variables import Store
 
 Real = Callable[[Context], float]
 StoreAt = Callable[[Context, int, Value], None]
-"""Stores a value some elements behind the one that is written in the program."""
+"""Stores a value at an offset in elements from the element named in the program."""
 
 _NULL = Transformation()
 
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """Where a motion goes: joint angles [rad], or the TOOL's pose in BASE."""
+    """Target of a motion: joint angles [rad], or the TOOL's pose in BASE."""
 
     q: Array | None = None
     T: pin.SE3 | None = None
@@ -34,13 +34,13 @@ class Evaluate:
     """Compiles the arguments of instructions."""
 
     def __init__(self, expressions: Expressions) -> None:
-        """Bind to the language."""
+        """Bind to the expression compiler."""
         self._expressions = expressions
         self.real, self.text = expressions.real, expressions.text
         self.truth, self.pose, self.store = expressions.truth, expressions.pose, expressions.store
 
     def argument(self, statement: Instruction, index: int, default: float | None = None) -> Real:
-        """Return a number of an instruction; P0100 when it is left out and has no default."""
+        """Return a numeric argument; P0100 if it is omitted and has no default."""
         expression = _argument(statement, index)
         if expression is not None:
             return self.real(expression)
@@ -49,7 +49,7 @@ class Evaluate:
         return lambda _: default
 
     def target(self, expression: Expression | None) -> Callable[[Context], Target]:
-        """Return where a motion goes."""
+        """Return a reader of a motion target."""
         if expression is None:
             raise AsError("P0100", "a motion needs a location")
         read = self.pose(expression)
@@ -63,28 +63,28 @@ class Evaluate:
         return run
 
     def pose_or_null(self, expression: Expression | None) -> Callable[[Context], Transformation]:
-        """Return a transformation; NULL when it is left out."""
+        """Return a reader of a transformation; NULL if it is omitted."""
         return self._expressions.place(expression) if expression else lambda _: _NULL
 
     def variable(self, statement: Instruction, index: int) -> Variable:
-        """Return a variable of an instruction; P0118 when something else stands there."""
+        """Return a variable argument; P0118 if the argument is not a variable."""
         expression = _argument(statement, index)
         if not isinstance(expression, Variable):
             raise AsError("P0118", f"argument {index + 1} of {statement.name} must be a variable")
         return expression
 
     def result(self, statement: Instruction, index: int) -> Store:
-        """Return what stores into a variable that an instruction gives back."""
+        """Return a writer of a result variable."""
         return self.store(self.variable(statement, index))
 
     def results(self, statement: Instruction, index: int) -> StoreAt | None:
-        """Return what stores into the elements from one on; None when it is left out."""
+        """Return a writer of consecutive result elements; None if the argument is omitted."""
         if _argument(statement, index) is None:
             return None
         return self.store_at(self.variable(statement, index))
 
     def store_at(self, variable: Variable) -> StoreAt:
-        """Return what stores into the elements from one on."""
+        """Return a writer of consecutive elements."""
         locate = self._expressions.locate(variable)
 
         def run(context: Context, count: int, value: Value) -> None:
@@ -94,7 +94,7 @@ class Evaluate:
         return run
 
     def store_row(self, variable: Variable) -> Callable[[Context, Sequence[Value]], None]:
-        """Return what stores values into the elements from one on, one after the other."""
+        """Return a writer of a sequence of values into consecutive elements."""
         locate = self._expressions.locate(variable)
 
         def run(context: Context, values: Sequence[Value]) -> None:
@@ -105,7 +105,7 @@ class Evaluate:
         return run
 
     def text_element(self, statement: Instruction, index: int) -> Callable[[Context, int], str]:
-        """Return what reads strings from one element on (E0104)."""
+        """Return a reader of consecutive string elements (E0104)."""
         read = self._element(self.variable(statement, index), "E0104")
 
         def run(context: Context, count: int) -> str:
@@ -117,7 +117,7 @@ class Evaluate:
         return run
 
     def element(self, statement: Instruction, index: int) -> Callable[[Context, int], float]:
-        """Return what reads numbers from one element on (E0102)."""
+        """Return a reader of consecutive numeric elements (E0102)."""
         read = self._element(self.variable(statement, index), "E0102")
 
         def run(context: Context, count: int) -> float:
@@ -131,7 +131,7 @@ class Evaluate:
     def arguments(
         self, expressions: Sequence[Expression | None]
     ) -> Callable[[Context, Program], Locals]:
-        """Return what binds the arguments of CALL to the parameters of a program."""
+        """Return a function that binds the arguments of CALL to the parameters of a program."""
         given = [self._expressions.refer(expression) for expression in expressions]
         return lambda context, program: bind(
             program.parameters, [read(context) for read in given], program.name
@@ -142,7 +142,7 @@ class Evaluate:
         return self._expressions.layout(items)
 
     def _element(self, variable: Variable, code: str) -> Callable[[Context, int], Value]:
-        if not variable.indices:  # a single string may stand for an array of one
+        if not variable.indices:  # a scalar is accepted as an array of one
             read_scalar = self._expressions.value(variable)
             return lambda context, count: _only(count, variable, code, read_scalar(context))
         locate = self._expressions.locate(variable)

@@ -1,4 +1,4 @@
-"""IF, WHILE, FOR, DO, CASE, GOTO, CALL and RETURN: which step comes next."""
+"""Control flow: IF, WHILE, FOR, DO, CASE, GOTO and RETURN."""
 
 from collections.abc import Callable
 
@@ -11,7 +11,7 @@ from sim.controller.values import single
 
 
 def go_on(at: int) -> Op:
-    """Return the operation that does nothing but go on at a step."""
+    """Return an unconditional jump to a step."""
     return lambda _: at
 
 
@@ -31,7 +31,7 @@ def compile_until(statement: s.Until, at: int, evaluate: Evaluate) -> Op:
 
 
 def compile_goto(statement: s.Goto, at: int, evaluate: Evaluate) -> Op:
-    """Compile GOTO; one whose label does not exist fails when it is executed (E0101)."""
+    """Compile GOTO; a missing label fails when it is executed (E0101)."""
     found = statement.target != s.UNRESOLVED
     jump = go_on(statement.target) if found else _no_label(statement.label)
     if statement.condition is None:
@@ -43,7 +43,7 @@ def compile_goto(statement: s.Goto, at: int, evaluate: Evaluate) -> Op:
 
 
 def compile_for(statement: s.For, at: int, evaluate: Evaluate) -> Op:
-    """Compile FOR: leaves what its END has to do in the frame's `loops`."""
+    """Compile FOR: stores the action of its END in the frame's `loops`."""
     assign, read = evaluate.store(statement.variable), evaluate.real(statement.variable)
     start, stop = evaluate.real(statement.start), evaluate.real(statement.stop)
     step, after = evaluate.real(statement.step), statement.after_at
@@ -67,7 +67,7 @@ def compile_for(statement: s.For, at: int, evaluate: Evaluate) -> Op:
 
 
 def compile_end(statement: s.End, at: int, _: Evaluate) -> Op:
-    """Compile END: back to the top of a loop, otherwise on."""
+    """Compile END: jump to the top of a loop, otherwise to the next step."""
     start = statement.start_at
     if statement.of == "WHILE":
         return go_on(start)
@@ -77,7 +77,7 @@ def compile_end(statement: s.End, at: int, _: Evaluate) -> Op:
     def run(task: Task) -> int:
         advance = task.frames[-1].loops.get(start)
         if advance is None:
-            raise AsError("P0141", "the loop was entered by GOTO, its FOR was never executed")
+            raise AsError("P0141", "the loop was entered by GOTO, its FOR was not executed")
         return advance(task)
 
     return run
@@ -105,7 +105,7 @@ def compile_case(statement: s.Case, _: int, evaluate: Evaluate) -> Op:
 
 
 def compile_return(_: s.Return, at: int, __: Evaluate) -> Op:
-    """Compile RETURN: back to the caller; in the main program the cycle is over."""
+    """Compile RETURN: return to the caller; in the main program it ends the cycle."""
 
     def run(task: Task) -> int:
         task.leave()

@@ -1,4 +1,4 @@
-"""The instructions that move the arm: a target, a manner, and one motion ahead."""
+"""Motion instructions: target, motion parameters, and one motion ahead."""
 
 from collections.abc import Callable
 from typing import Literal
@@ -82,7 +82,7 @@ def compile_drive(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
 def compile_draw(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
     """Compile DRAW (base axes) and TDRAW (tool axes): dx,dy,dz,rx,ry,rz,speed, linear, relative.
 
-    The turn is Rx Ry Rz; with DRAW it turns about the base axes through the TCP.
+    The rotation is Rx Ry Rz; with DRAW it is about the base axes through the TCP.
     """
     numbers = [evaluate.argument(statement, k, 0.0) for k in range(6)]
     has_speed = len(statement.arguments) > 6 and statement.arguments[6] is not None
@@ -104,7 +104,7 @@ def compile_draw(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
 
 
 def compile_pause(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
-    """Compile DELAY s and STABLE s: the arm stands for a while, then the next motion starts."""
+    """Compile DELAY s and STABLE s: the arm dwells, then the next motion starts."""
     duration_s = evaluate.argument(statement, 0)
 
     def make(task: Task) -> Motion:
@@ -115,7 +115,7 @@ def compile_pause(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
 
 
 def _handed_over(make: Make, at: int) -> Op:
-    """Hand the motion over and wait at the step until it starts: one motion ahead."""
+    """Queue the motion and wait at the step until it starts: one motion ahead."""
 
     def run(task: Task) -> int:
         refuse_outside_robot_program(task)

@@ -1,4 +1,4 @@
-"""PRINT and TYPE: one line to whoever listens."""
+"""PRINT and TYPE: output of one line."""
 
 from sim.controller.compiled import Op
 from sim.controller.evaluate import Evaluate
@@ -7,7 +7,7 @@ from sim.controller.task import Task
 
 
 def compile_print(statement: Print, at: int, evaluate: Evaluate) -> Op:
-    """Compile PRINT [device:] items and TYPE items; every device is the same listener."""
+    """Compile PRINT [device:] items and TYPE items; all devices share one output."""
     layout = evaluate.printed(statement.items)
 
     def run(task: Task) -> int:

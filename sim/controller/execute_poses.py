@@ -7,7 +7,7 @@ from sim.controller.evaluate import Evaluate
 from sim.controller.task import Task
 from sim.controller.values import Joints, Pose, Transformation, compose, inverse
 
-# POINT/X and so on: which numbers of the transformation are copied.
+# POINT/X and similar: components of the transformation that are copied.
 _PARTS = {
     "X": ("x",), "Y": ("y",), "Z": ("z",), "O": ("o",), "A": ("a",), "T": ("t",),
     "OAT": ("o", "a", "t"),
@@ -57,7 +57,7 @@ def compile_point(statement: s.Point, at: int, evaluate: Evaluate) -> Op:
 
 
 def compile_here(statement: s.Here, at: int, evaluate: Evaluate) -> Op:
-    """Compile HERE p, HERE #j and HERE a+p: from the encoders, now."""
+    """Compile HERE p, HERE #j and HERE a+p: current pose from the encoders."""
     store = evaluate.store(statement.target)
     if statement.target.kind == "#":
 
@@ -91,16 +91,16 @@ def compile_decompose(statement: s.Decompose, at: int, evaluate: Evaluate) -> Op
 
 
 def transformation_of(value: Pose, task: Task) -> Transformation:
-    """Return the transformation of a pose; of joint values with the BASE and TOOL of now."""
+    """Return the transformation of a pose; joint values use the current BASE and TOOL."""
     if isinstance(value, Transformation):
         return value
     return task.machine.transformation_of(value)
 
 
 def joints_of(value: Pose, task: Task, near: Pose | None) -> Joints:
-    """Return the joint values of a pose, near others or else near where the arm goes.
+    """Return the joint values of a pose, near `near` or else near the current destination.
 
-    Raises AsError E6007, E6008, E6016 if there are none.
+    Raises AsError E6007, E6008, E6016 if there is no solution.
     """
     if isinstance(value, Joints):
         return value
@@ -123,7 +123,7 @@ def _part(statement: s.Point, at: int, evaluate: Evaluate) -> Op:
         try:
             before = transformation_of(old(task), task)
         except AsError:
-            before = Transformation()  # an undefined target begins at zero
+            before = Transformation()  # an undefined target starts from zero
         store(task, before._replace(**{name: getattr(source, name) for name in names}))
         return at + 1
 

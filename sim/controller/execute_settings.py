@@ -1,4 +1,4 @@
-"""SPEED, ACCURACY, ACCEL, DECEL, BREAK, BRAKE, MVWAIT, BASE, TOOL and the postures."""
+"""Motion settings: SPEED, ACCURACY, ACCEL, DECEL, BREAK, BRAKE, MVWAIT, BASE, TOOL, postures."""
 
 from collections.abc import Callable
 
@@ -43,20 +43,20 @@ def compile_ramp(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
 
 
 def compile_break(_: Instruction, at: int, __: Evaluate) -> Op:
-    """Compile BREAK: wait until the motion has ended and the arm stands."""
+    """Compile BREAK: wait until the motion has ended and the arm is at rest."""
     return when_still(at, _nothing)
 
 
 def compile_posture(_: Instruction, at: int, __: Evaluate) -> Op:
-    """Compile LEFTY, RIGHTY, ABOVE, BELOW, UWRIST, DWRIST: they break CP, no more.
+    """Compile LEFTY, RIGHTY, ABOVE, BELOW, UWRIST, DWRIST: they only break CP.
 
-    The inverse kinematics stays on the branch where the arm is.
+    The inverse kinematics stays on the current branch of the arm.
     """
     return when_still(at, _nothing)
 
 
 def compile_weight(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
-    """Compile WEIGHT kg,x,y,z,..: checked; the simulated servos need no help."""
+    """Compile WEIGHT kg,x,y,z,..: checked, but without effect on the simulated servos."""
     numbers = [evaluate.argument(statement, k) for k in range(len(statement.arguments))]
 
     def run(task: Task) -> int:
@@ -67,7 +67,7 @@ def compile_weight(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
 
 
 def compile_brake(_: Instruction, at: int, __: Evaluate) -> Op:
-    """Compile BRAKE: stop at once. The robot program waits for the stop, a PC program goes on."""
+    """Compile BRAKE: stop at once. Only the robot program waits for standstill."""
     still = when_still(at, _nothing)
 
     def run(task: Task) -> int:
@@ -78,7 +78,7 @@ def compile_brake(_: Instruction, at: int, __: Evaluate) -> Op:
 
 
 def compile_mvwait(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
-    """Compile MVWAIT mm: wait until the motion has no more than this left to go."""
+    """Compile MVWAIT mm: wait until the remaining distance is at most this."""
     if "S" in statement.modifiers:
         return _refused("MVWAIT with seconds; give the distance in mm")
     left_mm = evaluate.argument(statement, 0)
@@ -112,7 +112,7 @@ def compile_frame(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
 
 
 def when_still(at: int, action: Callable[[Task], None]) -> Op:
-    """Return an operation that acts as soon as the arm stands and nothing is under way."""
+    """Return an operation that acts as soon as the arm is at rest and no motion is active."""
 
     def run(task: Task) -> int:
         robot = task.machine.robot
@@ -133,7 +133,7 @@ def when_still(at: int, action: Callable[[Task], None]) -> Op:
 
 
 def _nothing(_: Task) -> None:
-    """Only wait."""
+    """Do nothing."""
 
 
 def _setting(

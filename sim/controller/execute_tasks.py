@@ -1,4 +1,4 @@
-"""CALL, ONE, HALT, PAUSE, STOP, PCEXECUTE and its like, and the monitor commands behind MC."""
+"""Program tasks: CALL, ONE, HALT, PAUSE, STOP, PCEXECUTE and related, and MC monitor commands."""
 
 from collections.abc import Callable
 from typing import TYPE_CHECKING
@@ -31,7 +31,7 @@ def compile_call(statement: s.Call, at: int, evaluate: Evaluate) -> Op:
 
 
 def compile_scall(statement: s.Scall, at: int, evaluate: Evaluate) -> Op:
-    """Compile SCALL $name[,result]: with a result, what is wrong is stored there instead."""
+    """Compile SCALL $name[,result]: with a result, an error code is stored instead of raised."""
     name = evaluate.text(statement.program)
     store = evaluate.store(statement.result) if statement.result else None
     bind = evaluate.arguments(())
@@ -55,7 +55,7 @@ def compile_scall(statement: s.Scall, at: int, evaluate: Evaluate) -> Op:
 
 
 def store_in(store: Callable[[Task, float], None], task: Task, frame: Frame, value: float) -> None:
-    """Store a value in the scope of a frame that is not the newest one."""
+    """Store a value in the scope of a frame that is not the top of the stack."""
     frames = task.frames
     task.frames = [frame]
     try:
@@ -65,7 +65,7 @@ def store_in(store: Callable[[Task, float], None], task: Task, frame: Frame, val
 
 
 def compile_one(statement: Instruction, at: int, _: Evaluate) -> Op:
-    """Compile ONE prog: the program to call when a step fails."""
+    """Compile ONE prog: error handler called when a step fails."""
     name = _program(statement, 0)
 
     def run(task: Task) -> int:
@@ -76,7 +76,7 @@ def compile_one(statement: Instruction, at: int, _: Evaluate) -> Op:
 
 
 def compile_returne(_: Instruction, at: int, __: Evaluate) -> Op:
-    """Compile RETURNE: from the error handler to the step behind the one that failed."""
+    """Compile RETURNE: return from the error handler to the step after the failed one."""
 
     def run(task: Task) -> int:
         if len(task.frames) < 2 or task.frame.handles is None:
@@ -89,17 +89,17 @@ def compile_returne(_: Instruction, at: int, __: Evaluate) -> Op:
 
 
 def compile_halt(_: Instruction, at: int, __: Evaluate) -> Op:
-    """Compile HALT: the program ends, whatever cycles remain; the motion before it is finished."""
+    """Compile HALT: end the program regardless of remaining cycles, after its last motion."""
     return _at_rest(at, lambda task: task.machine.end(task))
 
 
 def compile_stop(_: Instruction, at: int, __: Evaluate) -> Op:
-    """Compile STOP: this cycle ends; the main program begins again if cycles remain."""
+    """Compile STOP: end this cycle; the main program restarts if cycles remain."""
     return _at_rest(at, lambda task: task.machine.end_cycle(task))
 
 
 def compile_pause(_: Instruction, at: int, __: Evaluate) -> Op:
-    """Compile PAUSE: the program is held; CONTINUE goes on behind it."""
+    """Compile PAUSE: hold the program; CONTINUE resumes at the next step."""
 
     def run(task: Task) -> int:
         robot = task.machine.robot
@@ -121,7 +121,7 @@ def compile_pause(_: Instruction, at: int, __: Evaluate) -> Op:
 
 
 def compile_lock(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
-    """Compile LOCK p: checked; there is nobody else to have priority over."""
+    """Compile LOCK p: checked, but without effect: there is only one robot program."""
     value = evaluate.argument(statement, 0)
 
     def run(task: Task) -> int:
@@ -161,7 +161,7 @@ def compile_pcabort(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
 
 
 def compile_pcscan(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
-    """Compile PCSCAN s: every cycle of this program takes at least so long."""
+    """Compile PCSCAN s: minimum cycle time of this program."""
     period_s = evaluate.argument(statement, 0)
 
     def run(task: Task) -> int:
@@ -172,7 +172,7 @@ def compile_pcscan(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
 
 
 def compile_mc(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
-    """Compile MC EXECUTE, ABORT, HOLD, CONTINUE, ERESET, SPEED: from PC programs only."""
+    """Compile MC EXECUTE, ABORT, HOLD, CONTINUE, ERESET, SPEED: in PC programs only."""
     command = statement.name.removeprefix("MC ")
     simple: dict[str, Callable[[Machine], None]] = {
         "ABORT": lambda machine: machine.abort(),
@@ -200,7 +200,7 @@ def compile_mc(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
 
     def run(task: Task) -> int:
         if task.is_robot:
-            raise AsError("P0111", "MC is for PC programs")
+            raise AsError("P0111", "MC is only allowed in PC programs")
         act(task)
         return at + 1
 

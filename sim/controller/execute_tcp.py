@@ -1,4 +1,4 @@
-"""The TCP instructions: their argument order, their ranges, and where their results go."""
+"""TCP instructions: argument order, ranges, and result variables."""
 
 from collections.abc import Callable
 
@@ -104,7 +104,7 @@ def compile_send(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
 
 
 def compile_receive(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
-    """Compile TCP_RECV ret,socket,$a[k],n[,timeout[,maxlen]]; n is where the count goes."""
+    """Compile TCP_RECV ret,socket,$a[k],n[,timeout[,maxlen]]; n receives the count."""
     store, number = evaluate.result(statement, 0), evaluate.argument(statement, 1)
     store_text = evaluate.store_at(evaluate.variable(statement, 2))
     store_count = evaluate.result(statement, 3)
@@ -129,18 +129,18 @@ def compile_receive(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
 
 
 def port_of(value: float) -> int:
-    """Return a port that a controller may listen on. Raises AsError E0106."""
+    """Return a port within the controller's range. Raises AsError E0106."""
     return int(checked(value, PORTS.start, PORTS.stop - 1, "port"))
 
 
 def timeout_of(value_s: float, task: Task) -> float:
-    """Return the time-out that the controller really grants [s]. Raises AsError E0106."""
+    """Return the effective time-out [s]. Raises AsError E0106."""
     asked_s = checked(value_s, 0.0, _LONGEST_TIMEOUT_S, "the time-out")
     return task.machine.behaviour.timeout_s(asked_s)
 
 
 def code_to(store: Callable[[Task, float], None]) -> Callable[[Task, Outcome], None]:
-    """Return what stores the code of an outcome and no more."""
+    """Return a function that stores only the code of an outcome."""
     return lambda task, outcome: store(task, float(outcome.code))
 
 
@@ -152,7 +152,7 @@ def _wait_for(
     now_ns: int,
     finish: Callable[[Task, Outcome], None],
 ) -> int:
-    """Finish at once if the operation is over, else look at it every millisecond."""
+    """Finish at once if the operation has completed, otherwise poll it every millisecond."""
     outcome = operation(now_ns)
     if outcome is not None:
         finish(task, outcome)

@@ -1,4 +1,4 @@
-"""WAIT, TWAIT, SWAIT, TIMER, SIGNAL, PULSE, BITS, RESET and the switches."""
+"""Waits, timers and signals: WAIT, TWAIT, SWAIT, TIMER, SIGNAL, PULSE, BITS, RESET, switches."""
 
 from collections.abc import Callable
 
@@ -34,7 +34,7 @@ def compile_twait(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
 
 
 def compile_swait(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
-    """Compile SWAIT s1,s2,..: until all of them hold; a negative number means OFF."""
+    """Compile SWAIT s1,s2,..: wait until all are in the given state; negative means OFF."""
     numbers = [evaluate.argument(statement, k) for k in range(len(statement.arguments))]
 
     def begin(task: Task) -> Callable[[int], bool]:
@@ -46,7 +46,7 @@ def compile_swait(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
 
 
 def compile_signal(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
-    """Compile SIGNAL s1,s2,..: on, or off with a negative number."""
+    """Compile SIGNAL s1,s2,..: switch on, or off with a negative number."""
     numbers = [evaluate.argument(statement, k) for k in range(len(statement.arguments))]
 
     def run(task: Task) -> int:
@@ -59,7 +59,7 @@ def compile_signal(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
 
 
 def compile_pulse(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
-    """Compile PULSE s,t: on for t seconds (0.2 without t); the program goes on at once."""
+    """Compile PULSE s,t: on for t seconds (0.2 by default); does not wait."""
     number = evaluate.argument(statement, 0)
     duration_s = evaluate.argument(statement, 1, 0.2)
 
@@ -91,7 +91,7 @@ def compile_bits(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
 
 
 def compile_reset(_: Instruction, at: int, __: Evaluate) -> Op:
-    """Compile RESET: every output off."""
+    """Compile RESET: switch every output off."""
 
     def run(task: Task) -> int:
         task.machine.signals.reset_outputs()
@@ -131,7 +131,7 @@ def compile_switch(statement: Instruction, at: int, _: Evaluate) -> Op:
 
 
 def wait_until(at: int, begin: Callable[[Task], Callable[[int], bool]]) -> Op:
-    """Return an operation that waits; what holds already costs one step and no wait."""
+    """Return an operation that waits; a condition already true costs one step and no wait."""
 
     def run(task: Task) -> int:
         holds = begin(task)

@@ -1,13 +1,13 @@
-"""Compile expressions to closures: each is called with its `Context` and returns a value.
+"""Compiler from expressions to closures: each takes a `Context` and returns a value.
 
     expressions = Expressions()
     read = expressions.real(expression)       # once, when the program is loaded
     value = read(context)                     # each time the step is executed; raises AsError
 
-`value`, `real`, `text`, `pose`, `place`, `truth` say what is wanted; `store`, `refer` and `locate`
-are for variables that are written, passed by reference and filled; `layout` is for PRINT.
-Memory and machine are those of the context, so that many machines can run what is compiled once.
-Compiling never raises: what is wrong with an expression is raised when it is executed.
+`value`, `real`, `text`, `pose`, `place`, `truth` select the result type; `store`, `refer` and
+`locate` are for variables that are written, passed by reference and filled; `layout` is for PRINT.
+Memory and machine come from the context, so machines share compiled programs. Compilation never
+raises: an error in an expression is raised when it is executed.
 """
 
 from collections.abc import Callable, Sequence
@@ -32,22 +32,22 @@ _globals_of: NamesOf = attrgetter("globals")
 
 @dataclass(frozen=True, slots=True)
 class Options:
-    """What a controller may have or not. `optional_formats`: /J /K /L."""
+    """Options of a controller. `optional_formats`: /J /K /L."""
 
     optional_formats: bool = False
 
 
 class Expressions:
-    """Compiles the expressions of programs."""
+    """Expression compiler."""
 
     def __init__(self, options: Options | None = None) -> None:
-        """Bind to what a controller has installed."""
+        """Bind to the installed options of a controller."""
         self.options = options or Options()
 
     # --- values -----------------------------------------------------------------------------------
 
     def value(self, expression: Expression, *, location: bool = False) -> Read:
-        """Compile to whatever it is; `location`: an undefined name is E0103, not E0102."""
+        """Compile to a value of any type; `location`: an undefined name is E0103, not E0102."""
         match expression:
             case syntax.Number(value) | syntax.Text(value):
                 return lambda _: value
@@ -82,7 +82,7 @@ class Expressions:
             value = read(context)
             if value.__class__ is float or isinstance(value, float | int):
                 return value
-            raise AsError("P0118", f"a number is needed here, not {plain(value)}")
+            raise AsError("P0118", f"expected a number, found {plain(value)}")
 
         return run
 
@@ -98,7 +98,7 @@ class Expressions:
             value = read(context)
             if isinstance(value, str):
                 return value
-            raise AsError("P0118", f"a string is needed here, not {plain(value)}")
+            raise AsError("P0118", f"expected a string, found {plain(value)}")
 
         return run
 
@@ -110,12 +110,12 @@ class Expressions:
             value = read(context)
             if isinstance(value, Transformation | Joints):
                 return value
-            raise AsError("P0118", f"a location is needed here, not {plain(value)}")
+            raise AsError("P0118", f"expected a location, found {plain(value)}")
 
         return run
 
     def place(self, expression: Expression) -> Callable[[Context], Transformation]:
-        """Compile to a transformation; joint values become one through the machine."""
+        """Compile to a transformation; the machine converts joint values."""
         read = self.pose(expression)
 
         def run(context: Context) -> Transformation:
@@ -133,7 +133,7 @@ class Expressions:
         return variables.store(variable, _names_of(variable), self.indices(variable))
 
     def refer(self, expression: Expression | None) -> Callable[[Context], Cell | Array | None]:
-        """Compile an argument of CALL: the variable itself, or a new cell with a value."""
+        """Compile an argument of CALL: a variable by reference, or a new cell with a value."""
         if expression is None:
             return lambda _: None
         if isinstance(expression, syntax.Reference):
@@ -148,16 +148,16 @@ class Expressions:
         return variables.refer(variable, _names_of(variable), self.indices(variable))
 
     def locate(self, variable: Variable) -> Locate:
-        """Compile to array and index from which elements are stored one after the other."""
+        """Compile to the array and the first index for storing consecutive elements."""
         return variables.locate(variable, _names_of(variable), self.indices(variable))
 
     def indices(self, variable: Variable) -> Indices | None:
-        """Compile what stands in brackets; None if nothing does."""
+        """Compile the indices in brackets; None without brackets."""
         if not variable.indices:
             return None
         numbers = [index.value for index in variable.indices if isinstance(index, syntax.Number)]
         if len(numbers) == len(variable.indices):
-            with suppress(AsError):  # one out of range is raised when it is executed
+            with suppress(AsError):  # out of range: raised when it is executed
                 constant = index_of(numbers)
                 return lambda _: constant
         return variables.indices_of([self.value(index) for index in variable.indices])
@@ -192,7 +192,7 @@ class Expressions:
 
 
 def gives_number(expression: Expression) -> bool:
-    """Tell whether an expression gives a number if it gives anything: nothing is left to check."""
+    """Return whether an expression can only yield a number, so no type check is needed."""
     match expression:
         case syntax.Number():
             return True

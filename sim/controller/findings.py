@@ -1,4 +1,4 @@
-"""What `--check` finds: a place, a rule, and a sentence."""
+"""Findings of `--check`: position, rule and message."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -10,7 +10,7 @@ Kind = Literal["not executed", "warning"]
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One thing that is not executed, or that deserves a warning."""
+    """One finding: an unsupported construct or a warning."""
 
     where: Position
     rule: str

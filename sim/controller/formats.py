@@ -1,7 +1,7 @@
-"""What $ENCODE, PRINT and TYPE make of their items (reference manual 5-111, 5-112, 9-70).
+"""Text formatting of $ENCODE, PRINT and TYPE (reference manual 5-111, 5-112, 9-70).
 
-A format holds for the items behind it. /J /K /L are options of the controller and refused unless
-`optional` is set. Choices where the manual is silent are listed in docs/as-emulator.md.
+A format applies to the items after it. /J /K /L are options of the controller and rejected unless
+`optional` is set. Choices where the manual is ambiguous are listed in docs/as-emulator.md.
 """
 
 from collections.abc import Callable, Sequence
@@ -23,7 +23,7 @@ SPACES = {"X": " ", "C": "\n"}
 def layout(
     items: Sequence[Read | Format], *, optional: bool
 ) -> Callable[[Context], tuple[str, bool]]:
-    """Compile items to their text, and whether a line feed follows (not behind /S)."""
+    """Compile items to their text, and whether a line feed follows (not after /S)."""
     current = DEFAULT
     parts: list[Callable[[Context], str]] = []
     for item in items:
@@ -31,7 +31,7 @@ def layout(
             parts.append(_written(item, current))
         elif item.code in OPTIONAL and not optional:
             text = f"/{item.code} is an option of the controller that is not installed"
-            parts.append(_refused(f"{text}; pad by hand, or switch the emulator's option on"))
+            parts.append(_refused(f"{text}; pad by hand, or enable the emulator's option"))
         elif item.code in NUMERIC:
             current = item
         elif item.code != "S":
@@ -52,7 +52,7 @@ def _refused(reason: str) -> Callable[[Context], str]:
 
 def _space(item: Format) -> Callable[[Context], str]:
     if item.code not in SPACES:
-        return _refused(f"/{item.code} is no format; there are /D /E /F /G /H /I /C /S /X")
+        return _refused(f"unknown format /{item.code}; use /D /E /F /G /H /I /C /S /X")
     space = SPACES[item.code] * (item.width or 0)
     return lambda _: space
 

@@ -1,4 +1,4 @@
-"""Compile calls of functions, also of those that change or look up a variable."""
+"""Compiler for function calls, including functions that modify or look up a variable."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     ReadArgument = Callable[[Context], Argument]
 
-# What a function does with one single-precision real, where Python or we have just that.
+# Fast path for one single-precision real argument: equivalent Python functions.
 OF_REAL: dict[str, Callable[[float], float]] = {"ABS": abs, "ROUND": rounded}
 
 
@@ -40,7 +40,7 @@ def compile_function(expressions: Expressions, call: Function) -> Read:
 def _computed(expressions: Expressions, call: Function) -> Read:
     function = FUNCTIONS.get(call.name)
     if function is None:
-        return _refuse("P0115", f"{call.name} is not known to this emulator")
+        return _refuse("P0115", f"{call.name} is not emulated")
     try:
         function.check_count(len(call.arguments))
     except AsError as error:
@@ -54,7 +54,7 @@ def _computed(expressions: Expressions, call: Function) -> Read:
     if len(readers) == 3:
         return _of_three(function, *readers)
     compute, check = function.compute, function.check
-    # What `check` has let through once it always lets through: it only looks at types.
+    # `check` depends only on types: a type combination that passed once always passes.
     passed: set[tuple[type, ...]] = set()
 
     def run(context: Context) -> Value:
@@ -128,7 +128,7 @@ def _reader(expressions: Expressions, item: Expression | None, *, location: bool
 
 
 def _decode(expressions: Expressions, call: Function) -> Read:
-    """Compile $DECODE: it takes what it returns out of its variable."""
+    """Compile $DECODE: it removes the returned text from its variable."""
     if not 2 <= len(call.arguments) <= 3:
         return _refuse("P0116", "$DECODE takes a string variable, a separator and a mode")
     target, separator, *rest = call.arguments
@@ -168,7 +168,7 @@ def _looked_up(expressions: Expressions, call: Function) -> Read:
 
 
 def _spelling(expressions: Expressions, name: str, item: Expression) -> Callable[[Context], str]:
-    """Compile the name that is looked up: the variable's own, or what a string holds."""
+    """Compile the name to look up: that of the variable, or the content of a string."""
     own = isinstance(item, Variable) and (
         item.kind != "$" or name.endswith("CHAR") or name in EXTREMES
     )

@@ -1,7 +1,7 @@
-"""How a function of AS is described: how many arguments, of which types, and what it computes.
+"""Signatures of AS functions: number and types of arguments, and the computation.
 
 Types are letters, one per argument: r number, s string, t transformation, j joint values, p either
-of the two, w word, x number or string; in parentheses: may be left out.
+of the two, w word, x number or string; in parentheses: optional.
 """
 
 from collections.abc import Callable, Sequence
@@ -27,7 +27,7 @@ TYPES: dict[str, tuple[tuple[type, ...], str]] = {
 
 @dataclass(frozen=True, slots=True)
 class Function:
-    """One function: `types` per argument, the number that must be there, what it computes."""
+    """One function: argument types, number of required arguments, computation."""
 
     name: str
     types: str
@@ -36,7 +36,7 @@ class Function:
     compute: Compute
 
     def check(self, arguments: Sequence[Argument]) -> None:
-        """Refuse arguments of the wrong number (P0101, P0116) or type (P0116)."""
+        """Reject arguments of the wrong number (P0101, P0116) or type (P0116)."""
         self.check_count(len(arguments))
         for number, argument in enumerate(arguments):
             kinds, plain = TYPES[self.types[min(number, len(self.types) - 1)]]
@@ -47,15 +47,15 @@ class Function:
                 raise AsError("P0116", f"argument {number + 1} of {self.name} must be {plain}")
 
     def check_count(self, count: int) -> None:
-        """Refuse a number of arguments that the function does not take."""
+        """Reject a wrong number of arguments."""
         if count > self.most:
-            raise AsError("P0101", f"{self.name} takes {self.most} at most, not {count}")
+            raise AsError("P0101", f"{self.name} takes at most {self.most}, found {count}")
         if count < self.required:
-            raise AsError("P0116", f"{self.name} takes {self.required} at least, not {count}")
+            raise AsError("P0116", f"{self.name} takes at least {self.required}, found {count}")
 
 
 def function(name: str, types: str, compute: Compute, *, most: int | None = None) -> Function:
-    """Describe a function by its types: "sr(r)" is a string, a number, and one more at will.
+    """Return a function with a type signature: "sr(r)" is a string, a number, an optional number.
 
     `most` allows more arguments of the last type.
     """
@@ -70,15 +70,15 @@ def table(*functions: Function) -> dict[str, Function]:
 
 
 def number(value: Argument, default: float = 0.0) -> float:
-    """Return a number that `check` has let through, or what it is when left out."""
+    """Return a checked number, or its default if omitted."""
     return float(value) if isinstance(value, NUMBER) else default
 
 
 def whole(value: Argument, default: int = 0) -> int:
-    """Return a number cut to a whole one."""
+    """Return a number truncated to an integer."""
     return int(value) if isinstance(value, NUMBER) else default
 
 
 def string(value: Argument) -> str:
-    """Return a string that `check` has let through; "" when left out."""
+    """Return a checked string; "" if omitted."""
     return value if isinstance(value, str) else ""

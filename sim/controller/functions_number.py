@@ -19,7 +19,7 @@ def rounded(value: float) -> float:
 def _sqrt(_: Machine, a: Sequence[Argument]) -> float:
     value = number(a[0])
     if value < 0.0:
-        raise AsError("E0106", f"SQRT({value:g}): there is no root of a negative number")
+        raise AsError("E0106", f"SQRT({value:g}): the argument is negative")
     return single(math.sqrt(value))
 
 
@@ -36,12 +36,12 @@ def _sine(degrees: float, shift: float) -> float:
 
 
 def _sig(machine: Machine, a: Sequence[Argument]) -> float:
-    """Return whether every signal is as wanted; a negative number wants it off."""
+    """Return whether every signal is on; a negative number tests for off."""
     result = True
     for item in a:
         signal = whole(item)
         if signal == 0:
-            raise AsError("E0106", "SIG(0): signals are counted from 1, negative for off")
+            raise AsError("E0106", "SIG(0): signal numbers start at 1, negative for off")
         result = (machine.signal(abs(signal)) == (signal > 0)) and result
     return truth(result)
 

@@ -38,7 +38,7 @@ def _as_place(machine: Machine, value: Argument) -> Transformation:
 
 
 def shift(place: Transformation, dx: float, dy: float, dz: float) -> Transformation:
-    """Move along the base axes; the orientation stays."""
+    """Translate along the base axes; the orientation is unchanged."""
     return transformation(place.x + dx, place.y + dy, place.z + dz, place.o, place.a, place.t)
 
 
@@ -63,7 +63,7 @@ def frame(
     x_axis = b - a
     z_axis = np.cross(x_axis, c - a)
     if np.linalg.norm(x_axis) < PARALLEL or np.linalg.norm(z_axis) < PARALLEL:
-        raise AsError("E0106", "FRAME: the first three points lie on one line")
+        raise AsError("E0106", "FRAME: the first three points are collinear")
     x_axis /= np.linalg.norm(x_axis)
     z_axis /= np.linalg.norm(z_axis)
     R = np.column_stack([x_axis, np.cross(z_axis, x_axis), z_axis])

@@ -32,7 +32,7 @@ def middle(characters: str, start: int, count: int | None) -> str:
 
 
 def position(start: int, characters: str, wanted: str) -> int:
-    """Return where a string is found, 1-based, 0 if nowhere; upper and lower case are one."""
+    """Return the 1-based position of a string, 0 if not found; case-insensitive."""
     start = max(start, 1)
     if start > len(characters):
         return 0
@@ -42,7 +42,7 @@ def position(start: int, characters: str, wanted: str) -> int:
 
 
 def value_of(characters: str, code: int) -> float:
-    """Return the number a string begins with: 0 decimal, 1 binary, 2 hexadecimal; 0 if none."""
+    """Parse the number at the start of a string: 0 decimal, 1 binary, 2 hexadecimal; 0 if none."""
     rest = characters.lstrip(" ")
     prefix = rest[:2].upper()
     if prefix in {"^B", "^H"}:
@@ -57,10 +57,10 @@ def value_of(characters: str, code: int) -> float:
 
 
 def decode(characters: str, separator: str, mode: float) -> tuple[str, str]:
-    """Return what $DECODE returns, and what it leaves in the variable.
+    """Return the result of $DECODE and the text left in the variable.
 
-    Mode up to 0: the text before the separator (everything if there is none). Mode above 0: the
-    separators at the front, all in a row.
+    Mode up to 0: the text before the separator (all text without one). Mode above 0: all
+    consecutive separators at the start.
     """
     low, mark = characters.lower(), separator.lower()
     if mode > 0.0:

@@ -1,4 +1,4 @@
-"""What the emulated controller is made of, without its programs."""
+"""Hardware of the emulated controller: arm, network, signals, timers, tasks. No programs."""
 
 from collections.abc import Callable
 
@@ -33,7 +33,7 @@ FACTORY_MONITOR_SPEED = 0.1
 
 
 class Parts:
-    """Arm, sockets, signals, timers, switches, tasks and the clock that drives them."""
+    """Arm, sockets, signals, timers, switches, tasks and their scheduler."""
 
     def __init__(
         self,
@@ -44,7 +44,7 @@ class Parts:
         now_ns: int = 0,
         say: Callable[[str], None] = lambda _: None,
     ) -> None:
-        """Power on: no program, every switch at its factory setting. `say` gets PRINT's lines."""
+        """Power on: no program, switches at factory settings. `say` receives PRINT lines."""
         self.behaviour = behaviour or Behaviour()
         self.say = say
         self.robot = Robot(arm)
@@ -57,15 +57,15 @@ class Parts:
         self.teach_lock = False
         self.held = False
         self.emergency = False
-        self.error: Stop | None = None  # stays until ERESET
+        self.error: Stop | None = None  # latched until ERESET
         self.stops: list[Stop] = []
         self.tasks = [Task(n, self.cycle_ended, self.failed) for n in (ROBOT, *PC_PROGRAMS)]
         self.scheduler = Scheduler(self.tasks, self._tick, self.behaviour, now_ns=now_ns)
         self.switches = Switches(self._reports())
-        self.after_tick: list[Callable[[], None]] = []  # the sensor's feed, a test's probe
+        self.after_tick: list[Callable[[], None]] = []  # sensor feed, probe of a test
         self._later: list[tuple[int, Callable[[], None]]] = []
-        self._line = ""  # of PRINT with /S
-        self._motions = 0  # of this run of the robot program
+        self._line = ""  # pending output of PRINT with /S
+        self._motions = 0  # motions of this run of the robot program
 
     # --- time -------------------------------------------------------------------------------------
 
@@ -80,22 +80,22 @@ class Parts:
         return self.tasks[0]
 
     def later(self, delay_s: float, action: Callable[[], None]) -> None:
-        """Do something after a while."""
+        """Schedule an action after a delay [s]."""
         self._later.append((self.now_ns + round(delay_s * NS_PER_S), action))
 
     def print(self, text: str, *, feed: bool) -> None:
-        """PRINT: whole lines go to whoever listens; /S keeps a line open."""
+        """PRINT: output complete lines; /S keeps a line open."""
         self._line += text
         if feed:
             line, self._line = self._line, ""
             self.say(line)
 
     def cycle_ended(self, task: Task) -> None:
-        """The main program of a task has come to its end."""
+        """Handle the end of a task's main program."""
         raise NotImplementedError
 
     def failed(self, task: Task, error: AsError) -> None:
-        """A step of a task could not be executed."""
+        """Handle a failed step of a task."""
         raise NotImplementedError
 
     def _tick(self) -> None:
@@ -116,7 +116,7 @@ class Parts:
     # --- the arm ----------------------------------------------------------------------------------
 
     def move(self, motion: Motion) -> Ticket:
-        """Hand a motion of the robot program over. Raises AsError."""
+        """Queue a motion of the robot program. Raises AsError."""
         self.robot.queue.continuous_path = self.switches.read("cp")
         ticket = self.robot.move(motion)
         self._motions += 1
@@ -125,7 +125,7 @@ class Parts:
         return ticket
 
     def manner(self, speed: Speed | None = None) -> Manner:
-        """Return how the next motion is done; a speed of its own leaves SPEED for the next one."""
+        """Return the parameters of the next motion; an own speed does not use up SPEED."""
         return self.settings.take(self.robot.T_flange_tcp, speed)
 
     def brake(self) -> None:
@@ -133,14 +133,14 @@ class Parts:
         self.robot.queue.brake(keep_ahead=self.behaviour.brake_keeps_prefetched)
 
     def set_frame(self, name: str, value: Transformation) -> None:
-        """BASE or TOOL."""
+        """Set BASE or TOOL."""
         if name == "BASE":
             self.robot.T_base_shift = se3_of(value)
         else:
             self.robot.T_flange_tcp = se3_of(value)
 
     def set_monitor_speed(self, percent: float) -> None:
-        """SPEED of the monitor: multiplies every program speed, also of the motion under way."""
+        """Set the monitor speed: scales every program speed, also of the active motion."""
         self.robot.queue.monitor_fraction = percent / 100.0
 
     def here(self) -> Transformation:
@@ -165,7 +165,7 @@ class Parts:
         """Return a signal's number. Raises AsError E0106."""
         number = int(value)
         if not Signals.exists(number):
-            raise AsError("E0106", f"there is no signal {number}")
+            raise AsError("E0106", f"signal {number} does not exist")
         return number
 
     def settable_signal(self, value: float) -> int:

@@ -1,7 +1,7 @@
-"""The words of AS: instructions, operators, functions, and what may be abbreviated how.
+"""Keywords of AS: instructions, operators, functions and abbreviations.
 
-Sources: AS Language Reference Manual (chapters 6, 7, 9, appendix 5) and the keyword lists of
-public editors for what is known by name only.
+Sources: AS Language Reference Manual (chapters 6, 7, 9, appendix 5) and, for keywords known by
+name only, the keyword lists of public editors.
 """
 
 
@@ -12,7 +12,7 @@ def _words(text: str) -> frozenset[str]:
 OPERATORS = frozenset({"AND", "OR", "XOR", "NOT", "BAND", "BOR", "BXOR", "COM", "MOD"})
 CONSTANTS = {"TRUE": -1.0, "ON": -1.0, "FALSE": 0.0, "OFF": 0.0}
 
-# First word -> terminal of the grammar. Everything else that is known is INSTRUCTION.
+# First word -> terminal of the grammar. All other known words are INSTRUCTION.
 STATEMENTS = {
     "POINT": "_POINT", "HERE": "_HERE", "DECOMPOSE": "_DECOMPOSE", "IF": "_IF", "GOTO": "_GOTO",
     "ELSE": "_ELSE", "WHILE": "_WHILE", "DO": "_DO", "UNTIL": "_UNTIL", "FOR": "_FOR",
@@ -21,7 +21,7 @@ STATEMENTS = {
     "TYPE": "PRINT", "ON": "ON", "ONI": "ON",
 }  # fmt: skip
 
-# Words inside a statement that are keywords there, and names elsewhere.
+# Context-dependent keywords: keywords inside these statements, names elsewhere.
 INNER = {
     "_IF": frozenset({"THEN", "GOTO"}), "_GOTO": frozenset({"IF"}), "_WHILE": frozenset({"DO"}),
     "_FOR": frozenset({"TO", "STEP"}), "CASE": frozenset({"OF"}),
@@ -34,7 +34,7 @@ TAKES_PROGRAM = frozenset(
 )
 TAKES_TASK_NUMBER = frozenset({"PCEXECUTE", "PCABORT", "PCEND", "PCKILL", "PCCONTINUE"})
 
-# Instructions beside STATEMENTS. Which of them the emulator executes says `compile.INSTRUCTIONS`.
+# Instructions other than STATEMENTS. `compile.INSTRUCTIONS` lists the emulated ones.
 _COMMON = _words("""
     JMOVE LMOVE HMOVE JAPPRO LAPPRO JDEPART LDEPART HOME DRIVE DRAW TDRAW DELAY STABLE
     SPEED ACCURACY ACCEL DECEL BREAK BRAKE MVWAIT BASE TOOL WEIGHT
@@ -60,11 +60,11 @@ _OTHERS = _words("""
 
 KNOWN = _COMMON | _OTHERS
 
-# Abbreviations that the manual and public programs show although another word begins alike.
+# Abbreviations in the manual and in public programs that are ambiguous by prefix.
 SHORT = {"CA": "CALL", "SI": "SIGNAL", "TW": "TWAIT", "TY": "TYPE", "PCEX": "PCEXECUTE",
          "EXEC": "EXECUTE", "ACCU": "ACCURACY", "DECO": "DECOMPOSE", "SP": "SPEED"}  # fmt: skip
 
-# Functions that may stand without parentheses, and those whose arguments are bare names.
+# Functions that may be written without parentheses, and functions with bare names as arguments.
 WITHOUT_ARGUMENTS = _words("""
     PI RANDOM NULL HERE #HERE DEST #DEST #HOME BASE TOOL ERROR MSPEED MSPEED2
     $DATE $TIME $TIME_MS TIME_MS PRIORITY
@@ -77,7 +77,7 @@ MONITOR = ("ABORT", "CONTINUE", "ERESET", "EXECUTE", "HOLD", "SPEED", "PRIME")
 
 
 def instruction(word: str) -> str | None:
-    """Return the full name of an instruction written in full or unmistakably shortened."""
+    """Return the full name of an instruction, written in full or unambiguously abbreviated."""
     upper = word.upper()
     if upper in STATEMENTS or upper in KNOWN:
         return upper
@@ -85,7 +85,7 @@ def instruction(word: str) -> str | None:
 
 
 def monitor_command(word: str) -> str | None:
-    """Return the full name of a command behind MC."""
+    """Return the full name of a command after MC."""
     return _only(MONITOR, word.upper())
 
 

@@ -1,4 +1,4 @@
-"""Parse one line of a program with the grammar, and say clearly what is wrong with it."""
+"""Parser for one line of a program, with diagnostics."""
 
 import re
 from dataclasses import fields, is_dataclass
@@ -24,7 +24,7 @@ UNREAD = re.compile(
 OPERANDS = frozenset({"NUMBER", "BASED", "STRING", "NAME", "SIGIL_NAME", "FUNCTION", "_LPAR"})
 LEAVES = (syntax.Number, syntax.Text, syntax.Word, syntax.Format)
 
-# How a terminal of the grammar is called in a message, in the order of the message.
+# Display name of a grammar terminal, in the order of the message.
 PLAIN = {
     "_THEN": "THEN", "_DO": "DO", "_OF": "OF", "_TO": "TO", "_GOTO": "GOTO", "_CALL": "CALL",
     "TARGET": "a label", "PROGRAM": "the name of a program", "NUMBER": "a value",
@@ -34,10 +34,10 @@ PLAIN = {
 
 
 class LineError(Exception):
-    """One line is wrong: AS's code, a sentence, and the column from 1."""
+    """Error in one line: AS code, message, and column from 1."""
 
     def __init__(self, code: str, text: str, column: int = 0) -> None:
-        """Keep what a `Mistake` needs beside the position."""
+        """Store the fields of a `Mistake` except the position."""
         super().__init__(text)
         self.code = code
         self.text = text
@@ -61,7 +61,7 @@ def _lark() -> Lark:
 def parse_line(text: str) -> Line:
     """Return label and statement of a line of a program; raise `LineError`.
 
-    Programs repeat their lines, and versions of a program share most of them: a line is a value.
+    Cached by text: programs repeat lines, and versions of a program share most of them.
     """
     try:
         result = _lark().parse(text, start="line")
@@ -87,7 +87,7 @@ def parse_parameters(text: str) -> tuple[syntax.Variable, ...]:
 
 
 def _unread(text: str) -> Line | None:
-    """Keep a line whose first word is no instruction we know, unread: real backups have them."""
+    """Accept a line with an unknown instruction as raw text: real backups contain such lines."""
     match = UNREAD.match(text)
     if match is None or keywords.instruction(match["word"]) or match["word"].upper() == "MC":
         return None
@@ -97,7 +97,7 @@ def _unread(text: str) -> Line | None:
 
 
 def _explain(text: str, error: Exception) -> LineError:
-    """Turn what Lark or a builder says into AS's code and a sentence."""
+    """Convert an error of Lark or of a builder into an AS code and a message."""
     if isinstance(error, VisitError):
         error = error.orig_exc
     if isinstance(error, AsError):
@@ -112,10 +112,10 @@ def _explain(text: str, error: Exception) -> LineError:
 def _bad_character(text: str, column: int) -> LineError:
     found = text[column - 1]
     if found == '"':
-        return LineError("P0108", "the string that opens here is not closed by a quote", column)
+        return LineError("P0108", "the string that starts here is not closed by a quote", column)
     if not found.isascii():
-        return LineError("P0108", f"found {found!a}: AS text is plain ASCII", column)
-    return LineError("P0108", f"found {found!r}, which means nothing in AS here", column)
+        return LineError("P0108", f"found {found!a}: AS text must be ASCII", column)
+    return LineError("P0108", f"unexpected character {found!r}", column)
 
 
 def _bad_token(text: str, error: UnexpectedToken) -> LineError:
@@ -125,7 +125,7 @@ def _bad_token(text: str, error: UnexpectedToken) -> LineError:
     found = "the end of the line" if at_end else f"'{token.value}'"
     column = len(text) + 1 if at_end else (token.column or 0)
     choices = list(dict.fromkeys(plain for name, plain in PLAIN.items() if name in expected))[:3]
-    would_be = f"; right would be {' or '.join(choices)}" if choices else ""
+    would_be = f"; expected {' or '.join(choices)}" if choices else ""
     hint = ". To compare, write ==" if token.type == "_ASSIGN" else ""
     return LineError(_code(token, expected), f"found {found}{would_be}{hint}", column)
 
@@ -139,7 +139,7 @@ def _code(token: Token, expected: set[str]) -> str:
 
 
 def _refuse_depth(statement: object) -> None:
-    """Refuse what is nested so deep that nobody wrote it by hand."""
+    """Reject a nesting deeper than in any hand-written program."""
     level = [statement]
     for _ in range(DEEPEST):
         level = [child for node in level for child in _children(node)]

@@ -1,4 +1,4 @@
-"""`--check`: what a file holds that the emulator cannot execute, or that is a known trap."""
+"""Static check of a file (`--check`): unsupported constructs and known traps."""
 
 import re
 import sys
@@ -20,7 +20,7 @@ from sim.controller.syntax import SourceFile
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """What was read, what is wrong with it, and what was found."""
+    """Result of a check: parsed file, mistakes and findings."""
 
     source: SourceFile
     mistakes: tuple[Mistake, ...]
@@ -34,7 +34,7 @@ class Report:
 
 
 def check_text(text: str, name: str = "text") -> Report:
-    """Parse the text of a file and look for everything that deserves a word."""
+    """Parse the text of a file and collect all mistakes and findings."""
     source, mistakes = examine(text, name)
     lines = re.split(r"\r\n|\n|\r", text)
     found = [

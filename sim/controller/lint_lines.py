@@ -1,4 +1,4 @@
-"""Traps that show in the characters of a line."""
+"""Lint rules on the characters of a line."""
 
 import re
 from collections import defaultdict
@@ -47,14 +47,14 @@ def _long_names(code: str) -> Iterator[str]:
 
 
 def _significant(name: str) -> int:
-    """Return how many characters count, with the dot and the sigil in front."""
+    """Return the number of significant characters, including a leading dot and sigil."""
     return SIGNIFICANT_CHARACTERS + len(name) - len(name.lstrip(".$#@&"))
 
 
 def _names(names: dict[str, Position]) -> Iterator[Finding]:
     for name, where in names.items():
         short = name[: _significant(name)]
-        yield Finding(where, "long-name", f"{name} is {short}: only 15 characters count")
+        yield Finding(where, "long-name", f"{name} is {short}: 15 characters are significant")
     first, *others = names
     for other in others:
         text = f"{other} and {first} are the same variable: their first 15 characters are equal"

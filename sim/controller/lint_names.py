@@ -1,4 +1,4 @@
-"""Traps of variables: never defined, two kinds under one name, reserved words."""
+"""Lint rules on variables: never defined, two kinds under one name, reserved words."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -20,7 +20,7 @@ WRITERS = frozenset(
 
 @dataclass(slots=True)
 class Uses:
-    """Where a variable is used first, and how."""
+    """Uses of a variable: first position, and kinds of use."""
 
     place: tuple[Program, Step]
     defined: bool = False
@@ -64,7 +64,7 @@ def _note(program: Program, step: Step, own: dict[str, Uses], shared: dict[str, 
 
 
 def _written(statement: syntax.Statement) -> Iterator[tuple[int, str]]:
-    """Yield the identity of each variable that a statement defines, and as what."""
+    """Yield the identity of each variable that a statement defines, and its kind."""
     match statement:
         case syntax.Assign(target) | syntax.For(target):
             yield id(target), "real"
@@ -99,4 +99,4 @@ def _judge(names: dict[str, Uses], dot: str) -> Iterator[Finding]:
             text = f"{name} is a real here and a transformation there (P0150)"
             yield at(program, step, "two-types", text)
         if not dot and key.upper() in RESERVED:
-            yield at(program, step, "reserved", f"{name} is a word of AS, no name (P0117)")
+            yield at(program, step, "reserved", f"{name} is a reserved word of AS (P0117)")

@@ -1,4 +1,4 @@
-"""What the emulator parses but cannot execute."""
+"""Lint rules for constructs that the emulator parses but cannot execute."""
 
 from collections.abc import Iterator
 
@@ -16,7 +16,7 @@ LAYOUT = frozenset({*WRITERS, "C", "S", "X"})
 
 
 def not_executed(source: SourceFile) -> Iterator[Finding]:
-    """Yield instructions, functions and formats that the emulator does not know."""
+    """Yield instructions, functions and formats that are not emulated."""
     for program in source.programs.values():
         for step, node in steps_with_nodes(program):
             yield from _node(program, step, node)

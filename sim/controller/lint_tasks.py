@@ -1,4 +1,4 @@
-"""Traps between programs: tasks that share a subroutine, CALLs that cannot work."""
+"""Lint rules across programs: subroutines shared by tasks, invalid CALLs."""
 
 from collections.abc import Iterator, Mapping
 
@@ -15,7 +15,7 @@ FRAMES = frozenset({"BASE", "TOOL"})
 
 
 def task_traps(source: SourceFile) -> Iterator[Finding]:
-    """Yield warnings about calls, and about what tasks share or may not do."""
+    """Yield warnings about calls, shared subroutines and statements not allowed in a task."""
     programs = source.programs
     calls = {name: set(_called(program)) for name, program in programs.items()}
     background = _background(programs)

@@ -1,4 +1,4 @@
-"""Traps that show in the expressions and instructions of a step."""
+"""Lint rules on the expressions and instructions of a step."""
 
 from collections.abc import Iterator
 
@@ -14,13 +14,13 @@ RELATIONS = frozenset(FAST_RELATIONS)
 LOGICAL = frozenset({"AND", "OR", "XOR"})
 TRUTHS = frozenset({"SIG", "SWITCH"})
 ONE = Number(1.0)
-# Where a TCP instruction has its time-out (1 to 60 s) and its port (8192 to 65535).
+# Argument index of time-out (1 to 60 s) and port (8192 to 65535) of each TCP instruction.
 TIMEOUTS = {"TCP_ACCEPT": 2, "TCP_CONNECT": 3, "TCP_SEND": 4, "TCP_RECV": 4}
 PORTS = {"TCP_LISTEN": 1, "TCP_ACCEPT": 1, "TCP_END_LISTEN": 1}
 
 
 def traps(source: SourceFile) -> Iterator[Finding]:
-    """Yield warnings about what programs say without meaning it."""
+    """Yield warnings about statements that are valid but probably unintended."""
     flags = set(_flags(source))
     for program in source.programs.values():
         for step, node in steps_with_nodes(program):
@@ -44,7 +44,7 @@ def _expression(program: Program, step: Step, node: object) -> Iterator[Finding]
         case syntax.Format(code) if code in OPTIONAL:
             yield at(program, step, "optional-format", f"/{code} is an option of the controller")
         case Function("VAL", (syntax.Text(value), *_)) if not _is_number(value):
-            yield at(program, step, "val", f"what VAL gives for {value!a} is not documented")
+            yield at(program, step, "val", f"the result of VAL for {value!a} is not documented")
         case _:
             pass
 
@@ -79,7 +79,7 @@ def _constant(arguments: tuple[Expression | None, ...], index: int | None) -> fl
 
 
 def _flags(source: SourceFile) -> Iterator[str]:
-    """Yield the variables that are given TRUE or a condition somewhere."""
+    """Yield the variables to which TRUE or a condition is assigned."""
     for program in source.programs.values():
         for step in program.steps:
             statement = step.statement
@@ -111,7 +111,7 @@ def _is_compared_with_1(node: object, flags: set[str]) -> bool:
 
 
 def _is_text(node: Expression) -> bool:
-    """Tell whether an expression is a string, as far as its outermost operand shows."""
+    """Return whether an expression is a string, judged by its outermost operand."""
     for inner in nodes(node):
         if isinstance(inner, Binary) and inner.operator == "+":
             continue

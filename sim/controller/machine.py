@@ -1,4 +1,4 @@
-"""The emulated controller: loads programs, answers the language's questions, lets time pass."""
+"""Emulated controller: loads programs, implements the machine interface, advances time."""
 
 import random
 
@@ -22,7 +22,7 @@ _TASK_STATES = {"idle": 0, "running": 1, "held": 2, "stopped": 2, "ending": 3}
 
 
 class Machine(Control):
-    """Everything together; implements `machine_api.Machine`. Build it with `Parts`' arguments."""
+    """Complete emulated controller; implements `machine_api.Machine`. Arguments as for `Parts`."""
 
     def __init__(self, *args: object, **kwargs: object) -> None:
         """Power on."""
@@ -36,7 +36,7 @@ class Machine(Control):
     def load(self, source: SourceFile) -> None:
         """LOAD: add the programs and data of a file; a program of the same name is replaced.
 
-        Raises AsError P1014 when a program that would be replaced is running.
+        Raises AsError P1014 if a program to be replaced is running.
         """
         for task in self.tasks:
             for frame in task.frames:
@@ -46,7 +46,7 @@ class Machine(Control):
         self.memory.fill(source.data)
 
     def advance(self, until_ns: int) -> None:
-        """Let time pass in lock step, up to a moment."""
+        """Advance time in lock step up to `until_ns`."""
         self.scheduler.advance(until_ns)
 
     # --- machine_api: the arm ---------------------------------------------------------------------
@@ -88,7 +88,7 @@ class Machine(Control):
         return joints(*np.degrees(result.q))
 
     def in_range(self, place: Pose, configuration: Joints | None = None) -> int:
-        """INRANGE: a bit for each joint beyond its limits, 32768 out of reach."""
+        """INRANGE: one bit per joint outside its limits, 32768 out of reach."""
         if isinstance(place, Transformation):
             try:
                 place = self.joints_of(place, configuration)
@@ -103,12 +103,12 @@ class Machine(Control):
         return 100.0 * self.robot.queue.monitor_fraction
 
     def motor_torque_Nm(self, joint: int) -> float:
-        """TRQNM: what the simulated servo gives. Raises AsError E0106."""
+        """TRQNM: torque of the simulated servo. Raises AsError E0106."""
         number = int(checked(joint, 1, JOINTS, "the joint"))
         return float(self.robot.arm.data.actuator_force[number - 1])
 
     def motor_current_A(self, joint: int) -> float:
-        """IQARM: the torque over a torque constant of 1 Nm/A; the real ones are not public."""
+        """IQARM: torque over a torque constant of 1 Nm/A; the real constants are not public."""
         return self.motor_torque_Nm(joint)
 
     # --- machine_api: signals, switches, tasks, time ----------------------------------------------
@@ -132,7 +132,7 @@ class Machine(Control):
         return _TASK_STATES[self.tasks[number - PC_PROGRAMS.start + 1].state]
 
     def error_number(self) -> int:
-        """ERROR: of the step that a ONE program handles, else the one that waits for ERESET."""
+        """ERROR: of the step that a ONE program handles, otherwise the one pending ERESET."""
         for frame in reversed(self.scheduler.current.frames):
             if frame.handles is not None:
                 return frame.handles.number
@@ -148,7 +148,7 @@ class Machine(Control):
         return self._random.random()
 
     def date(self) -> str:
-        """$DATE: a fixed day, so that runs are repeatable."""
+        """$DATE: a fixed date, for repeatable runs."""
         return "26/01/01"
 
     def time(self) -> str:
@@ -162,4 +162,4 @@ class Machine(Control):
 
     def _refuse_pc(self, name: str) -> None:
         if not self.scheduler.current.is_robot:
-            raise AsError("E1095", f"{name} is not for PC programs")
+            raise AsError("E1095", f"{name} is not allowed in PC programs")

@@ -1,6 +1,6 @@
-"""What the language asks of the machine that runs it: the robot, its signals and its tasks.
+"""Interface from the language to the machine: robot, signals and tasks.
 
-The machine implements this; expressions never reach past it. Lengths in mm, angles in degrees.
+`Machine` implements it; expressions use nothing else. Lengths in mm, angles in degrees.
 """
 
 from typing import Protocol
@@ -10,25 +10,25 @@ from sim.controller.values import Joints, Pose, Transformation
 
 
 class Machine(Protocol):
-    """The controller around the language.
+    """Controller as seen by the language.
 
-    A method raises `AsError` where AS does: `base` and `tool` in a PC program, numbers of signals
-    and timers out of range (E0106).
+    Methods raise `AsError` as AS does: `base` and `tool` in a PC program, numbers of signals and
+    timers out of range (E0106).
     """
 
     # --- the arm ----------------------------------------------------------------------------------
 
     def here(self) -> Transformation:
-        """Return the pose of the TCP in the BASE frame, from the encoders now (HERE)."""
+        """Return the current pose of the TCP in the BASE frame, from the encoders (HERE)."""
 
     def here_joints(self) -> Joints:
-        """Return the joint values now (#HERE)."""
+        """Return the current joint values (#HERE)."""
 
     def destination(self) -> Transformation:
         """Return the destination of the current motion (DEST)."""
 
     def destination_joints(self) -> Joints:
-        """Return the same as joint values (#DEST)."""
+        """Return the destination of the current motion as joint values (#DEST)."""
 
     def home_joints(self, number: int) -> Joints:
         """Return home position 1 or 2 (#HOME)."""
@@ -40,10 +40,10 @@ class Machine(Protocol):
         """Return the TOOL frame in the flange frame (TOOL)."""
 
     def transformation_of(self, joints: Joints) -> Transformation:
-        """Return the TCP pose in BASE for joint values: where a joint value becomes a pose."""
+        """Return the TCP pose in BASE for joint values (forward kinematics)."""
 
     def joints_of(self, place: Transformation, configuration: Joints | None = None) -> Joints:
-        """Return joint values for a TCP pose; E6007 or E6008 if there are none."""
+        """Return joint values for a TCP pose; E6007 or E6008 if there is no solution."""
 
     def in_range(self, place: Pose, configuration: Joints | None = None) -> int:
         """Return INRANGE's mask: 1, 2, 4, 8, 16, 32 for the joints, 32768 out of reach."""
@@ -66,16 +66,16 @@ class Machine(Protocol):
         """Return whether a switch is on; P0116 for an unknown one. The name is lower case."""
 
     def task_state(self, number: int) -> int:
-        """Return TASK: 0 not running, 1 running, 2 held, 3 waits for the end of a motion."""
+        """Return TASK: 0 not running, 1 running, 2 held, 3 waiting for the end of a motion."""
 
     def error_number(self) -> int:
         """Return ERROR: 0, or -3xxxx for Exxxx and so on (`errors.number_of`)."""
 
     def timer_s(self, number: int) -> float:
-        """Return TIMER 0 to 10 [s]; 0 is the time since the controller started."""
+        """Return TIMER 0 to 10 [s]; TIMER 0 is the time since the controller started."""
 
     def random(self) -> float:
-        """Return a number from 0 up to, but not including, 1 (RANDOM)."""
+        """Return a number in [0, 1) (RANDOM)."""
 
     def date(self) -> str:
         """Return $DATE."""
@@ -88,16 +88,16 @@ class Machine(Protocol):
 
 
 class Context(Protocol):
-    """Who evaluates an expression: the task, with its variables and its machine."""
+    """Evaluation context of an expression: task variables and machine."""
 
     @property
     def locals(self) -> Locals:
-        """The local variables of the program that runs now."""
+        """The local variables of the running program."""
 
     @property
     def globals(self) -> Names:
-        """The variables that all tasks share."""
+        """The global variables."""
 
     @property
     def machine(self) -> Machine:
-        """The controller that it runs on."""
+        """The controller that executes the task."""

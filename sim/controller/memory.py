@@ -1,13 +1,13 @@
-"""Variables of AS: sparse arrays, globals that all programs share, locals of one call.
+"""Memory model of AS: sparse arrays, globals shared by all programs, locals of one call.
 
     Cell      one variable or array element; `value` is None until it is defined
     Array     elements by index: an int for one dimension, a tuple for two or three
     Names     a namespace, from a spelling without index (`x`, `$s`, `#j`, `@n`) to Cell or Array;
               `Memory.globals` is one, the locals of each call are another (`Locals`)
 
-A parameter is a name in the callee's Locals bound to the caller's own Cell or Array, so what the
-callee stores is the caller's. A name is a scalar or an array (P0132, P0133) and, without prefix, a
-real or a transformation (P0150), never both.
+Parameters are passed by reference: a name in the callee's Locals is bound to the caller's Cell or
+Array. A name is either a scalar or an array (P0132, P0133) and, without prefix, either a real or a
+transformation (P0150).
 """
 
 from collections.abc import Iterable, Sequence
@@ -18,7 +18,7 @@ from sim.controller.values import Joints, Transformation, Value, joints, transfo
 
 LARGEST_INDEX = 9999
 
-# By the first character of a spelling: what a variable may hold.
+# Permitted types of a variable, by the first character of its spelling.
 HOLDS: dict[str, tuple[type, ...]] = {
     "$": (str,), "#": (Joints,), "@": (int, float), "": (float, int, Transformation),
 }  # fmt: skip
@@ -32,18 +32,18 @@ class Cell:
     __slots__ = ("value",)
 
     def __init__(self, value: Value | None = None) -> None:
-        """Start undefined, or with a value."""
+        """Create a cell, undefined unless a value is given."""
         self.value = value
 
 
 class Array:
-    """The elements of an array, by index; there are only those that were ever used."""
+    """Sparse array: elements by index, created on first use."""
 
     __slots__ = ("cells",)
-    value = None  # so that a reader of scalars finds it undefined and looks closer
+    value = None  # lets the fast path of scalar readers fall through to the error path
 
     def __init__(self) -> None:
-        """Have no element."""
+        """Create an empty array."""
         self.cells: dict[Index, Cell] = {}
 
     def cell(self, index: Index) -> Cell:
@@ -54,7 +54,7 @@ class Array:
         return found
 
     def indices(self, dimension: int = 1) -> list[int]:
-        """Return the indices of the defined elements in a dimension, in no order."""
+        """Return the indices of the defined elements in a dimension, unordered."""
         found = [index for index, cell in self.cells.items() if cell.value is not None]
         tuples = [index if isinstance(index, tuple) else (index,) for index in found]
         return [index[dimension - 1] for index in tuples if len(index) >= dimension]
@@ -95,15 +95,15 @@ Locals = Names
 
 
 class Memory:
-    """The global variables of a controller."""
+    """Global variables of a controller."""
 
     def __init__(self, data: Iterable[DataValue] = ()) -> None:
-        """Start with what the data sections of a file define."""
+        """Initialise from the data sections of a file."""
         self.globals = Names()
         self.fill(data)
 
     def fill(self, data: Iterable[DataValue]) -> None:
-        """Define what the lines of data sections say."""
+        """Define variables from the lines of data sections."""
         for item in data:
             indices = [int(i.value) for i in item.variable.indices if isinstance(i, Number)]
             key = key_of(item.variable)
@@ -139,7 +139,7 @@ def key_of(variable: Variable) -> str:
 
 
 def index_of(numbers: Sequence[float]) -> Index:
-    """Return an array index: whole numbers 0 to 9999 (P0119); a fraction is cut off."""
+    """Return an array index: integers 0 to 9999 (P0119); fractions are truncated."""
     whole = tuple(map(int, numbers))
     if min(whole) < 0 or max(whole) > LARGEST_INDEX:
         raise AsError("P0119", f"{list(numbers)}: indices are 0 to {LARGEST_INDEX}")
@@ -147,7 +147,7 @@ def index_of(numbers: Sequence[float]) -> Index:
 
 
 def following(index: Index, count: int) -> Index:
-    """Return the index that lies `count` elements further in the last dimension."""
+    """Return the index `count` elements further in the last dimension."""
     if isinstance(index, int):
         further = index + count
         return further if further <= LARGEST_INDEX else index_of([further])
@@ -163,7 +163,7 @@ def undefined(variable: Variable, *, location: bool = False) -> AsError:
 
 
 def check_type(variable: Variable, old: Value | None, new: Value) -> None:
-    """Refuse to store a value of another type (P0150)."""
+    """Reject a value of another type (P0150)."""
     if not isinstance(new, HOLDS[variable.kind]):
         raise AsError("P0150", f"{variable.spelling} cannot hold {plain(new)}")
     is_pose = isinstance(new, Transformation)
@@ -172,7 +172,7 @@ def check_type(variable: Variable, old: Value | None, new: Value) -> None:
 
 
 def plain(value: Value) -> str:
-    """Return what kind of value this is, in words."""
+    """Return the type of a value for a message."""
     if isinstance(value, str):
         return "a string"
     if isinstance(value, Transformation):
@@ -186,7 +186,7 @@ def bind(
     """Return the locals of a call, its parameters bound to the arguments.
 
     Raises:
-        AsError: P0137 for their number, P0138 for a type. None (left out) is undefined.
+        AsError: P0137 for their number, P0138 for a type. None (omitted) is undefined.
     """
     if len(arguments) != len(parameters):
         text = f"{program} takes {len(parameters)} arguments, not {len(arguments)}"
@@ -207,7 +207,7 @@ def bind(
 
 
 def fits(parameter: Variable, value: Value) -> bool:
-    """Tell whether a value has the type of a parameter."""
+    """Return whether a value has the type of a parameter."""
     try:
         check_type(parameter, None, value)
     except AsError:

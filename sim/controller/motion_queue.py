@@ -1,6 +1,6 @@
-"""The motions of the robot program: one under way, one ahead, superposed where they blend.
+"""Motion queue of the robot program: one active motion, one ahead, superposed while blending.
 
-CP ON: the next motion starts once the one under way is within its ACCURACY and slows down; the
+CP ON: the next motion starts once the active one is within its ACCURACY and decelerating; the
 two displacements are added in joint space. CP OFF: it starts when the arm has arrived. The program
 waits at the next motion's step until then ("one motion ahead").
 """
@@ -20,20 +20,20 @@ TicketState = Literal["waiting", "under way", "finished", "dropped", "failed"]
 
 
 class Ticket:
-    """What became of a motion that was handed over."""
+    """State of a queued motion."""
 
     def __init__(self, motion: Motion) -> None:
-        """A motion that has not started."""
+        """Create the ticket of a motion that has not started."""
         self.motion = motion
         self.state: TicketState = "waiting"
         self.error: AsError | None = None
 
 
 class MotionQueue:
-    """One joint command per millisecond. It never looks at the arm: `arrived` is told to it."""
+    """Motion queue with one joint command per tick. Open loop: the caller passes `arrived`."""
 
     def __init__(self, kinematics: ArmKinematics, q_start: Array) -> None:
-        """Stand still at q_start [rad]. Shape (6,)."""
+        """Start at rest at q_start [rad]. Shape (6,)."""
         self._kinematics = kinematics
         self._active: list[tuple[Segment, Ticket]] = []
         self._pause_s = 0.0
@@ -43,32 +43,32 @@ class MotionQueue:
         self.monitor_fraction = 0.1
         self.held = False
         self.q_command: Array = np.array(q_start, dtype=float)
-        self.q_end: Array = self.q_command  # where the last motion that was handed over ends
-        self._base: Array = self.q_command  # what the segments under way are added to
+        self.q_end: Array = self.q_command  # end of the last queued motion
+        self._base: Array = self.q_command  # base of the displacements of the active segments
         self.last: Motion | None = None
         self.started = 0
 
-    # --- what the program sees --------------------------------------------------------------------
+    # --- interface for the program ----------------------------------------------------------------
 
     @property
     def busy(self) -> bool:
-        """Whether a motion is under way or waits."""
+        """Whether a motion is active or queued."""
         return bool(self._active) or self._pausing is not None or self.ahead is not None
 
     @property
     def under_way(self) -> bool:
-        """Whether the command still changes, or a pause runs."""
+        """Whether the command is changing, or a pause is active."""
         return bool(self._active) or self._pausing is not None
 
     @property
     def has_room(self) -> bool:
-        """Whether a motion can be handed over now."""
+        """Whether a motion can be queued now."""
         return self.ahead is None
 
     def offer(self, motion: Motion, *, arrived: bool) -> Ticket:
-        """Take a motion; it starts at once when nothing is under way.
+        """Queue a motion; it starts at once if no motion is active.
 
-        Raises AsError when its target cannot be reached from where the last motion ends.
+        Raises AsError if its target cannot be reached from the end of the last motion.
         """
         ticket = Ticket(motion)
         joint_target(self._kinematics, motion, self.q_end)
@@ -80,13 +80,13 @@ class MotionQueue:
         return ticket
 
     def remaining_m(self) -> float:
-        """Return how far the command of the newest motion still is from its end [m]."""
+        """Return the remaining distance of the newest motion's command [m]."""
         return self._remaining_m(self._active[-1][0]) if self._active else 0.0
 
     # --- stopping ---------------------------------------------------------------------------------
 
     def brake(self, *, keep_ahead: bool) -> None:
-        """Stop what is under way at once and forget it; the motion ahead too unless kept."""
+        """Stop and discard the active motions; also the motion ahead unless kept."""
         for segment, _ in self._active:
             segment.braking = True
         self._end_pause()
@@ -94,12 +94,12 @@ class MotionQueue:
             self.drop_ahead()
 
     def drop_ahead(self) -> None:
-        """Forget the motion that waits."""
+        """Discard the motion ahead."""
         if self.ahead is not None:
             self.ahead.state, self.ahead = "dropped", None
 
     def reseed(self, q: Array) -> None:
-        """Forget everything and stand still at q [rad]: the motors were off. Shape (6,)."""
+        """Discard all motions and hold q [rad], after the motors were off. Shape (6,)."""
         for _, ticket in self._active:
             ticket.state = "dropped"
         self._active.clear()
@@ -113,8 +113,8 @@ class MotionQueue:
     def tick(self, dt_s: float, *, arrived: bool) -> Array:
         """Advance by one tick and return the joint command [rad]. Shape (6,).
 
-        `arrived`: the arm stands where it was last commanded to. Raises AsError when a motion
-        cannot be followed on; then everything under way is braked or gone.
+        `arrived`: the arm has reached its last command. Raises AsError if a motion cannot be
+        continued; all active motions are then braked or discarded.
         """
         if not self.busy:
             return self.q_command
@@ -133,14 +133,14 @@ class MotionQueue:
         return self.q_command
 
     def _gather(self) -> None:
-        """Add up the displacements; forget the segments that ended."""
+        """Add the displacements; remove completed segments."""
         if not self._active:
             return
         q = self._base + sum(segment.covered for segment, _ in self._active)
         violation = self._kinematics.limit_violation(q)
         if violation:
             self.fail()
-            raise AsError("E6007", f"where two motions blend, {violation}")
+            raise AsError("E6007", f"during blending, {violation}")
         self.q_command = q
         while self._active and self._active[0][0].done:
             segment, ticket = self._active.pop(0)
@@ -150,7 +150,7 @@ class MotionQueue:
             self.q_end = self.q_command
 
     def fail(self) -> None:
-        """Brake everything: a motion under way cannot be followed on."""
+        """Brake all segments: an active motion cannot be continued."""
         for segment, _ in self._active:
             segment.braking = True
 

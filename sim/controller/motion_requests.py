@@ -1,4 +1,4 @@
-"""What a program asks of the arm: one motion with its speed, accuracy and ramps. Values only."""
+"""Motion requests of a program: one motion with speed, accuracy and ramps. Values only."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -7,19 +7,19 @@ import pinocchio as pin
 
 from common.motion.frames import Array
 
-# What 100 % of SPEED means for a linear motion. Assumed: the manuals give it per arm.
+# 100 % of SPEED for a linear motion. Assumption: the manuals specify it per arm.
 LINEAR_MAX_M_S = 2.0
-# What 100 % of ACCEL and DECEL mean: linear, and as the time of a joint to its full speed.
+# 100 % of ACCEL and DECEL: linear, and as the time of a joint to its full speed.
 LINEAR_ACCEL_M_S2 = 2.0
 JOINT_ACCEL_TIME_S = 0.3
-BRAKE_FACTOR = 1.25  # BRAKE and HOLD ramp down this much faster than 100 %: 2.5 m/s^2
+BRAKE_FACTOR = 1.25  # deceleration of BRAKE and HOLD relative to 100 %: 2.5 m/s^2
 
 SpeedUnit = Literal["%", "M/S", "S"]
 
 
 @dataclass(frozen=True, slots=True)
 class Speed:
-    """Program speed: a percentage, metres per second, or the seconds that the motion takes."""
+    """Program speed: a percentage, metres per second, or the duration of the motion in seconds."""
 
     value: float = 100.0
     unit: SpeedUnit = "%"
@@ -41,7 +41,7 @@ class Speed:
 
 @dataclass(frozen=True, slots=True)
 class Manner:
-    """How a motion is done; snapshot of the program's settings at its step."""
+    """Motion parameters: snapshot of the program's settings at the step of the motion."""
 
     speed: Speed = Speed()
     accuracy_m: float = 0.001

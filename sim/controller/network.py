@@ -1,6 +1,6 @@
-"""The network below the TCP instructions: real sockets, or wires in memory for lock step.
+"""Transport of the TCP instructions: real sockets, or in-memory streams for lock step.
 
-Nothing here blocks. A broken connection is an OSError; everything else is a value.
+All calls are non-blocking. A broken connection raises OSError; other results are values.
 """
 
 import socket
@@ -11,8 +11,8 @@ from typing import Protocol
 
 Octets = tuple[int, int, int, int]
 LOOPBACK: Octets = (127, 0, 0, 1)
-WIRE_BYTES = 16_384  # what a wire in memory holds before its writer has to wait
-ANY_ADDRESS = ""  # a controller listens on its one Ethernet port, whatever its address
+WIRE_BYTES = 16_384  # buffer of an in-memory stream before its writer has to wait
+ANY_ADDRESS = ""  # a controller listens on its Ethernet port at any address
 
 
 class Stream(Protocol):
@@ -23,36 +23,36 @@ class Stream(Protocol):
         """Address of the other end."""
 
     def ready(self) -> bool:
-        """Tell whether the connection stands. Raises OSError when it cannot be made."""
+        """Return whether the connection is established. Raises OSError if it fails."""
 
     def receive(self, most: int) -> bytes | None:
-        """Return what has come in; None when nothing has, b"" at the end of the stream."""
+        """Return received bytes; None if there are none, b"" at the end of the stream."""
 
     def send(self, data: bytes) -> int:
-        """Hand over what fits; return how many bytes that were. Raises OSError."""
+        """Send as much as the buffer accepts; return the number of bytes. Raises OSError."""
 
     def close(self) -> None:
-        """End this direction and the other one."""
+        """Close both directions."""
 
 
 class Listener(Protocol):
-    """A port that can be connected to."""
+    """Listening port."""
 
     def accept(self) -> Stream | None:
-        """Return a new connection, None when there is none."""
+        """Return a new connection, or None."""
 
     def close(self) -> None:
-        """Free the port; accepted connections live on."""
+        """Release the port; accepted connections stay open."""
 
 
 class Network(Protocol):
-    """What the controller's Ethernet port is plugged into."""
+    """Network of the controller's Ethernet port."""
 
     def listen(self, port: int) -> Listener:
-        """Open a port. Raises OSError when it is taken."""
+        """Open a port. Raises OSError if it is in use."""
 
     def connect(self, peer: Octets, port: int) -> Stream:
-        """Start a connection; the stream is ready later. Raises OSError."""
+        """Start a connection; it is established later (`ready`). Raises OSError."""
 
 
 # --- sockets --------------------------------------------------------------------------------------
@@ -69,7 +69,7 @@ class SocketStream:
         self._socket, self._pending = connection, pending
 
     def ready(self) -> bool:
-        """Tell whether the connection stands. Raises OSError when it cannot be made."""
+        """Return whether the connection is established. Raises OSError if it fails."""
         if self._pending:
             number = self._socket.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR)
             if number:
@@ -82,26 +82,26 @@ class SocketStream:
         return True
 
     def receive(self, most: int) -> bytes | None:
-        """Return what has come in; None when nothing has, b"" at the end of the stream."""
+        """Return received bytes; None if there are none, b"" at the end of the stream."""
         try:
             return self._socket.recv(most)
         except BlockingIOError:
             return None
 
     def send(self, data: bytes) -> int:
-        """Hand over what fits; return how many bytes that were. Raises OSError."""
+        """Send as much as the buffer accepts; return the number of bytes. Raises OSError."""
         try:
             return self._socket.send(data, socket.MSG_NOSIGNAL)
         except BlockingIOError:
             return 0
 
     def close(self) -> None:
-        """End the connection."""
+        """Close the connection."""
         with suppress(OSError):
             self._socket.close()
 
     def reset(self) -> None:
-        """Cut the connection: the other end is told at once."""
+        """Abort the connection with a TCP reset."""
         with suppress(OSError):
             now = struct.pack("ii", 1, 0)
             self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, now)
@@ -123,7 +123,7 @@ class SocketListener:
         return port
 
     def accept(self) -> Stream | None:
-        """Return a new connection, None when there is none."""
+        """Return a new connection, or None."""
         try:
             connection, address = self._socket.accept()
         except BlockingIOError:
@@ -131,28 +131,28 @@ class SocketListener:
         return SocketStream(connection, _octets(address[0]))
 
     def close(self) -> None:
-        """Free the port."""
+        """Release the port."""
         with suppress(OSError):
             self._socket.close()
 
 
 class SocketNetwork:
-    """The sockets of this host. `port` takes the place of every port that a program opens."""
+    """Sockets of this host. `port` replaces every port that a program opens."""
 
     def __init__(self, address: str = "127.0.0.1", port: int | None = None) -> None:
-        """Listen on one address only; ANY_ADDRESS for all of this host; port 0 is any free one."""
+        """Listen on one address only; ANY_ADDRESS for all of this host; port 0: any free port."""
         self._address, self._port = address, port
         self.bound: dict[int, int] = {}  # the program's port -> the real one
 
     def listen(self, port: int) -> Listener:
-        """Open a port. Raises OSError when it is taken."""
+        """Open a port. Raises OSError if it is in use."""
         real = port if self._port is None else self._port
         listener = SocketListener(socket.create_server((self._address, real), backlog=5))
         self.bound[port] = listener.port
         return listener
 
     def connect(self, peer: Octets, port: int) -> Stream:
-        """Start a connection; the stream is ready later. Raises OSError."""
+        """Start a connection; it is established later (`ready`). Raises OSError."""
         connection = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
         stream = SocketStream(connection, peer, pending=True)
         with suppress(BlockingIOError):
@@ -165,14 +165,14 @@ def _octets(address: str) -> Octets:
     return (a, b, c, d)
 
 
-# --- wires in memory ------------------------------------------------------------------------------
+# --- in-memory streams ----------------------------------------------------------------------------
 
 
 class MemoryStream:
-    """One end of a wire; `partner` is the other one."""
+    """One end of an in-memory stream; `partner` is the other one."""
 
     def __init__(self, peer: Octets = LOOPBACK) -> None:
-        """Make an end without a partner: `wire` joins two."""
+        """Create an unconnected end; `MemoryNetwork.dial` joins two."""
         self.peer = peer
         self.partner: MemoryStream | None = None
         self.closed = False
@@ -181,11 +181,11 @@ class MemoryStream:
         self._held = 0
 
     def ready(self) -> bool:
-        """Wires in memory stand at once."""
+        """Return True: in-memory streams are established at once."""
         return True
 
     def receive(self, most: int) -> bytes | None:
-        """Return what has come in; None when nothing has, b"" at the end of the stream."""
+        """Return received bytes; None if there are none, b"" at the end of the stream."""
         if self.cut or self.closed:
             raise ConnectionResetError("the connection was reset")
         if not self._inbox:
@@ -199,7 +199,7 @@ class MemoryStream:
         return head
 
     def send(self, data: bytes) -> int:
-        """Hand over what fits; return how many bytes that were. Raises OSError."""
+        """Send as much as the buffer accepts; return the number of bytes. Raises OSError."""
         other = self.partner
         if self.cut or self.closed or other is None or other.closed:
             raise ConnectionResetError("the connection was reset")
@@ -210,11 +210,11 @@ class MemoryStream:
         return max(0, count)
 
     def close(self) -> None:
-        """End this direction and the other one; what was sent can still be read."""
+        """Close both directions; data already sent can still be read."""
         self.closed = True
 
     def reset(self) -> None:
-        """Cut the wire: the other end reads no rest, it is told at once."""
+        """Abort the stream: the other end gets an error and discards unread data."""
         self.closed = True
         if self.partner is not None:
             self.partner.cut = True
@@ -229,44 +229,44 @@ class MemoryListener:
         self.waiting: deque[MemoryStream] = deque()
 
     def accept(self) -> Stream | None:
-        """Return a new connection, None when there is none."""
+        """Return a new connection, or None."""
         return self.waiting.popleft() if self.waiting else None
 
     def close(self) -> None:
-        """Free the port; who has not been accepted is turned away."""
+        """Release the port; connections not yet accepted are reset."""
         for stream in self.waiting:
             stream.reset()
         self._network.listeners.pop(self._port, None)
 
 
 class MemoryNetwork:
-    """Both ends in one process, for a controller in lock step with its client."""
+    """In-memory network: both ends in one process, for a controller in lock step with a client."""
 
     def __init__(self) -> None:
-        """No port is open."""
+        """Start without open ports."""
         self.listeners: dict[int, MemoryListener] = {}
 
     def listen(self, port: int) -> Listener:
-        """Open a port. Raises OSError when it is taken."""
+        """Open a port. Raises OSError if it is in use."""
         if port in self.listeners:
-            raise OSError(f"port {port} is taken")
+            raise OSError(f"port {port} is in use")
         self.listeners[port] = MemoryListener(self, port)
         return self.listeners[port]
 
     def connect(self, peer: Octets, port: int) -> Stream:
-        """Connect to a port of this network. Raises OSError when nobody listens."""
+        """Connect to a port of this network. Raises OSError if it is not open."""
         stream = self.dial(port)
         stream.peer = peer
         return stream
 
     def dial(self, port: int, peer: Octets = LOOPBACK) -> MemoryStream:
-        """Connect to a port of the controller, as a client. Raises OSError if nobody listens.
+        """Connect to a port of the controller, as a client. Raises OSError if it is not open.
 
-        `peer` is the address that the controller is told.
+        `peer` is the client address reported to the controller.
         """
         listener = self.listeners.get(port)
         if listener is None:
-            raise ConnectionRefusedError(f"nobody listens on port {port}")
+            raise ConnectionRefusedError(f"port {port} is not open")
         near, far = MemoryStream(), MemoryStream(peer)
         near.partner, far.partner = far, near
         listener.waiting.append(far)

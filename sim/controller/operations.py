@@ -1,4 +1,4 @@
-"""Closures for operators, with a short way for what programs do most: single-precision reals."""
+"""Operator closures, with a fast path for single-precision reals."""
 
 import operator
 from collections.abc import Callable
@@ -21,13 +21,13 @@ FAST_LOGIC: dict[str, Callable[[bool, bool], bool]] = {
 
 
 def compile_unary(sign: str, operand: Read) -> Read:
-    """Compile an operator before its operand."""
+    """Compile a unary operator."""
     apply = UNARY[sign]
     return lambda context: apply(operand(context))
 
 
 def compile_binary(sign: str, left: Read, right: Read) -> Read:
-    """Compile an operator between its operands; both are always evaluated, left first."""
+    """Compile a binary operator; both operands are always evaluated, left first."""
     apply = BINARY[sign]
     if sign == "+":
         return _plus(apply, left, right)
@@ -41,7 +41,7 @@ def compile_binary(sign: str, left: Read, right: Read) -> Read:
 
 
 def compile_with_constant(sign: str, left: Read, constant: float) -> Read:
-    """Compile an operator before a number that is written in the program."""
+    """Compile a binary operator with a numeric literal on the right."""
     apply = BINARY[sign]
     if sign in FAST_ARITHMETIC:
         return _constant_arithmetic(FAST_ARITHMETIC[sign], apply, left, constant)

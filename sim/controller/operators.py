@@ -70,12 +70,12 @@ def modulo(left: Value, right: Value) -> Value:
 
 
 def power(left: Value, right: Value) -> Value:
-    """Raise to a power; a negative base takes whole exponents only (E0106)."""
+    """Raise to a power; a negative base takes integer exponents only (E0106)."""
     a, b = _numbers("^", left, right)
     if a == 0 and b < 0:
         raise AsError("E0108", f"0 ^ {b:g}")
     if a < 0 and b != int(b):
-        raise AsError("E0106", f"{a:g} ^ {b:g}: a negative number has no such power")
+        raise AsError("E0106", f"{a:g} ^ {b:g}: a negative base needs an integer exponent")
     try:
         return single(math.pow(a, b))
     except OverflowError:
@@ -99,7 +99,7 @@ def logical_not(value: Value) -> Value:
 
 
 def complement(value: Value) -> Value:
-    """Turn all 32 bits."""
+    """Invert all 32 bits."""
     return _word(~_bits("COM", value), value)
 
 
@@ -142,11 +142,11 @@ UNARY: dict[str, Callable[[Value], Value]] = {
 
 
 def _result(number: float) -> float:
-    """Round a sum or product; whole ones of integers stay integers within 32 bits (E0106)."""
+    """Round to single precision; integer results must be within 32 bits (E0106)."""
     if not isinstance(number, int):
         return single(number)
     if not LEAST_INTEGER <= number <= LARGEST_INTEGER:
-        raise AsError("E0106", f"{number} is no 32-bit integer")
+        raise AsError("E0106", f"{number} is not a 32-bit integer")
     return number
 
 

@@ -1,8 +1,8 @@
-"""Parse a whole .as or .pg file: programs, data sections, header lines.
+"""Parser for a whole .as or .pg file: programs, data sections, header lines.
 
-`load` and `parse` give a `syntax.SourceFile` or raise `AsSyntaxError` with every mistake;
-`examine` gives both what could be read and the mistakes. Sections that only a controller
-understands are skipped and listed. Bytes are Latin-1: one character is one byte.
+`load` and `parse` return a `syntax.SourceFile` or raise `AsSyntaxError` with every mistake;
+`examine` returns both the parsed part and the mistakes. Sections specific to a real controller are
+skipped and listed. Bytes are Latin-1: one character is one byte.
 """
 
 import re
@@ -53,9 +53,9 @@ def parse(text: str, name: str = "text") -> SourceFile:
 
 @lru_cache(maxsize=8)
 def examine(text: str, name: str = "text") -> tuple[SourceFile, tuple[Mistake, ...]]:
-    """Parse the text of a file; return what could be read, and every mistake.
+    """Parse the text of a file; return the parsed part, and every mistake.
 
-    What was read is a value: whoever loads the same text again shares it.
+    The result is immutable and cached: equal texts share it.
     """
     reader = _Reader(name)
     for number, line in enumerate(re.split(r"\r\n|\n|\r", text), start=1):
@@ -64,7 +64,7 @@ def examine(text: str, name: str = "text") -> tuple[SourceFile, tuple[Mistake, .
 
 
 class _Reader:
-    """Reads a file line by line; knows in which section it is."""
+    """Line-by-line parser state: current section, programs, mistakes."""
 
     def __init__(self, name: str) -> None:
         self.name = name
@@ -77,7 +77,7 @@ class _Reader:
         self.mistakes: list[Mistake] = []
 
     def read(self, line: str, where: Position) -> None:
-        """Take the next line."""
+        """Parse the next line."""
         stripped = line.strip(" \t\x1a\x00")
         header = HEADER.match(stripped)
         if END.match(stripped):
@@ -94,7 +94,7 @@ class _Reader:
         elif self.section in DATA_SECTIONS and stripped and not stripped.startswith(";"):
             self._data(stripped, where)
         elif not self.section and stripped and not stripped.startswith((";", ".*")):
-            text = f"{stripped!a:.60} stands outside of every .PROGRAM and data section"
+            text = f"{stripped!a:.60} is outside of any .PROGRAM or data section"
             self._complain(where, "P0109", text)
 
     def finish(self) -> tuple[SourceFile, tuple[Mistake, ...]]:
@@ -140,7 +140,7 @@ class _Reader:
 
 
 class _ProgramReader:
-    """Reads one program; numbers its steps and finds its labels."""
+    """Parser of one program: numbers its steps and collects its labels."""
 
     def __init__(self, header: str, where: Position) -> None:
         self.where = where
@@ -154,13 +154,13 @@ class _ProgramReader:
             name, self.parameters = _header(header)
             self.name = short_name(name)
             if len(name) > SIGNIFICANT_CHARACTERS:
-                text = f"only the first {SIGNIFICANT_CHARACTERS} characters of {name} count"
+                text = f"only the first {SIGNIFICANT_CHARACTERS} characters of {name} are used"
                 self.remarks.append(Remark(where, text))
         except LineError as error:
             self.mistakes.append(Mistake(where, error.code, error.text))
 
     def read(self, line: str, where: Position) -> None:
-        """Take the next line; blank ones are no steps."""
+        """Parse the next line; blank lines are not steps."""
         text = line.strip()
         if not text:
             return
@@ -179,14 +179,14 @@ class _ProgramReader:
         """Link the steps and return the program."""
         linker = Linker(self.steps, self.labels)
         steps = linker.link()
-        if not self.mistakes:  # a line that was not understood may be the IF that END closes
+        if not self.mistakes:  # an invalid line may be the IF that END closes
             self.mistakes += linker.mistakes
         return Program(self.name, self.parameters, steps, self.where, self.labels)
 
     def _label(self, label: str, where: Position) -> None:
         if label in self.labels:
             first = self.steps[self.labels[label]].where.line
-            text = f"label {label} stands in line {first} already"
+            text = f"label {label} is already defined in line {first}"
             self.mistakes.append(Mistake(where, "P0146", text))
         self.labels.setdefault(label, len(self.steps))
 
@@ -200,7 +200,7 @@ def _header(rest: str) -> tuple[str, tuple[syntax.Variable, ...]]:
         raise LineError("P0120", "the list of parameters is not closed by ')'")
     if not TAIL.fullmatch(match["tail"]):
         text = (
-            f"behind the parameters stand @date, #number or ;comment; found {match['tail']!a:.60}"
+            f"expected @date, #number or ;comment after the parameters; found {match['tail']!a:.60}"
         )
         raise LineError("P0108", text)
     return match["name"], parse_parameters(match["parameters"] or "")

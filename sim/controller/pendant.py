@@ -1,24 +1,24 @@
-"""What a person does at the controller: motor power, REPEAT and TEACH, teach lock, HOLD and RUN."""
+"""Teach pendant and operation panel: motor power, REPEAT/TEACH, teach lock, HOLD/RUN."""
 
 from sim.controller.program_control import Control
 
 
 class Pendant:
-    """Buttons and switches. Each does what the real one does, at once."""
+    """Buttons and switches of the controller, with immediate effect."""
 
     def __init__(self, controller: Control) -> None:
-        """Stand in front of a controller."""
+        """Connect to a controller."""
         self._controller = controller
 
     def motor_power(self, *, on: bool) -> None:
-        """Switch the motors; off holds the program. Not while the emergency stop is pressed."""
+        """Switch the motors; off holds the program. Inhibited by a pressed emergency stop."""
         if not on:
             self._controller.hold()
         if not (on and self._controller.emergency):
             self._controller.robot.power(on=on)
 
     def repeat(self) -> None:
-        """Turn the switch to REPEAT; what was held stays held."""
+        """Turn the switch to REPEAT; a held program stays held."""
         self._controller.repeat_mode = True
 
     def teach(self) -> None:
@@ -41,12 +41,12 @@ class Pendant:
         self._controller.resume()
 
     def emergency_stop(self) -> None:
-        """Press the emergency stop: the arm brakes, the motors go off, the program is held."""
+        """Press the emergency stop: brake the arm, switch the motors off, hold the program."""
         self._controller.emergency = True
         self.motor_power(on=False)
 
     def release_emergency_stop(self) -> None:
-        """Pull the button out again; nothing moves by that."""
+        """Release the emergency stop; this starts no motion."""
         self._controller.emergency = False
 
     def error_reset(self) -> None:

@@ -1,4 +1,4 @@
-"""From a requested motion to a segment: reach is tested before anything moves."""
+"""Planner from motion requests to segments; reachability is tested before the motion starts."""
 
 from functools import lru_cache
 
@@ -20,10 +20,10 @@ from sim.controller.paths import TcpLine
 from sim.controller.segment import Ramp, Segment
 
 _LEAST_EXTENT = 1e-9
-_NO_WAY = Ramp(1.0, 1.0, 1.0, 1.0)  # of a motion to where the arm is
+_NO_WAY = Ramp(1.0, 1.0, 1.0, 1.0)  # of a motion of zero length
 _WHOLE_TURN_RAD = 2.0 * np.pi
-# Where the search for a joint motion's goal starts when it fails from where the arm is: JT1 and
-# JT5 decide the branch, so these few cover what six turning joints can do (degrees).
+# Further start values of the inverse kinematics if it fails from the current joints [deg]: JT1
+# and JT5 decide the branch, so these few cover all branches.
 _STARTS_DEG = tuple(
     (jt1, jt2, jt3, 0.0, jt5, 0.0)
     for jt1 in (0.0, 90.0, -90.0, 170.0)
@@ -35,7 +35,7 @@ _STARTS_DEG = tuple(
 def plan(kinematics: ArmKinematics, motion: Motion, q_from: Array) -> Segment:
     """Return the segment of a motion that starts at q_from [rad].
 
-    Raises AsError: E6007, E6008, E6016 when the target or the way to it cannot be reached.
+    Raises AsError: E6007, E6008, E6016 if the target or its path cannot be reached.
     """
     if motion.kind == "linear":
         return _linear(kinematics, motion, q_from)
@@ -44,9 +44,9 @@ def plan(kinematics: ArmKinematics, motion: Motion, q_from: Array) -> Segment:
 
 
 def joint_target(kinematics: ArmKinematics, motion: Motion, q_near: Array) -> Array:
-    """Return the joint angles [rad] at which a motion ends, near the ones given.
+    """Return the joint angles [rad] at the end of a motion, near `q_near`.
 
-    Raises AsError: E6007, E6008, E6016 when the target cannot be reached.
+    Raises AsError: E6007, E6008, E6016 if the target cannot be reached.
     """
     if motion.q is not None:
         violation = kinematics.limit_violation(motion.q)
@@ -65,11 +65,11 @@ def joint_target(kinematics: ArmKinematics, motion: Motion, q_near: Array) -> Ar
 
 
 def inverse(kinematics: ArmKinematics, T_base_flange: pin.SE3, q_near: Array) -> IkResult:
-    """Return joint angles for a pose: the branch of q_near, else the nearest one that is found."""
+    """Return joint angles for a pose: on the branch of q_near, else the nearest solution found."""
     return _inverse(kinematics, T_base_flange.homogeneous.tobytes(), q_near.tobytes())
 
 
-@lru_cache(maxsize=4)  # INRANGE asks, and then the motion asks the same again
+@lru_cache(maxsize=4)  # INRANGE and the motion after it request the same solution
 def _inverse(kinematics: ArmKinematics, pose_bytes: bytes, q_bytes: bytes) -> IkResult:
     T_base_flange = pin.SE3(np.frombuffer(pose_bytes).reshape(4, 4))
     q_near = np.frombuffer(q_bytes)
@@ -87,10 +87,10 @@ def _inverse(kinematics: ArmKinematics, pose_bytes: bytes, q_bytes: bytes) -> Ik
 
 
 def reach_error(reason: str) -> AsError:
-    """Return the AS error for a reason of the kinematics.
+    """Return the AS error for an error text of the kinematics.
 
-    E6007: farther than the arm is long, or beyond a joint's limit; E6016: a singular pose is in
-    the way; E6008: only another posture of the arm would get there.
+    E6007: beyond the reach of the arm or a joint limit; E6016: singular pose; E6008: reachable
+    only in another posture.
     """
     if "limits are" in reason or "out of reach" in reason:
         return AsError("E6007", reason)
@@ -125,8 +125,8 @@ def _joint(kinematics: ArmKinematics, motion: Motion, *, q_from: Array, q_to: Ar
     path, manner = JointPath(kinematics, q_from, q_to), motion.manner
     if full_speed_s < _LEAST_EXTENT:
         return Segment(path, _NO_WAY, q_from=q_from, q_to=q_from)
-    # The manual's 100 % ramps take every joint to its full speed in the same time; the flange
-    # stays within the linear ramp too, so that a joint motion is no harder on the tool.
+    # The manual's 100 % ramps take every joint to its full speed in the same time. The flange
+    # also stays within the linear ramp, which limits the acceleration of the tool.
     full_accel = min(
         1.0 / JOINT_ACCEL_TIME_S / full_speed_s, 5.0 * LINEAR_ACCEL_M_S2 / path.extent_m
     )

@@ -1,4 +1,4 @@
-"""Starting and stopping programs: EXECUTE and its like, cycles, errors, and who may run when."""
+"""Program control: EXECUTE, ABORT, HOLD, CONTINUE, cycles, errors and start conditions."""
 
 from collections.abc import Mapping
 
@@ -11,19 +11,19 @@ from sim.controller.task import FOR_EVER, PC_PROGRAMS, Frame, Stop, Task
 
 
 class Control(Parts):
-    """The programs of the controller and the rules of running them."""
+    """Loaded programs of the controller and their execution control."""
 
     programs: Mapping[str, Compiled] = {}
 
     def program(self, name: str) -> Compiled:
-        """Return a program. Raises AsError E0105 when there is none."""
+        """Return a program. Raises AsError E0105 if it does not exist."""
         program = self.programs.get(name)
         if program is None:
             raise AsError("E0105", f"there is no program {name}")
         return program
 
     def refuse_if_in_use(self, program: Compiled, by: Task) -> None:
-        """Raise AsError P1014 if any task is inside a program that one wants to enter."""
+        """Raise AsError P1014 if a program to be entered is already on the stack of any task."""
         for task in self.tasks:
             for frame in task.frames:
                 if frame.program is program:
@@ -49,19 +49,19 @@ class Control(Parts):
             self.robot_task.set_state("held")
 
     def abort(self) -> None:
-        """ABORT: the motion under way is finished, then the program is over."""
+        """ABORT: finish the active motion, then end the program."""
         self.robot.queue.drop_ahead()
         if self.robot_task.active:
             self.robot_task.set_state("ending")
 
     def hold(self) -> None:
-        """HOLD: decelerate, keep the program and what is left of its motion."""
+        """HOLD: decelerate; keep the program and the rest of its motion."""
         self.held = self.robot.queue.held = True
         if self.robot_task.state == "running":
             self.robot_task.set_state("held")
 
     def resume(self) -> None:
-        """CONTINUE: go on where HOLD, PAUSE or an error stopped. Raises AsError as `execute`."""
+        """CONTINUE: resume after HOLD, PAUSE or an error. Raises AsError as `execute`."""
         self._refuse_start()
         self.held = self.robot.queue.held = False
         if self.robot_task.state in ("held", "stopped"):
@@ -94,7 +94,7 @@ class Control(Parts):
         self._start(task, program, cycles=cycles, step=step)
 
     def stop_pc(self, number: int, *, at_once: bool = True) -> None:
-        """PCABORT, or PCEND: at the end of the cycle. One that does not run is no error."""
+        """PCABORT, or PCEND at the end of the cycle. No error if the program does not run."""
         task = self.tasks[number - PC_PROGRAMS.start + 1]
         if at_once:
             task.set_state("idle")
@@ -108,7 +108,7 @@ class Control(Parts):
         task.began_ns = self.now_ns
 
     def cycle_ended(self, task: Task) -> None:
-        """Begin the main program again, or end it."""
+        """Restart the main program, or end it."""
         if task.cycles != FOR_EVER:
             task.cycles -= 1
         if task.cycles == 0:
@@ -122,20 +122,20 @@ class Control(Parts):
         task.began_ns = max(due_ns, self.now_ns)
 
     def end_cycle(self, task: Task) -> None:
-        """STOP: as if the main program had come to its end."""
+        """STOP: handle as the end of the main program."""
         task.end_wait()
         self.cycle_ended(task)
 
     def end(self, task: Task) -> None:
-        """The program is over; a robot program only when its motion is."""
+        """End the program; a robot program ends only when its motion has ended."""
         busy = task.is_robot and self.robot.moving
         task.set_state("ending" if busy else "idle")
 
     # --- errors -----------------------------------------------------------------------------------
 
     def failed(self, task: Task, error: AsError) -> None:
-        """Call the task's ONE program, or stop it and say where."""
-        if not task.frames:  # a motion whose program is over already
+        """Call the task's ONE program, or stop the task and report the position."""
+        if not task.frames:  # a motion whose program has already ended
             self.say(f"error: {error}")
             self.robot.queue.brake(keep_ahead=False)
             return
@@ -165,5 +165,5 @@ class Control(Parts):
 
 
 def task_name(task: Task) -> str:
-    """Return how people call a task."""
+    """Return the display name of a task."""
     return "the robot program" if task.is_robot else f"PC program {task.number - 1000}"

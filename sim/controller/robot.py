@@ -1,7 +1,7 @@
-"""The arm as AS sees it: motor power, BASE and TOOL, where it is, where it is going.
+"""Arm as seen by AS: motor power, BASE and TOOL, current pose and destination.
 
-Inside: metres, radians, `pin.SE3`, all in the robot's own base frame (the simulation's). What
-programs call a pose is the TOOL's frame in the BASE frame, T_base_shift_tcp here.
+Internal units: metres, radians, `pin.SE3`, in the robot's own base frame (the simulation's). A pose
+of a program is the TOOL frame in the BASE frame, T_base_shift_tcp here.
 """
 
 import numpy as np
@@ -16,15 +16,15 @@ from sim.controller.planner import inverse
 from sim.robot.arm import SimArm
 from sim.robot.settings import TICK_S
 
-_STANDING_RAD = 2e-5  # of every joint: the arm is where it was told to be
-_SETTLED_TICKS = 500  # an arm that trembles in contact is taken as it is
+_STANDING_RAD = 2e-5  # of every joint: the arm has reached its command
+_SETTLED_TICKS = 500  # limit for an arm that vibrates in contact
 
 
 class Robot:
-    """The simulated arm and its motions; stepped every millisecond."""
+    """Simulated arm with its motion queue; stepped every millisecond."""
 
     def __init__(self, arm: SimArm) -> None:
-        """Take over an arm that stands still."""
+        """Connect to an arm at rest."""
         self.arm = arm
         self.kinematics = arm.kinematics
         self.queue = MotionQueue(arm.kinematics, arm.q)
@@ -35,11 +35,11 @@ class Robot:
         self._arrived = True
         self._commanded_at = -_SETTLED_TICKS  # tick of the last change of the command
 
-    # --- where it is ------------------------------------------------------------------------------
+    # --- position ---------------------------------------------------------------------------------
 
     @property
     def q(self) -> Array:
-        """Joint angles that the encoders read [rad]. Shape (6,)."""
+        """Joint angles of the encoders [rad]. Shape (6,)."""
         return self.arm.q
 
     def here(self) -> pin.SE3:
@@ -47,11 +47,11 @@ class Robot:
         return self.pose_of(self.arm.q)
 
     def destination(self) -> pin.SE3:
-        """Return the TOOL's pose in BASE where the newest motion ends; where it is at rest."""
+        """Return the TOOL's pose in BASE at the end of the newest motion, or at rest."""
         return self.pose_of(self.q_destination())
 
     def q_destination(self) -> Array:
-        """Return the joint angles where the newest motion ends [rad]. Shape (6,)."""
+        """Return the joint angles at the end of the newest motion [rad]. Shape (6,)."""
         return self.queue.q_end
 
     def pose_of(self, q: Array) -> pin.SE3:
@@ -64,15 +64,15 @@ class Robot:
         return self.T_base_shift * T_shift_tcp
 
     def joints_of(self, T_shift_tcp: pin.SE3, q_near: Array) -> IkResult:
-        """Return the joint angles for a program's pose, near the ones given."""
+        """Return the joint angles for a program's pose, near `q_near`."""
         T_base_flange = self.in_robot_base(T_shift_tcp) * self.T_flange_tcp.inverse()
         return inverse(self.kinematics, T_base_flange, q_near)
 
-    # --- moving -----------------------------------------------------------------------------------
+    # --- motion -----------------------------------------------------------------------------------
 
     @property
     def arrived(self) -> bool:
-        """Whether the arm stands where it was last commanded to, within the motion's ACCURACY."""
+        """Whether the arm has reached its last command, within the motion's ACCURACY."""
         if self._arrived_at != self.arm.ticks:
             self._arrived_at = self.arm.ticks
             self._arrived = not self.queue.under_way and self._is_near()
@@ -80,25 +80,25 @@ class Robot:
 
     @property
     def moving(self) -> bool:
-        """Whether a motion is under way or waits, or the arm has not come to rest."""
+        """Whether a motion is active or queued, or the arm is not at rest."""
         return self.queue.busy or not self.at_rest
 
     @property
     def at_rest(self) -> bool:
-        """Whether the command stands and the arm with it; 0.5 s after the command at the latest."""
+        """Whether command and arm are at rest; at the latest 0.5 s after the command."""
         if self.queue.under_way:
             return False
         still = not self.arm.moving or self._off_rad() < _STANDING_RAD
         return still or self.arm.ticks - self._commanded_at > _SETTLED_TICKS
 
     def move(self, motion: Motion) -> Ticket:
-        """Hand a motion over. Raises AsError: P1000, E6007, E6008, E6016."""
+        """Queue a motion. Raises AsError: P1000, E6007, E6008, E6016."""
         if not self.motor_power:
             raise AsError("P1000")
         return self.queue.offer(motion, arrived=self.arrived)
 
     def power(self, *, on: bool) -> None:
-        """Switch the motors; off: what was under way is braked and forgotten."""
+        """Switch the motors; off: active motions are braked and discarded."""
         if on and not self.motor_power:
             self.queue.reseed(self.arm.q)
         elif not on:
@@ -106,7 +106,7 @@ class Robot:
         self.motor_power = on
 
     def tick(self) -> None:
-        """Let a millisecond pass. Raises AsError when a motion cannot be followed on."""
+        """Advance by one millisecond. Raises AsError if a motion cannot be continued."""
         try:
             waits = self.queue.ahead is not None and not self.queue.under_way
             self.queue.tick(TICK_S, arrived=waits and self.arrived)

@@ -1,4 +1,4 @@
-"""Run an AS file in real time: on its own, or as the controller of a cell.
+"""Real-time execution of an AS file: standalone, or as the controller of a cell.
 
 `python -m sim.controller FILE.as [--port N] [--cell FILE] [--step-ms X] [--pessimistic]`
 """
@@ -41,25 +41,25 @@ TICKS_BETWEEN_LOOKS = 20
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add what running needs to a command line that already takes the file."""
+    """Add the options of a run to a parser that already takes the file."""
     parser.add_argument("--program", metavar="NAME", help="program to EXECUTE (default: main,"
-                        " else the one named like the file, else the first)")  # fmt: skip
+                        " else the one named as the file, else the first)")  # fmt: skip
     parser.add_argument("--port", type=int, metavar="N",
-                        help="listen there, whatever port the program asks for")  # fmt: skip
+                        help="listen on this port instead of the program's")  # fmt: skip
     parser.add_argument("--address", default=LOOPBACK_ADDRESS, help="listen on this address only")
     parser.add_argument("--cell", metavar="FILE",
-                        help="move this cell's simulated arm and publish its sensor")  # fmt: skip
+                        help="drive this cell's simulated arm, publish its sensor")  # fmt: skip
     parser.add_argument("--step-ms", type=float, metavar="X",
-                        help="processor time of one AS step (else the cell's, or 0.5)")  # fmt: skip
+                        help="processor time per AS step (default: cell's, or 0.5)")  # fmt: skip
     parser.add_argument(
         "--speed",
         type=float,
         default=100.0,
         metavar="PERCENT",
-        help="monitor speed (default %(default)s; a real one starts at 10)",
+        help="monitor speed (default %(default)s; a real controller starts at 10)",
     )
     parser.add_argument("--pessimistic", action="store_true",
-                        help="take the worse reading of every open question")  # fmt: skip
+                        help="take the worse answer to every open question")  # fmt: skip
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -72,9 +72,9 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def behaviour_of(arguments: argparse.Namespace) -> Behaviour:
-    """Return the cell's behaviour, or the usual one, with what was asked for put in.
+    """Return the behaviour of the cell, or the default, with the command-line options applied.
 
-    Raises ConfigError for an impossible step time.
+    Raises ConfigError for a step time out of range.
     """
     sim = load_cell(arguments.cell).sim if arguments.cell else None
     usual = Behaviour() if sim is None else behaviour_in(sim)
@@ -88,7 +88,7 @@ def behaviour_of(arguments: argparse.Namespace) -> Behaviour:
 def run_alone(
     source: SourceFile, arguments: argparse.Namespace, behaviour: Behaviour, stop: threading.Event
 ) -> int:
-    """Move an arm of one's own; end when no program runs any more."""
+    """Run with a private arm; end when no program runs."""
     clock: Clock = MonotonicClock()
     network = SocketNetwork(arguments.address, arguments.port)
     machine = Machine(
@@ -113,7 +113,7 @@ def run_alone(
 def run_in_cell(
     source: SourceFile, arguments: argparse.Namespace, behaviour: Behaviour, stop: threading.Event
 ) -> int:
-    """Be the controller of a cell, with the sensor on its arm; end on a signal."""
+    """Run as the controller of a cell, with the sensor on its arm; end on a signal."""
     cell = load_cell(arguments.cell)
     network = SocketNetwork(arguments.address, arguments.port or gateway_port(cell))
     with ExitStack() as exits:
@@ -134,9 +134,9 @@ def run_in_cell(
 def _with_its_sensor(
     cell: Cell, network: SocketNetwork, behaviour: Behaviour, exits: ExitStack
 ) -> tuple[EmulatedController, list[HealthReporter], Clock]:
-    """Return the controller, the health that it reports, and its clock.
+    """Return the controller, its health reporters, and its clock.
 
-    A sensor that talks RDT is not on the bus: its driver plays that role, and says how it is.
+    An RDT sensor is not on the bus: its driver implements that role and reports its health.
     """
     if cell.sim is not None and cell.sim.netft:
         clock, server = MonotonicClock(), server_of(cell)
@@ -149,7 +149,7 @@ def _with_its_sensor(
 
 
 def gateway_port(cell: Cell) -> int | None:
-    """Return the port where the cell's gateway expects the controller."""
+    """Return the port at which the cell's gateway expects the controller."""
     return None if cell.gateway is None else cell.gateway.port
 
 
@@ -166,7 +166,7 @@ def start(machine: Machine, source: SourceFile, arguments: argparse.Namespace) -
 
 
 def default_program(source: SourceFile) -> str:
-    """Return the program to start: main, the one named like the file, or the first one.
+    """Return the program to start: main, the one named as the file, or the first one.
 
     Raises ConfigError if the file has none.
     """
@@ -179,23 +179,23 @@ def default_program(source: SourceFile) -> str:
 
 
 class Watch:
-    """Says when something changes: ports, sockets, programs that start or end."""
+    """Logs changes: ports, sockets, programs that start or end."""
 
     def __init__(self, machine: Machine, network: SocketNetwork) -> None:
-        """Begin with what is so now."""
+        """Start with an empty state."""
         self._machine, self._network = machine, network
         self._seen: dict[str, str] = {}
         self._ticks = 0
         self.alive = True
 
     def ticked(self) -> None:
-        """Look now and then: at each tick it would cost a quarter of what the arm does."""
+        """Check every TICKS_BETWEEN_LOOKS ticks: each tick would cost 25 % of the arm's time."""
         self._ticks += 1
         if self._ticks % TICKS_BETWEEN_LOOKS == 0:
             self.look()
 
     def look(self) -> None:
-        """Say what has changed since the last look."""
+        """Log the changes since the last check."""
         machine = self._machine
         for task in machine.tasks:
             name = "robot program" if task.is_robot else f"PC program {task.number - 1000}"
@@ -212,6 +212,6 @@ class Watch:
 
 
 def say(line: str) -> None:
-    """Print a line at once."""
+    """Print a line and flush."""
     sys.stdout.write(line + "\n")
     sys.stdout.flush()

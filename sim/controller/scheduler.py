@@ -1,8 +1,8 @@
-"""One processor for all tasks: a step of each in turn, and a robot that moves each millisecond.
+"""Round-robin scheduler: one processor for all tasks, one step each, and a robot tick every ms.
 
-Every step costs the same processor time. A task that waits (TWAIT, WAIT, SWAIT, TCP_*, a motion)
-costs nothing; what it waits for is looked at every millisecond. When nobody has anything to do,
-time passes. The time is the caller's: `advance` goes up to a moment and stops.
+Every step costs the same processor time. A waiting task (TWAIT, WAIT, SWAIT, TCP_*, a motion)
+costs nothing; its condition is polled every millisecond. If no task is ready, time advances to the
+next tick. The caller controls time: `advance` runs up to a given time and stops.
 """
 
 from collections.abc import Callable, Sequence
@@ -13,11 +13,11 @@ from sim.controller.task import Task
 from sim.robot.settings import TICK_S
 
 TICK_NS = round(TICK_S * NS_PER_S)
-MOST_TICKS_BEHIND = 50  # a process that was held up longer loses time instead of racing
+MOST_TICKS_BEHIND = 50  # a process delayed for longer drops time instead of catching up
 
 
 class Scheduler:
-    """Gives processor time to tasks and the tick to the robot."""
+    """Allocates processor time to tasks and calls the robot tick."""
 
     def __init__(
         self,
@@ -27,40 +27,40 @@ class Scheduler:
         *,
         now_ns: int,
     ) -> None:
-        """Start at a moment; `tick` is called every millisecond after it."""
+        """Start at `now_ns`; `tick` is called every millisecond after it."""
         self._tasks = tasks
         self._tick = tick
         self._step_ns = behaviour.step_ns
         self._next_tick_ns = now_ns + TICK_NS
         self._stalled_until_ns = 0
-        # From whose turn it is on: each task once, with whose turn it is behind it.
+        # For each first task: all tasks in order, each with the index of its successor.
         count = len(tasks)
         self._orders = tuple(
             tuple((tasks[(first + k) % count], (first + k + 1) % count) for k in range(count))
             for first in range(count)
         )
         self._turn = 0
-        self.current = tasks[0]  # whose step is being executed
+        self.current = tasks[0]  # the task whose step is being executed
         self.now_ns = now_ns
         self.steps = 0
         self.ns_lost = 0
-        self._offset_ns = 0  # of the real clock before the controller's
+        self._offset_ns = 0  # real clock minus controller time
 
     def stall(self, duration_s: float) -> None:
-        """Let no task make a step for a while: the processor plans a motion."""
+        """Suspend all tasks for a duration: the processor plans a motion."""
         self._stalled_until_ns = self.now_ns + round(duration_s * NS_PER_S)
 
     def skip_to(self, clock_ns: int) -> None:
-        """Let a moment of a real clock be now: what passed before, loading a file, is not lost."""
+        """Set the real clock equal to controller time: time before, as for loading, is not lost."""
         self._offset_ns = clock_ns - self.now_ns
 
     def advance(self, until_ns: int) -> None:
-        """Let time pass up to a moment, in lock step with it."""
+        """Advance to `until_ns` in lock step."""
         while self.now_ns < until_ns:
             self._round(until_ns)
 
     def catch_up(self, clock_ns: int) -> None:
-        """Let time pass up to a real clock's moment; long delays are not made up for."""
+        """Advance to a time of the real clock; long delays are dropped."""
         behind_ns = clock_ns - self._offset_ns - self.now_ns
         lost_ns = max(0, behind_ns - MOST_TICKS_BEHIND * TICK_NS)
         self.ns_lost += lost_ns
@@ -68,7 +68,7 @@ class Scheduler:
         self.advance(clock_ns - self._offset_ns)
 
     def _round(self, until_ns: int) -> None:
-        """Give every task that can go on one step; none can: let time pass to the next tick."""
+        """Execute one step of every ready task; without any, advance to the next tick."""
         idle, step_ns = True, self._step_ns
         if self.now_ns >= self._stalled_until_ns:
             for task, next_turn in self._orders[self._turn]:

@@ -21,7 +21,7 @@ def data_line(section: str, line: str, where: Position) -> syntax.DataValue:
     """Return the value on one line of a data section; raise `LineError`."""
     match = ITEM.match(line.strip())
     if match is None:
-        raise LineError("P0108", f"a line of {section} is a name and its value; found {line!a:.60}")
+        raise LineError("P0108", f"{section}: expected a name and its value; found {line!a:.60}")
     kind = KINDS[section]
     if match["kind"] not in ("", kind):
         raise LineError("P0118", f"{section} holds names with {kind!r}, found {match['kind']!r}")
@@ -33,7 +33,7 @@ def data_line(section: str, line: str, where: Position) -> syntax.DataValue:
 def _value(section: str, spelled: str) -> float | str | tuple[float, ...]:
     if section == ".STRINGS":
         if len(spelled) < 2 or spelled[0] != '"' or spelled[-1] != '"':
-            raise LineError("P0108", f"a string stands between quotes; found {spelled!a:.60}")
+            raise LineError("P0108", f"expected a quoted string; found {spelled!a:.60}")
         return spelled[1:-1]
     try:
         numbers = tuple(float(word) for word in spelled.replace(",", " ").split())
@@ -41,11 +41,11 @@ def _value(section: str, spelled: str) -> float | str | tuple[float, ...]:
             return float(int(numbers[0]))
         rounded = tuple(single(number) for number in numbers)
     except (ValueError, IndexError, OverflowError, AsError):
-        raise LineError("P0100", f"{section} holds numbers; found {spelled!a:.60}") from None
+        raise LineError("P0100", f"{section}: expected numbers; found {spelled!a:.60}") from None
     if section == ".REALS":
         if len(rounded) != 1:
-            raise LineError("P0100", f"a real is one number; found {spelled!a:.60}")
+            raise LineError("P0100", f"expected one number; found {spelled!a:.60}")
         return rounded[0]
     if len(rounded) < 6:
-        raise LineError("P0100", f"a pose is six numbers; found {len(rounded)}")
+        raise LineError("P0100", f"expected six numbers for a pose; found {len(rounded)}")
     return rounded

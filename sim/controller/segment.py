@@ -1,8 +1,8 @@
-"""One motion on its way: a trapezoid along a path, one millisecond at a time.
+"""Segment: one motion with a trapezoidal speed profile along a path, stepped per tick.
 
-The share s of the way follows ds/dt = rate; the rate rises with `accel`, is capped by the program
-speed times the monitor speed, and falls so that the way ends with rate zero (the discrete ramp of
-sim.robot.motion). HOLD caps the rate at zero, BRAKE does and ends the segment there.
+The path parameter s follows ds/dt = rate. The rate rises with `accel`, is capped by program speed
+times monitor speed, and falls to zero at the end of the path (the discrete ramp of
+sim.robot.motion). HOLD caps the rate at zero; BRAKE does too and ends the segment.
 """
 
 import math
@@ -30,15 +30,15 @@ class Ramp:
 
 
 class Segment:
-    """The arm between two points. `q` is where this segment has brought the joints."""
+    """Motion between two points. `q` is the current joint position of this segment."""
 
     def __init__(self, path: Path, ramp: Ramp, *, q_from: Array, q_to: Array) -> None:
-        """Stand at the start of the path with rate zero. Shapes (6,)."""
+        """Start at the beginning of the path with rate zero. Shapes (6,)."""
         self.path, self.ramp = path, ramp
         self.q_from, self.q_to = q_from, q_to
         self.q: Array = q_from
         self.share, self.rate = 0.0, 0.0
-        self.slowing = False  # the ramp down at the end of the way has begun
+        self.slowing = False  # deceleration at the end of the path has begun
         self.braking = False
         self.done = bool(np.abs(q_to - q_from).max() < _SHORTEST)
         if self.done:
@@ -52,7 +52,7 @@ class Segment:
     def tick(self, dt_s: float, feed: float) -> None:
         """Advance; `feed` is the monitor speed as a fraction, zero while held.
 
-        Raises AsError E6016 if the path cannot be followed on: a singular pose in the way.
+        Raises AsError E6016 if the path cannot be continued: singular pose.
         """
         self.rate = self._next_rate(dt_s, 0.0 if self.braking else feed)
         if self.rate <= 0.0:
@@ -87,8 +87,8 @@ class Segment:
             excess = float((np.abs(result.q - self.q) / MAX_SPEED_RAD_S).max()) / dt_s
             if excess <= 1.0 + 1e-9:
                 return share, result.q
-            reason = "the joints are too slow for the path"
+            reason = "joint speed limit exceeded"
             step /= 1.05 * excess
         self.rate, self.braking, self.done = 0.0, True, True
         percent = 100 * self.share
-        raise AsError("E6016", f"after {percent:.0f} % of the way: {reason}")
+        raise AsError("E6016", f"after {percent:.0f} % of the path: {reason}")

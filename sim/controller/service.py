@@ -1,7 +1,7 @@
-"""The emulated controller in a cell: it moves the same simulated arm, and owns the sensor on it.
+"""Emulated controller of a cell: drives the simulated arm, and owns the sensor on it.
 
-Towards the gateway it is a controller on TCP. The sensor's readings go on the bus, as those of
-sim.robot do, or to the driver over RDT, as those of a real one.
+The gateway connects to it over TCP. Sensor samples are published on the bus, as by sim.robot, or
+sent to the driver over RDT, as by a real sensor.
 """
 
 from common.config.cell import Cell
@@ -21,17 +21,17 @@ from sim.robot.trace import wanted_trace
 
 
 class EmulatedController:
-    """A service whose steps let the controller catch up with the clock."""
+    """Service that advances the controller to the clock in each step."""
 
     def __init__(
         self, clock: Clock, cell: Cell, network: Network, *, behaviour: Behaviour | None = None
     ) -> None:
-        """Build the arm of this cell and a controller without programs around it.
+        """Build the arm of this cell and its controller, without programs.
 
         Raises SimulationError if the cell has no simulated arm.
         """
         if cell.sim is None:
-            raise SimulationError("the cell file has no section `sim`, so there is no arm to move")
+            raise SimulationError("the cell file has no section `sim`: no simulated arm")
         self.period_s = TICK_S
         self.trigger = None
         self.arm = SimArm(sim_settings(cell, cell.sim), seed=cell.sim.seed)
@@ -47,19 +47,19 @@ class EmulatedController:
 
     @property
     def fault(self) -> str:
-        """Why the controller's program has stopped, empty while it has not."""
+        """Error that stopped a program, empty without one."""
         return "" if self.machine.error is None else str(self.machine.error)
 
     def begin(self, now_ns: int) -> None:
-        """Say that real time counts from now on: files are loaded, programs are started."""
+        """Start real time, after files are loaded and programs are started."""
         self.machine.scheduler.skip_to(now_ns)
 
     def step(self, now_ns: int) -> None:
-        """Let programs and arm live up to now."""
+        """Advance programs and arm to `now_ns`."""
         self.machine.scheduler.catch_up(now_ns)
 
     def counters(self) -> dict[str, int]:
-        """Return how many AS steps were made, and how much time was lost."""
+        """Return the number of AS steps and the lost time."""
         scheduler = self.machine.scheduler
         return {
             "as_steps": scheduler.steps,
@@ -72,18 +72,18 @@ class EmulatedController:
 
 
 class ControllerSensor(EmulatedController):
-    """Publishes the readings of the sensor on its arm."""
+    """Emulated controller that publishes the samples of the sensor on its arm."""
 
     def __init__(
         self, bus: Bus, cell: Cell, network: Network, *, behaviour: Behaviour | None = None
     ) -> None:
-        """Build the controller of this cell and take the topic of the sensor."""
+        """Build the controller of this cell and claim the sensor topic as publisher."""
         super().__init__(bus.clock, cell, network, behaviour=behaviour)
         self.machine.after_tick.append(SensorFeed(bus, cell, self.arm).ticked)
 
 
 class ControllerNetft(EmulatedController):
-    """Serves the readings of the sensor on its arm to a driver, over RDT."""
+    """Emulated controller that serves the samples of the sensor on its arm over RDT."""
 
     def __init__(
         self,
@@ -94,13 +94,13 @@ class ControllerNetft(EmulatedController):
         *,
         behaviour: Behaviour | None = None,
     ) -> None:
-        """Build the controller of this cell around the server of its sensor."""
+        """Build the controller of this cell with the server of its sensor."""
         super().__init__(clock, cell, network, behaviour=behaviour)
         self._server = server
         self.machine.after_tick.append(RdtFeed(server, cell, self.arm).ticked)
 
     def step(self, now_ns: int) -> None:
-        """Hear the sensor's client, then let programs and arm live up to now."""
+        """Process requests of the sensor's client, then advance programs and arm to `now_ns`."""
         self._server.poll()
         super().step(now_ns)
 

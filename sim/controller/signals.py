@@ -6,7 +6,7 @@ INTERNAL = range(2001, 2961)
 
 
 class Signals:
-    """All signals of the controller; every one starts OFF."""
+    """Signals of the controller; all are initially OFF."""
 
     def __init__(self) -> None:
         """Switch everything off."""
@@ -14,23 +14,23 @@ class Signals:
 
     @staticmethod
     def exists(number: int) -> bool:
-        """Tell whether a signal has this number, whatever its sign."""
+        """Return whether a signal has this number, regardless of sign."""
         return any(abs(number) in numbers for numbers in (OUTPUTS, INPUTS, INTERNAL))
 
     @staticmethod
     def can_be_set(number: int) -> bool:
-        """Tell whether a program may set the signal: inputs come from outside."""
+        """Return whether a program may set the signal; inputs are external."""
         return abs(number) in OUTPUTS or abs(number) in INTERNAL
 
     def set(self, number: int) -> None:
-        """Switch a signal on, or off with a negative number. Inputs too: tests wire them."""
+        """Switch a signal on, or off with a negative number. Also inputs, for tests."""
         if number > 0:
             self._on.add(number)
         else:
             self._on.discard(-number)
 
     def holds(self, number: int) -> bool:
-        """Tell whether a signal is on, or off with a negative number."""
+        """Return whether a signal is on, or off with a negative number."""
         return (abs(number) in self._on) == (number > 0)
 
     def reset_outputs(self) -> None:

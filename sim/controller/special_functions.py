@@ -1,4 +1,4 @@
-"""All functions by name, and those that look at variables instead of their values."""
+"""Table of all functions, and functions that inspect variables instead of values."""
 
 from collections.abc import Mapping
 
@@ -15,7 +15,7 @@ FUNCTIONS: Mapping[str, Function] = {
 
 NOT_AN_ARRAY, UNDEFINED_NAME = -1.0, -2.0
 
-# EXISTxxx: the prefix of such names, and the type of what they hold.
+# EXISTxxx: prefix of the names, and type of the values.
 EXISTS: Mapping[str, tuple[str, tuple[type, ...]]] = {
     "EXISTREAL": ("", (float,)),
     "EXISTTRANS": ("", (Transformation,)),
@@ -51,7 +51,7 @@ def exists(name: str, spelling: str, names: Names) -> float:
 
 
 def extreme_index(name: str, spelling: str, dimension: int, names: Names) -> float:
-    """Return MAXINDEX or MININDEX: -1 for a name that is no array, -2 for an undefined one."""
+    """Return MAXINDEX or MININDEX: -1 if the name is not an array, -2 if it is undefined."""
     base = spelling.lower().lstrip(".").partition("[")[0]
     entry = names.get(base)
     if isinstance(entry, Array):

@@ -1,4 +1,4 @@
-"""Numbers of SPEED, ACCURACY and their like: units, ranges, AS's E0106 beyond them."""
+"""Ranges and units of SPEED, ACCURACY and similar: E0106 outside them."""
 
 from collections.abc import Sequence
 
@@ -16,9 +16,9 @@ UNITS_M_S = {
 
 
 def checked(value: float, least: float, most: float, name: str) -> float:
-    """Return a value that lies in its range. Raises AsError E0106.
+    """Return a value if it is within its range. Raises AsError E0106.
 
-    A number of a program is a single: its 0.01 is a little less than ours, and in the range.
+    The range tolerates single-precision rounding: a program's 0.01 is slightly less than 0.01.
     """
     if not least <= value <= most and not single(least) <= value <= single(most):
         raise AsError("E0106", f"{name} is {value:g}, must be within {least:g} .. {most:g}")
@@ -31,9 +31,9 @@ def percent(value: float, name: str) -> float:
 
 
 def speed_of(value: float, modifiers: Sequence[str]) -> Speed:
-    """Return the speed that a value with its unit means; without a unit it is a percentage.
+    """Return the speed of a value with its unit; without a unit it is a percentage.
 
-    Raises AsError E0106 beyond its range, E0111 for a unit that is not emulated.
+    Raises AsError E0106 outside its range, E0111 for a unit that is not emulated.
     """
     unit = next((word for word in modifiers if word in UNITS_M_S), "")
     if unit:

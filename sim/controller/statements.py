@@ -1,4 +1,4 @@
-"""From what Lark recognises in a line to the values of `syntax`: the statements."""
+"""Syntax tree builder for statements: Lark parse trees to `syntax` values."""
 
 from lark import Token, v_args
 
@@ -12,10 +12,10 @@ ONE = syntax.Number(1.0)
 
 @v_args(inline=True)
 class LineBuilder(ExpressionBuilder):
-    """One method per statement of the grammar."""
+    """Lark transformer with one method per statement of the grammar."""
 
     def line(self, *items: Token | Statement) -> Line:
-        """Put label and statement together."""
+        """Combine label and statement."""
         label = next((short_name(item.value) for item in items if isinstance(item, Token)), None)
         return Line(label, next((item for item in items if not isinstance(item, Token)), None))
 
@@ -124,7 +124,7 @@ class LineBuilder(ExpressionBuilder):
         return _on(keyword, items, "GOTO")
 
     def instruction(self, keyword: Token, *items: Token | Prefix | tuple[Slot, ...]) -> Statement:
-        """Everything else: `SPEED 30 MM/S ALWAYS`, `TIMER 1 = 0`."""
+        """Build any other instruction: `SPEED 30 MM/S ALWAYS`, `TIMER 1 = 0`."""
         return _instruction(keyword, items, ())
 
     def instruction_till(self, keyword: Token, *items: Token | tuple[Slot, ...]) -> Statement:
@@ -133,13 +133,13 @@ class LineBuilder(ExpressionBuilder):
 
 
 def _variable(expression: Expression) -> syntax.Variable:
-    """Return the variable that stands left of `=`; anything else cannot be assigned to."""
+    """Return the variable on the left of `=`; P0117 for anything else."""
     if isinstance(expression, syntax.Variable) and not expression.whole:
         return expression
     found = f"the function {expression.name}" if isinstance(expression, syntax.Function) else (
         "a value, not a variable"
     )  # fmt: skip
-    raise AsError("P0117", f"only a variable or an array element can be defined; found {found}")
+    raise AsError("P0117", f"expected a variable or an array element; found {found}")
 
 
 def _slots(items: tuple[object, ...]) -> tuple[list[Slot], Expression | None]:

@@ -1,4 +1,4 @@
-"""Link the flat steps of a program: where IF, WHILE, FOR, DO, CASE and GOTO go on."""
+"""Linker of program steps: resolves the jump targets of IF, WHILE, FOR, DO, CASE and GOTO."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ CLOSED_BY = {"IF": "END", "WHILE": "END", "FOR": "END", "CASE": "END", "DO": "UN
 
 @dataclass(slots=True)
 class Open:
-    """A structure that is not closed yet: its step, and the steps inside that need its end."""
+    """Open structure: its step, and the inner steps that need the index of its end."""
 
     kind: str
     at: int
@@ -25,10 +25,10 @@ class Open:
 
 
 class Linker:
-    """Links one program; mistakes are gathered, never raised."""
+    """Linker of one program; mistakes are collected, not raised."""
 
     def __init__(self, steps: list[Step], labels: dict[str, int]) -> None:
-        """Take the steps as parsed, with unresolved targets."""
+        """Start with the parsed steps, whose targets are unresolved."""
         self.statements: list[Statement] = [step.statement for step in steps]
         self.steps = steps
         self.labels = labels
@@ -36,7 +36,7 @@ class Linker:
         self.mistakes: list[Mistake] = []
 
     def link(self) -> tuple[Step, ...]:
-        """Return the steps with their targets."""
+        """Return the steps with resolved targets."""
         for at, statement in enumerate(self.statements):
             self._visit(at, statement)
         for left in self.stack:
@@ -53,7 +53,7 @@ class Linker:
             case syntax.Else():
                 self._else(at)
             case syntax.Value() | syntax.Any():
-                self._inside(at, "CASE", "P0145", "VALUE and ANY belong between CASE and END")
+                self._inside(at, "CASE", "P0145", "VALUE and ANY must be between CASE and END")
             case syntax.Until():
                 self._until(at, statement)
             case syntax.End():
@@ -72,9 +72,9 @@ class Linker:
         return None
 
     def _else(self, at: int) -> None:
-        opened = self._inside(at, "IF", "P0142", "ELSE belongs between IF ... THEN and END")
+        opened = self._inside(at, "IF", "P0142", "ELSE must be between IF ... THEN and END")
         if opened is not None and len(opened.inner) > 1:
-            self._complain(at, "P0142", f"the IF of step {opened.at + 1} has an ELSE already")
+            self._complain(at, "P0142", f"the IF of step {opened.at + 1} already has an ELSE")
 
     def _until(self, at: int, statement: syntax.Until) -> None:
         if self.stack and self.stack[-1].kind == "DO":
@@ -123,8 +123,8 @@ class Linker:
             return "; none is open here"
         last = self.stack[-1]
         return (
-            f"; the {last.kind} of step {last.at + 1} is still open: {CLOSED_BY[last.kind]} comes"
-            " first"
+            f"; the {last.kind} of step {last.at + 1} is open and must first be closed by"
+            f" {CLOSED_BY[last.kind]}"
         )
 
     def _complain(self, at: int, code: str, text: str) -> None:

@@ -1,9 +1,9 @@
-"""The system switches: name ON, name OFF, SWITCH(name)."""
+"""System switches: name ON, name OFF, SWITCH(name)."""
 
 from collections.abc import Callable
 
-# The ones that programs meet, with their factory setting. CP, REPEAT and so on have meaning here,
-# the others are only kept.
+# Switches used by programs, with their factory setting. CP, REPEAT and similar take effect here;
+# the others are only stored.
 FACTORY = {
     "cp": True,
     "check.hold": False,
@@ -37,23 +37,23 @@ FACTORY = {
 
 
 class Switches:
-    """Switches by name in lower case. Some only report what the machine is doing."""
+    """Switches by lower-case name. Some only report the state of the machine."""
 
     def __init__(self, reported: dict[str, Callable[[], bool]]) -> None:
-        """Set all to the factory setting; `reported` ones cannot be set by a program."""
+        """Set all to the factory setting; programs cannot set `reported` ones."""
         self._set = dict(FACTORY)
         self._reported = reported
 
     def exists(self, name: str) -> bool:
-        """Tell whether there is such a switch."""
+        """Return whether the switch exists."""
         return name in self._set or name in self._reported
 
     def is_reported(self, name: str) -> bool:
-        """Tell whether a switch only reports."""
+        """Return whether a switch only reports."""
         return name in self._reported
 
     def read(self, name: str) -> bool:
-        """Return a switch."""
+        """Return the state of a switch."""
         report = self._reported.get(name)
         return report() if report is not None else self._set[name]
 

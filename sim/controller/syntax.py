@@ -1,26 +1,26 @@
-"""What an AS source file is made of, after parsing. Values only: nothing here is executed.
+"""Syntax tree of an AS source file. Values only, no execution.
 
     SourceFile                 one .as or .pg file
       Program                  name, parameters, labels and a FLAT tuple of steps
         Step                   number (from 1), label, source line and text, one Statement
       DataValue                one line of .REALS, .STRINGS, .INTEGER, .TRANS or .JOINTS
 
-A program has no tree. IF, WHILE, FOR, DO and CASE are resolved into **indices into
+Statements are flat, not nested. IF, WHILE, FOR, DO and CASE are resolved into **indices into
 `Program.steps`** when the file is loaded, so GOTO may enter and leave a structure, and an error
-names program and step as the controller does. Wherever a field is called `after_...` or `..._at`
-it is such an index (0-based; `len(steps)` means: end of the program). An `Unresolved` target is
--1. Comment lines are steps (`Comment`), as in the controller's own listing; blank lines are not.
+names program and step as the controller does. Every field named `after_...` or `..._at` is such an
+index (0-based; `len(steps)` means: end of the program). An `Unresolved` target is -1. Comment
+lines are steps (`Comment`), as in the controller's own listing; blank lines are not.
 
-What the machine does per statement, apart from going on with the next step:
+Control flow per statement, where it differs from continuing with the next step:
 
-    If(condition, false_at)    false: go on at false_at (behind its ELSE, or at its END)
-    Else(end_at)               reached by running into it: go on at end_at
-    While(condition, after_at) false: go on at after_at
+    If(condition, false_at)    false: jump to false_at (after its ELSE, or to its END)
+    Else(end_at)               reached from above: jump to end_at
+    While(condition, after_at) false: jump to after_at
     For(...)                   see `For`
-    Until(condition, do_at)    false: go on at do_at
+    Until(condition, do_at)    false: jump to do_at
     Case(selector, branches, default_at)   first branch with an equal value, else default_at
-    Value, Any                 reached by running into it: go on at end_at
-    End(of, start_at)          of "WHILE"/"FOR": go back to start_at; of "IF"/"CASE": nothing
+    Value, Any                 reached from above: jump to end_at
+    End(of, start_at)          of "WHILE"/"FOR": jump to start_at; of "IF"/"CASE": no effect
     Goto(label, target, condition)         target -1: E0101
 
 Names are stored in lower case and cut to 15 characters, keywords and functions in upper case and
@@ -121,7 +121,7 @@ SIGNIFICANT_CHARACTERS = 15
 
 @dataclass(frozen=True, slots=True)
 class Position:
-    """Where something stands: file and line (from 1)."""
+    """Position in a file: file and line (from 1)."""
 
     file: str
     line: int
@@ -166,7 +166,7 @@ class DataValue:
 
 @dataclass(frozen=True, slots=True)
 class Section:
-    """A section that is skipped: its name (".ROBOTDATA1") and where it stands."""
+    """A skipped section: its name (".ROBOTDATA1") and position."""
 
     name: str
     where: Position
@@ -174,7 +174,7 @@ class Section:
 
 @dataclass(frozen=True, slots=True)
 class Remark:
-    """Something the parser accepted, but that deserves a warning."""
+    """A construct that the parser accepted with a warning."""
 
     where: Position
     text: str
@@ -182,9 +182,9 @@ class Remark:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SourceFile:
-    """A whole file: programs by name in the order of the file, data, what was skipped.
+    """A whole file: programs by name in file order, data, skipped sections.
 
-    The parser gives the same one for the same text, and what is made of it is kept by it.
+    The parser returns the same object for the same text; compiled programs are cached by it.
     """
 
     name: str

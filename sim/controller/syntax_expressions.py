@@ -1,4 +1,4 @@
-"""Expressions of AS: values only. `syntax` gathers them with the statements."""
+"""Expression nodes of the syntax tree: values only. `syntax` re-exports them."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ class Binary:
 
 @dataclass(frozen=True, slots=True)
 class Function:
-    """A function with its arguments, `None` where one is left out: TRANS(1,,3), PI, $LEFT($s,1).
+    """A function with its arguments, `None` if one is omitted: TRANS(1,,3), PI, $LEFT($s,1).
 
     SHIFT(p BY x,y,z) holds (p, x, y, z). SWITCH(CP) and the EXIST functions hold `Word`s.
     """
@@ -88,7 +88,7 @@ class Format:
 
 @dataclass(frozen=True, slots=True)
 class Word:
-    """A bare name that is no variable: a program, a switch, a keyword. Lower case."""
+    """A bare name that is not a variable: a program, a switch, a keyword. Lower case."""
 
     name: str
 

@@ -1,4 +1,4 @@
-"""Statements of AS, one per step: values only. See `syntax` for how they are linked."""
+"""Statement nodes of the syntax tree, one per step: values only. `syntax` describes linking."""
 
 from dataclasses import dataclass
 
@@ -9,7 +9,7 @@ UNRESOLVED = -1
 
 @dataclass(frozen=True, slots=True)
 class Comment:
-    """A line with nothing but a comment: a step that does nothing."""
+    """A comment line: a step without effect."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,7 +24,7 @@ class Assign:
 class Point:
     """`POINT p = expr`, `POINT #j = trans, #configuration`, `POINT/X p = q`.
 
-    `part` is "" or one of X Y Z OAT O A T (also EXT and the like: not executed).
+    `part` is "" or one of X Y Z OAT O A T (also EXT and similar: not executed).
     """
 
     target: Variable
@@ -59,14 +59,14 @@ class If:
 
 @dataclass(frozen=True, slots=True)
 class Else:
-    """`ELSE`: whoever runs into it goes on at the END."""
+    """`ELSE`: jumps to its END when reached from above."""
 
     end_at: int = UNRESOLVED
 
 
 @dataclass(frozen=True, slots=True)
 class While:
-    """`WHILE condition DO`; `after_at` is the step behind its END."""
+    """`WHILE condition DO`; `after_at` is the step after its END."""
 
     condition: Expression
     after_at: int = UNRESOLVED
@@ -74,12 +74,12 @@ class While:
 
 @dataclass(frozen=True, slots=True)
 class Do:
-    """`DO`: nothing happens; UNTIL comes back here."""
+    """`DO`: no effect; jump target of its UNTIL."""
 
 
 @dataclass(frozen=True, slots=True)
 class Until:
-    """`UNTIL condition`: false goes back to `do_at`."""
+    """`UNTIL condition`: false jumps to `do_at`."""
 
     condition: Expression
     do_at: int = UNRESOLVED
@@ -89,8 +89,8 @@ class Until:
 class For:
     """`FOR v = start TO stop STEP step`.
 
-    Start is assigned, stop and step are computed once; the test comes before the body, END adds
-    the step and tests again. Beyond stop: go on at `after_at` (v keeps its value).
+    Start is assigned, stop and step are evaluated once; the test precedes the body, END adds the
+    step and tests again. Beyond stop: jump to `after_at` (v keeps its value).
     """
 
     variable: Variable
@@ -102,7 +102,7 @@ class For:
 
 @dataclass(frozen=True, slots=True)
 class Branch:
-    """One VALUE or SVALUE of a CASE: its values and the step behind it."""
+    """One VALUE or SVALUE of a CASE: its values and the step after it."""
 
     values: tuple[Expression, ...]
     body_at: int
@@ -110,7 +110,7 @@ class Branch:
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """`CASE x OF` or (`text` True) `SCASE $x OF`; `default_at` is behind ANY, or at the END."""
+    """`CASE x OF` or (`text` True) `SCASE $x OF`; `default_at` is after ANY, or at the END."""
 
     selector: Expression
     text: bool = False
@@ -120,7 +120,7 @@ class Case:
 
 @dataclass(frozen=True, slots=True)
 class Value:
-    """`VALUE 1,2:` or `SVALUE "a":`: whoever runs into it goes on at the END."""
+    """`VALUE 1,2:` or `SVALUE "a":`: jumps to the END when reached from above."""
 
     values: tuple[Expression, ...]
     end_at: int = UNRESOLVED
@@ -128,7 +128,7 @@ class Value:
 
 @dataclass(frozen=True, slots=True)
 class Any:
-    """`ANY :`, the branch for everything else."""
+    """`ANY :`, the default branch."""
 
     end_at: int = UNRESOLVED
 
@@ -182,7 +182,7 @@ class Print:
 
 @dataclass(frozen=True, slots=True)
 class Instruction:
-    """Every other instruction: full upper-case name, arguments in order, words in order.
+    """Any other instruction: full upper-case name, arguments in order, words in order.
 
     SPEED 30 MM/S ALWAYS   ("SPEED", (30,), ("MM/S", "ALWAYS"))
     PCEXECUTE 2: p,-1      ("PCEXECUTE", (2, Word p, -1)); without a number: 1 (Number)
@@ -195,8 +195,8 @@ class Instruction:
     ONE p, IGNORE s        ("ONE", (Word p,)), ("IGNORE", (s,))
     BREAK, LEFTY, STOP     (name, ())
 
-    `unknown` is True for a first word that is no AS instruction we know; if the rest is no list
-    of arguments either, it is kept unread in the only argument, a Text.
+    `unknown` is True if the first word is not a known AS instruction; if the rest is not an
+    argument list either, it is stored as raw text in the only argument, a Text.
     """
 
     name: str

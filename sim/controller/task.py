@@ -1,7 +1,7 @@
-"""One program in execution: its stack of calls, what it waits for, how it ended.
+"""Program task: call stack, wait condition and end state of one program in execution.
 
-`task.ready` means that a step can be made; it is kept up to date by every change of state, so that
-the scheduler's inner loop only looks at one attribute.
+`task.ready` means that a step can be executed. Every state change updates it, so the scheduler's
+inner loop reads only one attribute.
 """
 
 from collections.abc import Callable
@@ -22,12 +22,12 @@ FOR_EVER = -1
 
 TaskState = Literal["idle", "running", "held", "stopped", "ending"]
 Wait = Callable[[int], bool]
-"""What a step waits for: looked at every millisecond with the time [ns]; True ends the wait."""
+"""Wait condition of a step: polled every millisecond with the time [ns]; True ends the wait."""
 
 
 @dataclass(slots=True)
 class Frame:
-    """A program on the stack: where it is, its locals, what the END of each FOR does."""
+    """Stack frame of a program: program counter, locals, actions of the END of each FOR."""
 
     program: Compiled
     locals: Locals
@@ -38,7 +38,7 @@ class Frame:
 
 @dataclass(frozen=True, slots=True)
 class Stop:
-    """Why and where a program stopped."""
+    """Cause and position of a program stop."""
 
     error: AsError
     program: str
@@ -55,7 +55,7 @@ class Stop:
 class Task:
     """A robot program (number 1) or a PC program (1001 to 1005)."""
 
-    # Who executes the steps, and the variables that all tasks share: set by the machine.
+    # The executing machine, and the global variables: set by the machine.
     machine: "Machine"
     globals: Names
 
@@ -65,7 +65,7 @@ class Task:
         ended: "Callable[[Task], None]",
         failed: "Callable[[Task, AsError], None]",
     ) -> None:
-        """Have no program. `ended`: one cycle is over; `failed`: a step could not be executed."""
+        """Start without a program. `ended`: called after a cycle; `failed`: after a failed step."""
         self.number = number
         self.state: TaskState = "idle"
         self.frames: list[Frame] = []
@@ -73,8 +73,8 @@ class Task:
         self.cycles = 0
         self.handler = ""  # ONE
         self.stop: Stop | None = None
-        self.scan_s = 0.0  # PCSCAN: shortest time of a cycle
-        self.began_ns = 0  # this cycle
+        self.scan_s = 0.0  # PCSCAN: minimum cycle time
+        self.began_ns = 0  # start of this cycle
         self.ready = False
         self.waiting = False
         self._wait: Wait | None = None
@@ -88,30 +88,30 @@ class Task:
 
     @property
     def frame(self) -> Frame:
-        """The program that runs now."""
+        """The frame of the running program."""
         return self.frames[-1]
 
     @property
     def locals(self) -> Locals:
-        """The local variables of the program that runs now."""
+        """The local variables of the running program."""
         return self.frames[-1].locals
 
     @property
     def active(self) -> bool:
-        """Whether a program is under way: running, held or stopped by an error."""
+        """Whether a program is active: running, held or stopped by an error."""
         return self.state in ("running", "held", "stopped")  # "stopped" can be continued
 
     # --- states -----------------------------------------------------------------------------------
 
     def start(self, frame: Frame, *, cycles: int) -> None:
-        """Begin a program."""
+        """Start a program."""
         self.frames = [frame]
         self.main, self.cycles = frame.program.name, cycles
         self.handler, self.stop, self._wait, self.scan_s = "", None, None, 0.0
         self.set_state("running")
 
     def set_state(self, state: TaskState) -> None:
-        """Change the state; what the program waits for is kept unless it is over."""
+        """Change the state; the wait condition is kept unless the program has ended."""
         self.state = state
         if state in ("idle", "ending"):
             self.frames, self._wait = [], None
@@ -119,17 +119,17 @@ class Task:
         self.waiting = state == "running" and self._wait is not None
 
     def wait(self, wait: Wait) -> None:
-        """Make no step until something is true."""
+        """Suspend the task until a condition is true."""
         self._wait, self._waits_at = wait, self.frames[-1].pc
         self.ready, self.waiting = False, True
 
     @property
     def step_index(self) -> int:
-        """Index of the step that is being executed or waited in."""
+        """Index of the step that is being executed or waiting."""
         return self._waits_at if self._wait is not None else self.frame.pc
 
     def where(self, error: AsError) -> Stop:
-        """Return where the program is, for an error."""
+        """Return the program position for an error."""
         frame = self.frame
         steps = frame.program.steps
         step = steps[min(self.step_index, len(steps) - 1)]
@@ -150,7 +150,7 @@ class Task:
             self._failed(self, error)
 
     def look(self, now_ns: int) -> None:
-        """See whether what the program waits for has come."""
+        """Poll the wait condition."""
         wait = self._wait
         if wait is None:
             return
@@ -159,23 +159,23 @@ class Task:
         except AsError as error:
             self._failed(self, error)
             return
-        # The wait may have been taken away meanwhile: the program was ended from inside.
+        # The condition may itself have ended the program and removed the wait.
         if over and self._wait is wait:
             self.end_wait()
 
     def end_wait(self) -> None:
-        """Go on with the step behind."""
+        """End the wait and continue with the next step."""
         self._wait = None
         self.waiting, self.ready = False, self.state == "running"
 
     def enter(self, frame: Frame) -> None:
-        """Call a subroutine. Raises AsError when calls are nested too deeply."""
+        """Call a subroutine. Raises AsError E0112 if calls are nested too deeply."""
         if len(self.frames) > DEEPEST_CALL:
             raise AsError("E0112", f"more than {DEEPEST_CALL} levels")
         self.frames.append(frame)
 
     def leave(self) -> None:
-        """Return from a subroutine; from the main program: one cycle is over."""
+        """Return from a subroutine; from the main program: end the cycle."""
         if len(self.frames) > 1:
             self.frames.pop()
         else:

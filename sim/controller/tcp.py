@@ -1,8 +1,8 @@
-"""TCP_LISTEN, ACCEPT, CONNECT, SEND, RECV, CLOSE and END_LISTEN: what they do and return.
+"""TCP unit: semantics of TCP_LISTEN, ACCEPT, CONNECT, SEND, RECV, CLOSE and END_LISTEN.
 
 Codes are the documented ones, -(30000 + number of the E error). An operation that may take time is
-an object: `poll(now_ns)` gives None until it is over, so it blocks its own task and nothing else.
-Listeners and sockets belong to the controller, not to a program: they survive an abort.
+a poll function: it returns None until completion, so it blocks only its own task. Listeners and
+sockets belong to the controller, not to a program: they survive an abort.
 """
 
 from collections.abc import Callable, Sequence
@@ -29,7 +29,7 @@ NO_PEER: Octets = (0, 0, 0, 0)
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """How an operation ended: its code (or socket), and what it brought."""
+    """Result of an operation: its code (or socket), and received data."""
 
     code: int
     peer: Octets = NO_PEER
@@ -37,14 +37,14 @@ class Outcome:
 
 
 Operation = Callable[[int], Outcome | None]
-"""Look at it again at a time [ns]: the outcome, or None while it lasts."""
+"""Poll function of an operation at a time [ns]: the outcome, or None while in progress."""
 
 
 class TcpUnit:
-    """All listeners and sockets of the controller."""
+    """Listeners and sockets of the controller."""
 
     def __init__(self, network: Network, *, send_ignores_timeout: bool = False) -> None:
-        """Have nothing open."""
+        """Start without open ports and sockets."""
         self._network = network
         self._endless_send = send_ignores_timeout
         self._listeners: dict[int, Listener] = {}
@@ -53,7 +53,7 @@ class TcpUnit:
 
     @property
     def listening(self) -> tuple[int, ...]:
-        """Ports that are open."""
+        """Open ports."""
         return tuple(self._listeners)
 
     @property
@@ -61,10 +61,10 @@ class TcpUnit:
         """Socket numbers in use."""
         return tuple(self._streams)
 
-    # --- at once ----------------------------------------------------------------------------------
+    # --- immediate --------------------------------------------------------------------------------
 
     def listen(self, port: int) -> int:
-        """Open a port; one that is open already cannot be opened again."""
+        """Open a port; an open port cannot be opened again."""
         if port in self._listeners:
             return CANNOT_CREATE
         try:
@@ -74,7 +74,7 @@ class TcpUnit:
         return OK
 
     def end_listen(self, port: int) -> int:
-        """Free a port."""
+        """Release a port."""
         listener = self._listeners.pop(port, None)
         if listener is None:
             return NOT_LISTENING
@@ -90,13 +90,13 @@ class TcpUnit:
         return OK
 
     def close_all(self) -> None:
-        """The controller is switched off."""
+        """Close everything: the controller is switched off."""
         for number in self.sockets:
             self.close(number)
         for port in self.listening:
             self.end_listen(port)
 
-    # --- with patience ----------------------------------------------------------------------------
+    # --- with time-out ----------------------------------------------------------------------------
 
     def accept(self, port: int, *, timeout_s: float, now_ns: int) -> Operation:
         """Wait for a connection: the code is the socket's number, or negative."""
@@ -141,7 +141,7 @@ class TcpUnit:
     def send(
         self, number: int, elements: Sequence[str], *, timeout_s: float, now_ns: int
     ) -> Operation:
-        """Send strings back to back, no separators; at most 4096 bytes."""
+        """Send strings without separators; at most 4096 bytes."""
         rest = "".join(elements).encode("latin-1")
         if len(rest) > BYTES_PER_CALL:
             return lambda _: Outcome(TOO_LONG)
@@ -166,7 +166,7 @@ class TcpUnit:
     def receive(self, number: int, *, timeout_s: float, longest: int, now_ns: int) -> Operation:
         """Wait for bytes, cut into elements of at most `longest` characters.
 
-        A peer that has closed gives code 0 and no element.
+        After the peer has closed, the code is 0 and there is no element.
         """
         end_ns = _end_ns(now_ns, timeout_s)
 

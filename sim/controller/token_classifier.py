@@ -1,7 +1,7 @@
-"""From spelled tokens to the tokens of the grammar: what a word means depends on where it stands.
+"""Context-sensitive token classification between lexer and parser.
 
-AS has hundreds of instructions and lets names look like them, so the lexer only spells; here one
-line is read at once and each word becomes a keyword, a function, a label, a program or a name.
+AS has hundreds of instructions and permits names that look like them, so the lexer only recognises
+spellings. This step classifies each word of a line as keyword, function, label, program or name.
 """
 
 from collections.abc import Iterator
@@ -10,22 +10,22 @@ from lark import Token
 
 from sim.controller import keywords
 
-# Tokens after which an operand is complete: a word that follows is no operand.
+# Tokens that complete an operand: a word after them is not an operand.
 OPERAND_ENDS = frozenset(
     {"NUMBER", "BASED", "STRING", "NAME", "SIGIL_NAME", "_RPAR", "_RSQB", "PROGRAM", "TARGET"}
 )
-# Words behind which an operand begins.
+# Words after which an operand begins.
 BEFORE_OPERAND = keywords.OPERATORS | {"IF", "TO", "STEP", "BY", "TILL"}
 WORDLIKE = frozenset({"NAME", "SIGIL_NAME"})
 
 
 class Lexis:
-    """The step between Lark's lexer and its parser (`postlex`)."""
+    """Lark `postlex` step between lexer and parser."""
 
     always_accept = ()
 
     def process(self, stream: Iterator[Token]) -> Iterator[Token]:
-        """Take the tokens of one line, give those of the grammar."""
+        """Convert the lexer tokens of one line to grammar tokens."""
         tokens = list(stream)
         start = _label(tokens)
         yield from tokens[:start]
@@ -37,7 +37,7 @@ def _retyped(token: Token, kind: str, value: str | None = None) -> Token:
 
 
 def _split_joined(tokens: list[Token]) -> list[Token]:
-    """Undo what the lexer joined: `a/b2` has no format, `a^b1` no binary number."""
+    """Split tokens that the lexer joined: `a/b2` has no format, `a^b1` no binary number."""
     result: list[Token] = []
     for token in tokens:
         last = result[-1] if len(result) > 1 else None
@@ -63,7 +63,7 @@ def _tail(token: Token) -> Token:
 
 
 def _label(tokens: list[Token]) -> int:
-    """Name the label at the front, drop its colon, return where the statement begins."""
+    """Classify a leading label, drop its colon, return the start of the statement."""
     if not tokens:
         return 0
     has_colon = len(tokens) > 1 and tokens[1].type == "_COLON"
@@ -79,7 +79,7 @@ def _label(tokens: list[Token]) -> int:
 
 
 def _is_any(word: Token, colon: Token) -> bool:
-    """`ANY :` opens a branch; `any:` without the blank is a label (ASM 6-68)."""
+    """Return whether this is `ANY :`, a branch; `any:` without the blank is a label (ASM 6-68)."""
     return word.value.upper() == "ANY" and word.end_pos != colon.start_pos
 
 
@@ -101,7 +101,7 @@ def _statement(tokens: list[Token]) -> Iterator[Token]:
 
 
 def _is_assignment(tokens: list[Token]) -> bool:
-    """Tell whether a NAME at the front is a variable: `x =` or `x[...] =`."""
+    """Return whether a leading NAME is a variable: `x =` or `x[...] =`."""
     kinds = [token.type for token in tokens]
     if len(kinds) > 1 and kinds[1] == "_LSQB":
         depth = 0
@@ -114,7 +114,7 @@ def _is_assignment(tokens: list[Token]) -> bool:
 
 
 def _is_switch(tokens: list[Token]) -> bool:
-    """Tell `CP ON` and `RTC_SW 1: ON` from everything else."""
+    """Return whether the line is a switch statement: `CP ON` or `RTC_SW 1: ON`."""
     if tokens[-1].type != "NAME" or tokens[-1].value.upper() not in {"ON", "OFF"}:
         return False
     return [token.type for token in tokens[1:-1]] in ([], ["NUMBER", "_COLON"]) and len(tokens) > 1
@@ -134,7 +134,7 @@ def _keyword(tokens: list[Token]) -> tuple[Token, list[Token]]:
 
 
 def _behind(keyword: Token, rest: list[Token]) -> Iterator[Token]:
-    """Yield what follows the keyword, with a part such as /OAT or /ERR as one token."""
+    """Yield the tokens after the keyword, with a part such as /OAT or /ERR as one token."""
     if keyword.type in {"_POINT", "ON", "INSTRUCTION"} and rest:
         if rest[0].type == "FORMAT":
             yield _retyped(rest[0], "PART")
@@ -153,7 +153,7 @@ def _behind(keyword: Token, rest: list[Token]) -> Iterator[Token]:
 
 
 class _Reader:
-    """Reads the rest of a line from left to right and names its words."""
+    """Classifies the words of the rest of a line, from left to right."""
 
     def __init__(self, inner: frozenset[str], *, words: bool) -> None:
         self.inner = inner  # keywords of this statement
@@ -163,7 +163,7 @@ class _Reader:
         self.owners: list[bool] = []  # per open bracket: whether it belongs to a string
 
     def read(self, token: Token, following: Token | None) -> Token:
-        """Return the token under the type it has here."""
+        """Return the token with its type in this context."""
         kind = token.type
         if kind in WORDLIKE:
             kind = self._word(token, following)
@@ -207,7 +207,7 @@ class _Reader:
 def _expressions(
     tokens: list[Token], inner: frozenset[str], *, words: bool = False
 ) -> Iterator[Token]:
-    """Name operators, functions, inner keywords and words in the rest of a line."""
+    """Classify operators, functions, inner keywords and words in the rest of a line."""
     reader = _Reader(inner, words=words)
     if words:
         tokens = _join_units(tokens)
@@ -216,7 +216,7 @@ def _expressions(
 
 
 def _join_units(tokens: list[Token]) -> list[Token]:
-    """Make one token of MM / S where that is a unit."""
+    """Join MM / S into one token if it is a unit."""
     result: list[Token] = []
     index = 0
     while index < len(tokens):

@@ -1,4 +1,4 @@
-"""What AS computes with: single-precision reals, strings, transformations, joint values.
+"""Value types of AS: single-precision reals, strings, transformations, joint values.
 
 A real is a Python float that is exactly a 32-bit float; an integer (`@n`) is a Python int.
 Transformations and joint values hold millimetres and degrees, as AS does.
@@ -19,7 +19,7 @@ MAX_CHARACTERS = 255
 MM = 1e-3
 ZEROS = (0.0,) * 6
 
-NUMBER = (float, int)  # for isinstance: `float | int` is built anew each time it is reached
+NUMBER = (float, int)  # for isinstance: `float | int` would be rebuilt at each evaluation
 
 # Twice as fast as numpy.float32, and the same rounding; this runs for every operator.
 _write_single = struct.Struct("<f").pack
@@ -60,7 +60,7 @@ Pose = Transformation | Joints
 
 
 def single(number: float) -> float:
-    """Round to single precision; beyond its range is an error of the program (E0106)."""
+    """Round to single precision; E0106 outside its range."""
     try:
         return _read_single(_write_single(number))[0]  # type: ignore[no-any-return]
     except (OverflowError, struct.error):
@@ -68,7 +68,7 @@ def single(number: float) -> float:
 
 
 def singles(six: Six) -> Six:
-    """Round six numbers to single precision (E0106), for the price of two."""
+    """Round six numbers to single precision (E0106), at the cost of two."""
     try:
         return _read_six(_write_six(*six))
     except (OverflowError, struct.error):
@@ -82,9 +82,9 @@ def truth(condition: bool) -> float:  # noqa: FBT001 (a value, not an option)
 
 
 def text(characters: str) -> str:
-    """Return the string if AS can hold it: 255 characters (E0110)."""
+    """Return the string if it has at most 255 characters (E0110)."""
     if len(characters) > MAX_CHARACTERS:
-        raise AsError("E0110", f"{len(characters)} characters; {MAX_CHARACTERS} are the most")
+        raise AsError("E0110", f"{len(characters)} characters, limit {MAX_CHARACTERS}")
     return characters
 
 

@@ -1,4 +1,4 @@
-"""Compile access to variables: read, store, and reference for CALL and array instructions."""
+"""Compiler for variable access: read, store, and references for CALL and array instructions."""
 
 from collections.abc import Callable
 
@@ -23,7 +23,7 @@ Refer = Callable[[Context], Cell | Array]
 Locate = Callable[[Context], tuple[Array, Index]]
 Indices = Callable[[Context], Index]
 NamesOf = Callable[[Context], Names]
-"""The namespace that a variable is in: the locals or the globals of who evaluates."""
+"""Namespace of a variable: the locals or the globals of the context."""
 
 
 def read_scalar(variable: Variable, names_of: NamesOf, *, location: bool) -> Read:
@@ -61,7 +61,7 @@ def read_element(
 
 
 def refer(variable: Variable, names_of: NamesOf, indices: Indices | None) -> Refer:
-    """Return what a parameter is bound to: the cell or array itself, new if there is none."""
+    """Return a reference for a parameter: the cell or array itself, created if missing."""
     key = key_of(variable)
     if variable.whole:
         return lambda context: names_of(context).array(key)
@@ -71,16 +71,16 @@ def refer(variable: Variable, names_of: NamesOf, indices: Indices | None) -> Ref
 
 
 def locate(variable: Variable, names_of: NamesOf, indices: Indices | None) -> Locate:
-    """Return where elements are stored one after the other; without index: from element 0 on."""
+    """Return the array and first index for consecutive elements; without index: from element 0."""
     key = key_of(variable)
     at = indices if indices is not None else _first
     return lambda context: (names_of(context).array(key), at(context))
 
 
 def store(variable: Variable, names_of: NamesOf, indices: Indices | None) -> Store:
-    """Return a writer; refuses other types (P0150, P0132, P0133)."""
+    """Return a writer; it rejects other types (P0150, P0132, P0133)."""
     key = key_of(variable)
-    # What needs no look while the type stays: only integers may have to be converted.
+    # Types that need no check while unchanged: only integers may need conversion.
     plain = () if variable.kind == "@" else (float, str, Transformation, Joints)
 
     def keep(cell: Cell, value: Value) -> None:
@@ -111,7 +111,7 @@ def store(variable: Variable, names_of: NamesOf, indices: Indices | None) -> Sto
 
 
 def converted(variable: Variable, value: Value) -> Value:
-    """Return a value as its variable keeps it: whole in `@n`, single precision in `x`."""
+    """Convert a value to its variable's type: integer in `@n`, single precision in `x`."""
     if variable.kind == "@" and isinstance(value, NUMBER):
         whole = int(value)
         if not -(2**31) <= whole < 2**31:
@@ -128,7 +128,7 @@ def indices_of(readers: list[Read]) -> Indices:
     def number(value: Value) -> float:
         if isinstance(value, NUMBER):
             return value
-        raise AsError("P0119", "an index is a number")
+        raise AsError("P0119", "an index must be a number")
 
     if len(readers) > 2:
         return lambda context: index_of([number(reader(context)) for reader in readers])
@@ -153,7 +153,7 @@ def indices_of(readers: list[Read]) -> Indices:
 
 
 def missing(variable: Variable, entry: Cell | Array | None, *, location: bool) -> AsError:
-    """Return why a variable cannot be read."""
+    """Return the error for a variable that cannot be read."""
     if isinstance(entry, Array) and entry.defined:
         return AsError("P0133", f"{variable.spelling} is an array")
     return undefined(variable, location=location)

@@ -1,4 +1,4 @@
-"""Go through the nodes of a program, for whoever looks for something in it."""
+"""Traversal of the syntax tree of a program."""
 
 from collections.abc import Iterator
 from dataclasses import fields, is_dataclass

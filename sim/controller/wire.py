@@ -1,7 +1,7 @@
-"""A client's end of a wire in memory, in the shape of a socket link: lock step with a controller.
+"""In-memory link with the interface of a socket link, for a client in lock step.
 
-`poll` says what happened as a socket's link would: opened, bytes, lost. Nothing but the virtual
-clock decides when, so a run is repeatable to the byte.
+`poll` reports events as a socket link does: opened, bytes, lost. Timing depends only on the
+virtual clock, so a run is repeatable to the byte.
 """
 
 from collections.abc import Callable
@@ -17,22 +17,22 @@ News = TypeVar("News")
 
 
 class LockStepWire(Generic[News]):
-    """Connects to a port of a MemoryNetwork and stays connected as long as it can."""
+    """Connects to a port of a MemoryNetwork and reconnects after a loss."""
 
     def __init__(
         self, network: MemoryNetwork, port: int, make_news: Callable[[bool, bytes, str], News]
     ) -> None:
-        """Open nothing yet; `make_news` gets opened, data and why the connection was lost."""
+        """Start unconnected; `make_news` receives opened, data and the reason of a loss."""
         self.connections = 0
         self.last_fault = ""
         self._network, self._port, self._make_news = network, port, make_news
         self._stream: MemoryStream | None = None
-        self._rest = b""  # what the wire has not taken
+        self._rest = b""  # bytes not yet accepted by the stream
         self._lost = ""
         self._next_attempt_ns = 0
 
     def poll(self, now_ns: int) -> News:
-        """Connect if it is time, receive, send what is left; return what happened."""
+        """Connect if due, receive, send the rest; return the events."""
         opened, data = False, b""
         if self._stream is None and not self._lost and now_ns >= self._next_attempt_ns:
             opened = self._connect(now_ns)
@@ -43,7 +43,7 @@ class LockStepWire(Generic[News]):
         return self._make_news(opened, data, lost)
 
     def send(self, data: bytes, now_ns: int) -> bool:
-        """Hand bytes over; False when there is no connection."""
+        """Send bytes; return False without a connection."""
         if self._stream is None:
             return False
         self._rest += data
@@ -51,10 +51,10 @@ class LockStepWire(Generic[News]):
         return self._stream is not None
 
     def greeted(self) -> None:
-        """Pauses do not grow in virtual time: nothing to take back."""
+        """Do nothing: there is no back-off to reset in virtual time."""
 
     def close(self, reason: str, now_ns: int) -> None:
-        """Give the connection up; the next one is opened after the pause."""
+        """Close the connection; the next one is opened after PAUSE_S."""
         if self._stream is not None:
             self._stream.close()
             self._lost = reason
@@ -72,7 +72,7 @@ class LockStepWire(Generic[News]):
         return True
 
     def _receive(self, now_ns: int) -> bytes:
-        assert self._stream is not None  # noqa: S101 - its caller has looked
+        assert self._stream is not None  # noqa: S101 - checked by the caller
         try:
             data = self._stream.receive(RECEIVE_BYTES)
         except OSError as error:

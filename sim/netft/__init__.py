@@ -1,1 +1,1 @@
-"""A simulated ATI Net F/T: RDT over UDP, its settings page over HTTP, faults at will."""
+"""Simulated ATI Net F/T: RDT over UDP, settings page over HTTP, fault injection."""

@@ -1,4 +1,4 @@
-"""`python -m sim.netft` streams a still wrench with noise, until SIGTERM or Ctrl-C."""
+"""Command `python -m sim.netft`: streams a constant wrench with noise until SIGTERM or Ctrl-C."""
 
 import argparse
 import sys
@@ -13,11 +13,11 @@ from sim.netft.protocol import FORCE_UNITS, TORQUE_UNITS, About
 from sim.netft.sensor import NetftSensor
 from sim.netft.server import FAULTS, PAGE, NetftServer
 
-MOST_BEHIND = 50  # records; a process that was held up longer loses samples instead
+MOST_BEHIND = 50  # records; a process delayed for longer drops samples instead
 
 
 def parser() -> argparse.ArgumentParser:
-    """Return what the command line may say."""
+    """Return the argument parser."""
     words = argparse.ArgumentParser(
         prog="python -m sim.netft",
         description="A simulated ATI Net F/T: RDT over UDP, netftapi2.xml and fault switches"
@@ -25,28 +25,28 @@ def parser() -> argparse.ArgumentParser:
         formatter_class=argparse.ArgumentDefaultsHelpFormatter,
     )
     words.add_argument("--address", default="127.0.0.1", help="listen on this address only")
-    words.add_argument("--port", type=int, default=49152, help="of RDT, UDP; 0: a free one")
-    words.add_argument("--page-port", type=int, default=8081, help="of HTTP, TCP; 0: a free one")
-    words.add_argument("--rate-hz", type=float, default=1000.0, help="records in a second")
-    words.add_argument("--force", type=vector, default="0,0,10", metavar="X,Y,Z", help="[N]")
+    words.add_argument("--port", type=int, default=49152, help="UDP port of RDT; 0: any free port")
+    words.add_argument("--page-port", type=int, default=8081, help="TCP port of HTTP; 0: any free")
+    words.add_argument("--rate-hz", type=float, default=1000.0, help="records per second [Hz]")
+    words.add_argument("--force", type=vector, default="0,0,10", metavar="X,Y,Z", help="force [N]")
     words.add_argument("--torque", type=vector, default="0,0,0", metavar="X,Y,Z", help="[N m]")
-    words.add_argument("--noise-N", type=float, default=0.1, help="standard deviation")
-    words.add_argument("--noise-Nm", type=float, default=0.005, help="standard deviation")
-    words.add_argument("--counts-per-force", type=float, default=1e6, help="and unit of force")
-    words.add_argument("--counts-per-torque", type=float, default=1e6, help="and unit of torque")
-    words.add_argument("--force-unit", choices=FORCE_UNITS, default="N", help="of the page")
-    words.add_argument("--torque-unit", choices=TORQUE_UNITS, default="Nm", help="of the page")
-    words.add_argument("--seed", type=int, default=0, help="of noise and faults")
+    words.add_argument("--noise-N", type=float, default=0.1, help="standard deviation [N]")
+    words.add_argument("--noise-Nm", type=float, default=0.005, help="standard deviation [N m]")
+    words.add_argument("--counts-per-force", type=float, default=1e6, help="per unit of force")
+    words.add_argument("--counts-per-torque", type=float, default=1e6, help="per unit of torque")
+    words.add_argument("--force-unit", choices=FORCE_UNITS, default="N", help="unit on the page")
+    words.add_argument("--torque-unit", choices=TORQUE_UNITS, default="Nm", help="unit on the page")
+    words.add_argument("--seed", type=int, default=0, help="seed of noise and faults")
     return words
 
 
 def vector(text: str) -> np.ndarray:
-    """Return three numbers out of a text."""
+    """Parse three comma-separated numbers. Shape (3,)."""
     return np.array([float(part) for part in text.split(",")]).reshape(3)
 
 
 def main() -> None:
-    """Stream until told to stop."""
+    """Stream until a stop signal."""
     given = parser().parse_args()
     stop = stop_on_signals()
     about = About(
@@ -74,21 +74,21 @@ def main() -> None:
 
 
 class Stillness:
-    """A wrench that stays, with noise."""
+    """Constant wrench with white noise."""
 
     def __init__(self, wrench: np.ndarray, noise: np.ndarray, seed: int) -> None:
-        """Take both [N, N m]. Shapes (6,)."""
+        """Store wrench and noise standard deviation [N, N m]. Shapes (6,)."""
         self._wrench, self._noise = wrench, noise
         self._rng = np.random.default_rng(seed)
 
     def sample(self) -> list[float]:
-        """Return the next reading."""
+        """Return the next sample."""
         reading: list[float] = (self._wrench + self._noise * self._rng.standard_normal(6)).tolist()
         return reading
 
 
 def run(server: NetftServer, source: Stillness, rate_hz: float, stop: threading.Event) -> None:
-    """Measure at a rate until told to stop; what is late is caught up with, up to a limit."""
+    """Sample at a rate until a stop signal; a delay is made up for, up to MOST_BEHIND records."""
     period_ns = round(NS_PER_S / rate_hz)
     due_ns = time.monotonic_ns()
     while not stop.is_set():
@@ -102,7 +102,7 @@ def run(server: NetftServer, source: Stillness, rate_hz: float, stop: threading.
 
 
 def say(line: str) -> None:
-    """Print a line at once."""
+    """Print a line and flush."""
     sys.stdout.write(line + "\n")
     sys.stdout.flush()
 

@@ -1,4 +1,4 @@
-"""The sensor on a simulated arm as a Net F/T: a record whenever the arm has made enough ticks."""
+"""Net F/T feed of a simulated arm: one RDT record every fixed number of ticks."""
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from sim.robot.settings import TICK_S
 
 
 class RdtFeed:
-    """Hands the arm's readings to the server that streams them."""
+    """Passes sensor samples of the arm to the RDT server."""
 
     def __init__(self, server: NetftServer, cell: Cell, arm: SimArm) -> None:
         """Sample at the cell's sensor rate."""
@@ -19,7 +19,7 @@ class RdtFeed:
         self._ticks = max(1, round(1.0 / cell.rates.sensor_hz / TICK_S))
 
     def ticked(self) -> None:
-        """The arm has made a tick: measure if it is time."""
+        """Handle one tick of the arm: take a sample if due."""
         if self._arm.ticks % self._ticks:
             return
         sample = self._arm.ft_sensor.disturb(self._arm.sample_ft())
@@ -28,7 +28,7 @@ class RdtFeed:
 
 
 def server_of(cell: Cell) -> NetftServer:
-    """Return the server of a cell's simulated Net F/T, at the address where its driver looks."""
+    """Return the server of a cell's simulated Net F/T, at the address that its driver uses."""
     sensor = cell.sensor
     about = About(
         counts_per_force=sensor.counts_per_N,

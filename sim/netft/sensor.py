@@ -1,4 +1,4 @@
-"""The simulated sensor without its sockets: requests in, records out. Deterministic by seed."""
+"""Simulated Net F/T without sockets: requests in, records out. Deterministic by seed."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -8,16 +8,16 @@ import numpy as np
 from sim.netft.protocol import BIAS, START, STOP, About, command_of, record
 from sim.netft.switches import Switches
 
-Address = Any  # of a client, whatever the transport calls one
-STEAL_AFTER = 300  # records a client gets until the second one asks again
+Address = Any  # of a client, in the type of the transport
+STEAL_AFTER = 300  # records sent to a client before the second one takes the stream again
 NOT_A_RECORD = b"HTTP/1.0 400 Bad Request\r\n\r\n"
 
 
 class NetftSensor:
-    """Gives its stream to the one who asked last, like the real one."""
+    """Net F/T state machine; the last client to request the stream receives it, as on real ones."""
 
     def __init__(self, about: About | None = None, *, ft_step: int = 7, seed: int = 0) -> None:
-        """Be powered on. `ft_step`: samples of its own from one record to the next."""
+        """Power on. `ft_step`: internal samples between two records."""
         self.about = about or About()
         self.switches = Switches()
         self.client: Address | None = None
@@ -26,13 +26,13 @@ class NetftSensor:
         self._ft_step = ft_step
         self._rng = np.random.default_rng(seed)
         self._rdt_sequence = 0
-        self._left: int | None = None  # records still to be sent, None: endless
+        self._left: int | None = None  # records still to be sent; None: unlimited
         self._counts: tuple[int, ...] = (0,) * 6
         self._bias: tuple[int, ...] = (0,) * 6
         self._held: list[bytes] = []
 
     def hear(self, data: bytes, client: Address) -> None:
-        """Take a request; what is none is ignored, as the real one does."""
+        """Process a request; an invalid one is ignored, as by a real sensor."""
         asked = command_of(data)
         if asked is None:
             return
@@ -47,12 +47,12 @@ class NetftSensor:
             self._bias = tuple(before + count for before, count in bias)
 
     def restart(self) -> None:
-        """Lose power for a moment: nobody is streamed to, every number begins anew."""
+        """Simulate a power cycle: drop the client and reset all counters and the bias."""
         self.client, self.ft_sequence, self._rdt_sequence = None, 0, 0
         self._bias, self._held = (0,) * 6, []
 
     def measure(self, wrench: Sequence[float]) -> list[tuple[bytes, Address]]:
-        """Take a sample of a wrench [N, N m]; return the datagrams and to whom they go."""
+        """Take a sample of a wrench [N, N m]; return the datagrams with their receivers."""
         switches = self.switches
         if not switches.stall:
             self.ft_sequence += self._ft_step
@@ -83,7 +83,7 @@ class NetftSensor:
         return (*self._counts[:2], full, *self._counts[3:])
 
     def _disturbed(self, data: bytes) -> list[bytes]:
-        """Return what leaves the sensor, or arrives of it, in this period."""
+        """Return the datagrams of this period after fault injection."""
         switches = self.switches
         if switches.mute:
             return []

@@ -1,4 +1,4 @@
-"""The simulated sensor's sockets: RDT on UDP, its page and its fault switches on HTTP.
+"""Sockets of the simulated sensor: RDT on UDP, settings page and fault switches on HTTP.
 
 curl http://127.0.0.1:8081/netftapi2.xml
 curl http://127.0.0.1:8081/faults                        shows the switches
@@ -20,20 +20,20 @@ from sim.netft.sensor import NetftSensor
 from sim.netft.switches import EVENT, TRUE
 
 PAGE, FAULTS = "/netftapi2.xml", "/faults"
-MOST_REQUESTS = 100  # in a poll: a flood cannot keep the loop
+MOST_REQUESTS = 100  # per poll: a flood cannot block the loop
 LONGEST_BODY = 2000
 
 
 class NetftServer:
-    """Sockets around a sensor. `poll` and `measured` belong to one thread; HTTP has its own."""
+    """Sockets of a sensor. Call `poll` and `measured` from one thread; HTTP has its own."""
 
     def __init__(
         self, sensor: NetftSensor, *, address: str = "127.0.0.1", port: int = 0, page_port: int = 0
     ) -> None:
-        """Open the sockets; port 0 takes a free one.
+        """Open the sockets; port 0 selects a free one.
 
         Raises:
-            SimulationError: A port is taken.
+            SimulationError: A port is in use.
         """
         self.sensor = sensor
         self.sent = 0
@@ -47,7 +47,7 @@ class NetftServer:
         except OSError as error:
             self._udp.close()
             ports = f"UDP {port} and TCP {page_port}"
-            raise SimulationError(f"no Net F/T at {address}, {ports}: {error.strerror}") from error
+            raise SimulationError(f"cannot open {ports} at {address}: {error.strerror}") from error
         self.port: int = self._udp.getsockname()[1]
         self.page_port: int = self._http.server_address[1]
         thread = threading.Thread(target=self._http.serve_forever, args=(0.05,), daemon=True)
@@ -60,11 +60,11 @@ class NetftServer:
         self._udp.close()
 
     def restart(self) -> None:
-        """Let the sensor lose its power for a moment, at the next poll."""
+        """Schedule a power cycle of the sensor for the next poll."""
         self._restarts.set()
 
     def poll(self) -> None:
-        """Take what clients and people have asked for."""
+        """Process pending requests of clients, and a requested restart."""
         if self._restarts.is_set():
             self._restarts.clear()
             self.sensor.restart()
@@ -73,12 +73,12 @@ class NetftServer:
                 data, client = self._udp.recvfrom(64)
             except BlockingIOError:
                 return
-            except OSError:  # what became of an earlier record: its client is gone
+            except OSError:  # ICMP error of an earlier record: its client is gone
                 continue
             self.sensor.hear(data, client)
 
     def measured(self, wrench: Sequence[float]) -> None:
-        """Take a sample of a wrench [N, N m] and send what becomes of it."""
+        """Take a sample of a wrench [N, N m] and send its records."""
         for data, client in self.sensor.measure(wrench):
             try:
                 self._udp.sendto(data, client)
@@ -100,14 +100,14 @@ class _Handler(BaseHTTPRequestHandler):
     server: _PageServer
 
     def do_GET(self) -> None:
-        """Answer with the page or the switches."""
+        """Respond with the page or the switches."""
         sensor = self.server.owner.sensor
         if self.path == PAGE:
             self._answer(HTTPStatus.OK, page(sensor.about, sensor.switches.status), "text/xml")
         elif self.path == FAULTS:
             self._answer(HTTPStatus.OK, json.dumps(sensor.switches.words()), "application/json")
         else:
-            self._answer(HTTPStatus.NOT_FOUND, f"there are {PAGE} and {FAULTS}", "text/plain")
+            self._answer(HTTPStatus.NOT_FOUND, f"not found; use {PAGE} or {FAULTS}", "text/plain")
 
     def do_POST(self) -> None:
         """Set switches by name."""
@@ -127,7 +127,7 @@ class _Handler(BaseHTTPRequestHandler):
         self.do_GET()
 
     def log_message(self, *_: object) -> None:
-        """Say nothing: whoever asks sees the answer."""
+        """Suppress the request log."""
 
     def _answer(self, status: HTTPStatus, text: str, kind: str) -> None:
         data = text.encode()

@@ -1,4 +1,4 @@
-"""Simulated robot: plays the roles robot and sensor of a cell."""
+"""Simulated robot: implements the roles robot and sensor of a cell."""
 
 from common.runtime.service import main
 from sim.robot.service import SimRobot

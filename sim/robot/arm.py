@@ -1,8 +1,8 @@
-"""The simulated arm: joint commands in, one millisecond of physics per step, measurements out.
+"""Simulated arm: joint commands in, one millisecond of physics per step, measurements out.
 
-What the robot lags behind its commands, measured at home (see the unit tests):
-delay + half the smoothing window + servo lag. The gain rule of force control needs that sum and
-the bandwidth, so both are functions of the settings here.
+Lag of the robot behind its commands, measured at home (see the unit tests): dead time + half the
+smoothing window + servo lag. The gain rule of force control needs that sum and the bandwidth;
+both are computed here from the settings.
 """
 
 from dataclasses import dataclass
@@ -21,13 +21,13 @@ from sim.robot.scene import build_model, home_rad
 from sim.robot.set_points import SetPointLine
 from sim.robot.settings import TICK_S, SimSettings
 
-STILL_RAD_S = 0.002  # below this joint speed, with no command under way, the arm is not moving
+STILL_RAD_S = 0.002  # below this joint speed, with no active command, the arm is at rest
 # -3 dB of a critically damped servo: sqrt(sqrt(2) - 1) times its natural frequency 2 / lag.
 _SERVO_BANDWIDTH = 2.0 * (2.0**0.5 - 1.0) ** 0.5
 
 
 def motion_lag_s(settings: SimSettings) -> float:
-    """Return the area lag from command to flange without the pure delay [s].
+    """Return the area lag from command to flange without the dead time [s].
 
     The integral of 1 - y/y_end after a step: half the smoothing window plus kv/kp of the servo.
     """
@@ -50,17 +50,17 @@ def bandwidth_rad_s(settings: SimSettings) -> float:
 
 @dataclass(frozen=True, slots=True)
 class TrueWrench:
-    """What the environment really does to the tool: base axes, about the TCP, free of noise."""
+    """Ground-truth wrench of the environment on the tool: base axes, about the TCP, noise-free."""
 
     force_N: Array
     torque_Nm: Array
 
 
 class SimArm:
-    """The RS007L in its cell. Pure and deterministic: nothing moves except in `step`."""
+    """RS007L in its cell. Pure and deterministic: the state changes only in `step`."""
 
     def __init__(self, settings: SimSettings, *, seed: int) -> None:
-        """Build the cell and stand still at home. Raises SimulationError on impossible settings."""
+        """Build the cell with the arm at rest at home. Raises SimulationError on bad settings."""
         self.settings = settings
         self.kinematics = ArmKinematics()
         self.model = build_model(settings)
@@ -73,7 +73,7 @@ class SimArm:
         if violation:
             raise SimulationError(f"simulated cell: home_deg is out of reach: {violation}")
         self._command = self._taken = home
-        # Views of the state: MuJoCo keeps it in one place for good.
+        # Views of the state: MuJoCo never reallocates it.
         self._q: Array = self.data.qpos[:JOINTS]
         self._speed_rad_s: Array = self.data.qvel[:JOINTS]
         self._ctrl, self._on_tool = self.data.ctrl, self.data.sensordata[:6]
@@ -89,7 +89,7 @@ class SimArm:
 
     @property
     def time_s(self) -> float:
-        """Simulated time since the start [s]."""
+        """Simulated time since start [s]."""
         return self.ticks * TICK_S
 
     @property
@@ -104,7 +104,7 @@ class SimArm:
 
     @property
     def T_base_flange(self) -> pin.SE3:
-        """Measured pose of the flange: the kinematics of the current joint angles."""
+        """Measured flange pose: forward kinematics of the current joint angles."""
         return self.kinematics.flange_pose(self.q)
 
     @property
@@ -114,12 +114,12 @@ class SimArm:
 
     @property
     def moving(self) -> bool:
-        """Whether a command is under way or a joint still turns."""
+        """Whether a command is active or a joint is moving."""
         return not self._line.settled or max(map(abs, self._speed_rad_s.tolist())) > STILL_RAD_S
 
     @property
     def lift_off_m(self) -> float:
-        """True distance of the disc's lowest point to the plate at rest [m]; positive is free."""
+        """True distance from the disc's lowest point to the undeflected plate [m]; > 0 is free."""
         return lift_off_m(
             self.T_base_tcp,
             plate_point_m=self.plate.point_m,
@@ -128,11 +128,11 @@ class SimArm:
         )
 
     def command_joints(self, q: Array) -> None:
-        """Set the joint angles to go to [rad], shape (6,); they hold until the next command.
+        """Set the commanded joint angles [rad], shape (6,); they hold until the next command.
 
-        An array that nobody can change and that was taken last is not looked at again.
+        A read-only array that is the same object as the last command is not checked again.
 
-        Raises SimulationError if a number is not finite or a joint limit is broken.
+        Raises SimulationError if a number is not finite or outside a joint limit.
         """
         if q is self._taken and not q.flags.writeable:
             return
@@ -141,29 +141,29 @@ class SimArm:
             raise SimulationError(f"joint command must be six finite angles, got {q}")
         violation = self.kinematics.limit_violation(command)
         if violation:
-            raise SimulationError(f"joint command refused: {violation}")
+            raise SimulationError(f"joint command rejected: {violation}")
         self._command, self._taken = command, q
 
     def step(self) -> None:
-        """Advance one millisecond. Raises SimulationError if the physics diverged."""
+        """Advance by one millisecond. Raises SimulationError if the simulation diverged."""
         self._ctrl[:] = self._line.push(self._command)
         self.advance()
         self.ticks += 1
         self._check()
 
     def advance(self) -> None:
-        """Make one step of the model's own length, without new set points."""
+        """Advance by one time step of the model, without new set points."""
         mujoco.mj_step1(self.model, self.data)
         self.plate.act()
         mujoco.mj_step2(self.model, self.data)
 
     def sample_ft(self) -> FtSample:
-        """Return a new reading of the force/torque sensor, for the step just made."""
+        """Return a new sample of the force/torque sensor for the last step."""
         load = -self._on_tool  # MuJoCo: robot on tool; a real sensor: tool on robot
         return self.ft_sensor.sample(force_N=load[:3], torque_Nm=load[3:])
 
     def true_wrench(self) -> TrueWrench:
-        """Return the plate's (and any applied) wrench on the tool, for the step just made."""
+        """Return the wrench of the plate and of applied forces on the tool, for the last step."""
         data, tcp = self.data, self.data.site_xpos[self._tcp]
         plate, pushed = data.xfrc_applied[self._disc], data.xfrc_applied[self._tool]
         torque = plate[3:] + pushed[3:] + np.cross(data.xipos[self._tool] - tcp, pushed[:3])
@@ -176,6 +176,6 @@ class SimArm:
         for kind in (kinds.mjWARN_BADQPOS, kinds.mjWARN_BADQVEL, kinds.mjWARN_BADQACC):
             if self.data.warning[kind].number:
                 raise SimulationError(
-                    f"the physics diverged at {self.time_s:.3f} s ({kind.name[7:]});"
-                    " softer contact, smaller steps or gentler commands would be right"
+                    f"the simulation diverged at {self.time_s:.3f} s ({kind.name[7:]}):"
+                    " reduce contact stiffness, time step or command acceleration"
                 )

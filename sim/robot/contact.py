@@ -1,4 +1,4 @@
-"""Where a flat disc stands against a plane: the truth by which contact is judged. Pure."""
+"""Contact geometry of a flat disc and a plane: ground truth for contact. Pure."""
 
 import math
 
@@ -13,7 +13,7 @@ def lift_off_m(
 ) -> float:
     """Return the signed distance [m] from a plane to the lowest point of a disc's rim.
 
-    d = n . (p_tcp - p) - r |n x z|, positive: the disc is lifted off, negative: it pushes in.
+    d = n . (p_tcp - p) - r |n x z|; positive: no contact, negative: penetration.
 
     Args:
         T_base_tcp: Centre of the disc, z along the disc's axis.
@@ -29,10 +29,10 @@ def lift_off_m(
 def plate_point_under(
     T_base_tcp: pin.SE3, *, plate_normal: Array, disc_radius_m: float, gap_m: float
 ) -> Array:
-    """Return the point of a plane vertically below the TCP, so that the disc hangs `gap_m` above.
+    """Return the point of a plane vertically below the TCP that leaves a gap of `gap_m`.
 
-    The gap is measured vertically from the rim's point that is nearest to the plane; with n_z of
-    the normal, gap * n_z = lift_off, which is solved for the point's height.
+    The gap is measured vertically from the rim point nearest to the plane. With n_z of the
+    normal, gap * n_z = lift_off, which is solved for the height of the point.
 
     Args:
         T_base_tcp: Centre of the disc, z along the disc's axis.

@@ -1,4 +1,4 @@
-"""What the cell looks like and what nothing ever touches: floor, stand, springs, tool shapes."""
+"""Visual geometry without collision: floor, stand, springs, tool shapes."""
 
 import math
 
@@ -9,7 +9,7 @@ from common.motion.frames import Array
 from sim.robot.engine import mujoco
 from sim.robot.settings import PLATE_CORNER_M
 
-FLOOR_Z_M = -0.36  # the arm's foot stands on it; the base frame is at joint 2
+FLOOR_Z_M = -0.36  # mounting surface of the arm; the base frame is at joint 2
 SENSOR_RADIUS_M = 0.040
 STAND_TOP_BELOW_PLATE_M = 0.085
 PLATE_THICKNESS_M = 0.016
@@ -44,7 +44,7 @@ def draw_tool(tool: mujoco.MjsBody, T_sensor_tcp: pin.SE3, disc_radius_m: float)
     _show(tool, _CYLINDER, [SENSOR_RADIUS_M, 0.005, 0], pos=[0, 0, 0.005], rgba=_STEEL)
     rod = max(0.01, height - 0.020)
     _show(tool, _CYLINDER, [0.012, rod / 2, 0], pos=[0, 0, 0.010 + rod / 2], rgba=_STEEL)
-    # the counterweight that moves the centre of mass off the axis
+    # counterweight: moves the centre of mass off the axis
     _show(tool, _BOX, [0.016, 0.016, 0.018], pos=[0.022, -0.016, 0.046], rgba=_DARK)
     disc = tool.add_geom(
         type=_CYLINDER, size=[disc_radius_m, 0.005, 0], contype=0, conaffinity=0, group=1
@@ -127,7 +127,7 @@ def _add_lights(spec: mujoco.MjSpec) -> None:
 
 
 def _add_stand(spec: mujoco.MjSpec, plate_point_m: Array, plate_normal: Array) -> None:
-    """A column on the floor, a level table, and four springs from it to the plate's corners."""
+    """Add a column on the floor, a level table, and four springs to the plate's corners."""
     x, y, z = (float(value) for value in plate_point_m)
     top = z - STAND_TOP_BELOW_PLATE_M
     world, height = spec.worldbody, top - 0.02 - FLOOR_Z_M

@@ -1,6 +1,6 @@
-"""What the simulated robot does under permission, under the same guard as the gateway. No bus.
+"""Command execution of the simulated robot, checked by the same guard as in the gateway. No bus.
 
-A refusal is a trip, and the caller ends the lease then; a goal that is refused ends no lease.
+A violated limit is a trip and the caller then ends the lease; a rejected goal does not end it.
 """
 
 import numpy as np
@@ -25,10 +25,10 @@ from sim.robot.motion import MotionGenerator, MotionSpeed
 
 
 class SimDriver:
-    """Turns commands into motions of the arm; refuses what breaks a limit of the cell."""
+    """Converts commands into arm motions; rejects commands that violate a limit of the cell."""
 
     def __init__(self, cell: Cell, arm: SimArm, motion: MotionGenerator) -> None:
-        """Stand still."""
+        """Start at rest."""
         self.goal = GoalReport()
         self._arm, self._motion = arm, motion
         self._guard = Guard(cell, arm.kinematics.flange_pose)
@@ -40,11 +40,11 @@ class SimDriver:
 
     @property
     def sent(self) -> pin.SE3 | None:
-        """Set point that left for the arm last, flange in base; None: no stream."""
+        """Last set point sent to the arm, flange in base; None: no stream."""
         return self._sent if self._streaming else None
 
     def hold(self, reason: str) -> None:
-        """Brake; once at rest, command the measured pose, so that nothing is left to be done."""
+        """Brake; once at rest, command the measured pose, so that no command is pending."""
         self._motion.brake()
         self._streaming = False
         self._tracking.free()
@@ -63,10 +63,10 @@ class SimDriver:
         is_new: bool,
         now_ns: int,
     ) -> Trip | None:
-        """Do what a permitted command says, or say which limit it breaks."""
+        """Execute a permitted command, or return the limit it violates."""
         if lease != self._lease:
             if self._lease is None or lease[0] != self._lease[0]:
-                # Another arbiter counts its goals anew: its first one is not one that was done.
+                # A new arbiter restarts its goal numbers: its first goal is not an executed one.
                 self.goal = GoalReport()
             self._lease = lease
             purpose = "all" if command.permission is None else command.permission.purpose
@@ -76,7 +76,7 @@ class SimDriver:
             return trip
         self._seeded = False
         if command.kind == "feedback":
-            text = "force feedback in the controller needs a controller, this is a bare arm"
+            text = "force feedback in the controller requires a controller; this robot has none"
             return tripped("robot_refuses", text)
         if command.kind == "setpoint":
             return self._follow(command, now_ns) if is_new else None
@@ -88,7 +88,7 @@ class SimDriver:
         return None
 
     def watch(self, now_ns: int) -> Trip | None:
-        """Judge the arm itself; call it once for each report, under permission."""
+        """Check the measured arm state; called once per report, under permission."""
         T, q = self._arm.T_base_flange, self._arm.q
         return self._guard.arm(T, q, now_ns) or self._tracking.judge(T, q, now_ns)
 
@@ -114,7 +114,7 @@ class SimDriver:
         return None
 
     def _idle(self) -> None:
-        """Permission without a motion: a goal that is on its way is braked."""
+        """Handle permission without a motion: brake an active goal."""
         if self._motion.state == "running":
             self._motion.brake()
         moving = self._motion.busy or self._arm.moving

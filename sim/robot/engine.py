@@ -1,9 +1,8 @@
-"""MuJoCo without graphics, for everything that simulates: `from sim.robot.engine import mujoco`.
+"""MuJoCo import without graphics: `from sim.robot.engine import mujoco`.
 
-MuJoCo loads a graphics library while it is imported, and where `MUJOCO_GL` names one that is
-broken the import itself fails. Physics needs none, so it asks for none; drawing is a process of
-its own (`sim.robot.render`). MuJoCo's warnings go to the log instead of a file in the working
-directory.
+MuJoCo loads a graphics library on import, and the import fails if the library that `MUJOCO_GL`
+names is broken. Physics needs no graphics and disables it; rendering runs in a process of its own
+(`sim.robot.render`). MuJoCo's warnings go to the log instead of a file in the working directory.
 """
 
 import logging

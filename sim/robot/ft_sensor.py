@@ -1,8 +1,8 @@
-"""The simulated force/torque sensor: bias, noise, quantisation and range. Deterministic by seed.
+"""Simulated force/torque sensor: bias, noise, quantisation and range. Deterministic by seed.
 
-Sign of a real sensor: what it reads is the load on it, f_env + m (g - a), in its own axes about
-its own origin. A hanging tool pulls along gravity; an environment that pushes the robot pushes
-the reading the same way. (MuJoCo's force and torque sensors have the opposite sign.)
+Sign of a real sensor: the reading is the load on the sensor, f_env + m (g - a), in sensor axes
+about the sensor origin. A hanging tool reads along gravity; an environment that pushes the robot
+reads in the direction of the push. (MuJoCo's force and torque sensors have the opposite sign.)
 """
 
 from collections.abc import Callable, Iterator
@@ -15,30 +15,30 @@ import numpy as np
 from common.motion.frames import Array
 from sim.robot.settings import SensorSettings
 
-_DRAWN_AT_ONCE = 100  # samples of noise: one at a time costs seven times as much
+_DRAWN_AT_ONCE = 100  # noise samples per draw: single draws cost seven times as much
 
 FtStatus = Literal["ok", "saturated", "fault"]
 
 
 @dataclass(frozen=True, slots=True)
 class FtSample:
-    """One reading: the load on the sensor, sensor axes, about the sensor's origin."""
+    """One sample: load on the sensor, sensor axes, about the sensor origin."""
 
     force_N: Array
     torque_Nm: Array
     status: FtStatus
-    counter: int  # of samples taken, from 1
+    counter: int  # number of the sample, from 1
 
 
 class FtSensor:
-    """Turns the true load into what the sensor would report. Call it at the sensor's rate.
+    """Sensor model: converts the true load into a reported sample. Call it at the sensor rate.
 
-    In good order unless somebody sets `wiring` (what each channel really shows of the load, six by
-    six) or `disturb` (what becomes of a sample on its way; None: it never arrives).
+    Fault injection: `wiring` (6 x 6 matrix from load to channels) and `disturb` (modifies a sample
+    in transit; None: the sample is lost).
     """
 
     def __init__(self, settings: SensorSettings, *, seed: int) -> None:
-        """Start the noise at its seed."""
+        """Seed the noise generator."""
         self._counter = 0
         self.wiring = np.eye(6)
         self.disturb: Callable[[FtSample], FtSample | None] = lambda sample: sample
@@ -53,7 +53,7 @@ class FtSensor:
         self._step = step[self._rough]
 
     def sample(self, *, force_N: Array, torque_Nm: Array) -> FtSample:
-        """Return a reading of a true load [N, Nm], sensor axes and origin. Shapes (3,), (3,)."""
+        """Return a sample of a true load [N, Nm], sensor axes and origin. Shapes (3,), (3,)."""
         self._counter += 1
         value = self.wiring.dot(np.concatenate((force_N, torque_Nm))) + self._bias
         value += next(self._noise)
@@ -71,6 +71,6 @@ class FtSensor:
 
 
 def _normal(size: Array, rng: np.random.Generator) -> Iterator[Array]:
-    """Yield normal noise of a size in each channel, for ever. Shape (6,)."""
+    """Yield normal noise with a standard deviation per channel, endlessly. Shape (6,)."""
     while True:
         yield from size * rng.standard_normal((_DRAWN_AT_ONCE, len(size)))

@@ -1,11 +1,11 @@
-"""The controller's own motion generator: goals with a trapezoidal speed, and streamed poses.
+"""Motion generator of the controller: goals with a trapezoidal speed profile, and streamed poses.
 
-state    what it means
-idle     nothing to do; after a brake too
-running  a goal is on its way
+state    meaning
+idle     no motion; also after a brake
+running  a goal is active
 braking  a goal is being stopped, along its path
 done     the goal was reached
-refused  a goal ended on the way because it could not be followed; `reason` says why
+refused  a goal was aborted because its path cannot be followed; `reason` holds the cause
 stream   the newest streamed pose is followed
 """
 
@@ -23,17 +23,17 @@ from common.motion.paths import TURN_RADIUS_M, JointPath, LinearPath, Path
 
 MotionState = Literal["idle", "running", "braking", "done", "refused", "stream"]
 
-ACCEL_M_S2 = 2.0  # what 100 percent means
+ACCEL_M_S2 = 2.0  # at 100 percent
 BRAKE_M_S2 = 2.5  # from 250 mm/s to standstill in 100 ms
-STREAM_JUMP_RAD = 0.35  # one streamed pose may turn no joint farther
+STREAM_JUMP_RAD = 0.35  # largest joint change of one streamed pose
 _JOINT_SPEEDS_RAD_S = tuple(MAX_SPEED_RAD_S.tolist())
 _SHRINKS = 8  # attempts to find a step that keeps the joint speed limits
-_BUSY = "a goal is on its way: brake first"
+_BUSY = "a goal is active: brake first"
 
 
 @dataclass(frozen=True, slots=True)
 class MotionSpeed:
-    """Speed of a goal. Turning and joint angles count on a radius of `TURN_RADIUS_M`."""
+    """Speed of a goal. Rotations and joint angles are scaled by the radius `TURN_RADIUS_M`."""
 
     speed_m_s: float = 0.05
     accel_fraction: float = 1.0  # of ACCEL_M_S2
@@ -41,16 +41,16 @@ class MotionSpeed:
 
 
 class MotionGenerator:
-    """Turns goals and streamed poses into one joint command per tick.
+    """Converts goals and streamed poses into one joint command per tick.
 
-    Its commands depend on nothing but what it was told: it never looks at the arm. `start_*`
-    and `setpoint` return an empty string, or the reason why they did nothing.
+    Open loop: its commands do not depend on measurements of the arm. `start_*` and `setpoint`
+    return an empty string, or the reason for a rejection.
     """
 
     def __init__(
         self, kinematics: ArmKinematics, q_start: Array, *, stream_m_s: float = math.inf
     ) -> None:
-        """Stand still at q_start [rad], shape (6,); streamed poses are followed at this speed."""
+        """Start at rest at q_start [rad], shape (6,); `speed` is for streamed poses."""
         self._kinematics = kinematics
         self._path: Path | None = None
         self._speed = MotionSpeed()
@@ -58,45 +58,45 @@ class MotionGenerator:
         self.q_command: Array = np.array(q_start, dtype=float)
         self._q_stream: Array = self.q_command.copy()
         self._stream_m_s = stream_m_s
-        self._stream_s = 0.0  # that the way to the streamed pose takes at this speed
+        self._stream_s = 0.0  # travel time to the streamed pose at this speed
         self.state: MotionState = "idle"
-        self.reason = ""  # why the last goal was refused on its way
+        self.reason = ""  # why the last goal was aborted
 
     @property
     def busy(self) -> bool:
-        """Whether a goal is on its way or being braked."""
+        """Whether a goal is active or being braked."""
         return self.state in ("running", "braking")
 
     def reseed(self, q: Array) -> None:
-        """Forget every motion and stand still at q [rad]. Shape (6,)."""
+        """Discard every motion and hold q [rad]. Shape (6,)."""
         self.q_command = np.array(q, dtype=float)
         self._path, self.state, self.reason = None, "idle", ""
 
     def start_pose(self, T_base_flange: pin.SE3, speed: MotionSpeed) -> str:
-        """Start a linear motion of the flange, turning evenly about one axis."""
+        """Start a linear motion of the flange with uniform rotation about one axis."""
         if self.busy:
             return _BUSY
         if not np.isfinite(T_base_flange.homogeneous).all():
-            return "the pose holds a number that is not finite"
+            return "the pose contains a number that is not finite"
         path = LinearPath(self._kinematics, self.q_command, T_base_flange)
         return path.obstacle(self.q_command) or self._start(path, speed)
 
     def start_joints(self, q_goal: Array, speed: MotionSpeed) -> str:
-        """Start a motion to joint angles [rad], all joints together. Shape (6,)."""
+        """Start a synchronised motion to joint angles [rad]. Shape (6,)."""
         if self.busy:
             return _BUSY
         goal = np.array(q_goal, dtype=float)
         if not np.isfinite(goal).all():
-            return "the joint goal holds a number that is not finite"
+            return "the joint goal contains a number that is not finite"
         violation = self._kinematics.limit_violation(goal)
         return violation or self._start(JointPath(self._kinematics, self.q_command, goal), speed)
 
     def start_by(self, q_relative: Array, speed: MotionSpeed) -> str:
-        """Start a motion by joint angles [rad] relative to the command now. Shape (6,)."""
+        """Start a motion by joint angles [rad] relative to the current command. Shape (6,)."""
         return self.start_joints(self.q_command + np.asarray(q_relative, dtype=float), speed)
 
     def setpoint(self, T_base_flange: pin.SE3) -> str:
-        """Follow a streamed pose from the next tick on; the newest wins."""
+        """Follow a streamed pose from the next tick on; it replaces an older one."""
         if self.busy:
             return _BUSY
         result = self._kinematics.solve(T_base_flange, self.q_command, jump_rad=STREAM_JUMP_RAD)
@@ -107,7 +107,7 @@ class MotionGenerator:
         return ""
 
     def brake(self) -> None:
-        """Stop: a goal along its path, a stream no farther than its last pose."""
+        """Stop: a goal along its path, a stream not beyond its last pose."""
         if self.state == "running":
             self.state = "braking"
         elif self.state == "stream":
@@ -126,7 +126,7 @@ class MotionGenerator:
         return self.q_command
 
     def _time_s(self, T_wanted: pin.SE3) -> float:
-        """Return how long the flange takes to a streamed pose, turning as on a goal."""
+        """Return the travel time of the flange to a streamed pose [s], with a goal's rotation."""
         T = self._kinematics.flange_pose(self.q_command)
         way = T_wanted.translation - T.translation
         turn = rotation_between(T.rotation, T_wanted.rotation)
@@ -140,7 +140,7 @@ class MotionGenerator:
         return ""
 
     def _brake_stream(self) -> None:
-        """An ordinary stream has arrived and just stops; one that is behind is ramped down."""
+        """End a stream: stop if its pose is reached, otherwise ramp down."""
         way = self._q_stream - self.q_command
         needed_s = max(_time_at_full_speed_s(way), self._stream_s)
         self.state = "idle"
@@ -172,13 +172,13 @@ class MotionGenerator:
             self.state = "idle"
 
     def _next_share_speed(self, extent_m: float, dt_s: float) -> float:
-        """Return ds/dt of this tick: trapezoid, or the ramp down of a brake."""
+        """Return ds/dt of this tick: trapezoid, or deceleration of a brake."""
         scale = 1.0 / max(extent_m, 1e-6)
         if self.state == "braking":
             return max(0.0, self._share_speed - BRAKE_M_S2 * scale * dt_s)
         decel = self._speed.decel_fraction * ACCEL_M_S2 * scale
         accel = self._speed.accel_fraction * ACCEL_M_S2 * scale
-        # The speed from which steps of dt, each slower by decel * dt, end exactly at the goal.
+        # Discrete braking speed: steps of dt, each slower by decel * dt, end exactly at the goal.
         half = 0.5 * decel * dt_s
         stopping = math.sqrt(half * half + 2.0 * decel * (1.0 - self._share)) - half
         faster = self._share_speed + accel * dt_s
@@ -193,18 +193,18 @@ class MotionGenerator:
                 share = 1.0
             result = path.at(share, self.q_command)
             if result.q is None:
-                self.reason = f"after {100 * share:.0f} % of the way: {result.reason}"
+                self.reason = f"after {100 * share:.0f} % of the path: {result.reason}"
                 step *= 0.25
                 continue
             excess = _time_at_full_speed_s(result.q - self.q_command) / dt_s
             if excess <= 1.0 + 1e-9:
                 self.reason = ""
                 return share, result.q
-            self.reason = f"after {100 * share:.0f} % of the way: the joints are too slow"
+            self.reason = f"after {100 * share:.0f} % of the path: joint speed limit exceeded"
             step /= 1.05 * excess
         return self._share, None
 
 
 def _time_at_full_speed_s(way_rad: Array) -> float:
-    """Return how long a joint motion takes at the joints' speed limits [s]."""
+    """Return the duration of a joint motion at the joint speed limits [s]."""
     return float(max(map(truediv, map(abs, way_rad.tolist()), _JOINT_SPEEDS_RAD_S)))

@@ -1,25 +1,25 @@
-"""A sprung plate without mass under the flat face of a disc: the law of contact. Pure.
+"""Contact model: massless plate on spring-dampers under the flat face of a disc. Pure.
 
-The plate gives way along its normal by u and tilts by the slopes s; both are damped springs
-(Kelvin-Voigt). Without mass it is always where the disc lets it be: of all states that the disc
-does not cut, the one of least energy. With the disc's centre c and the unit vector b along its
-back, in the plate's frame at rest, the gap at the nearest point of the rim is
+The plate deflects along its normal by u and tilts by the slopes s; both are spring-dampers
+(Kelvin-Voigt). Without mass its state is quasi-static: the state of least energy among those
+without penetration. With the disc's centre c and the unit vector b from the face into the tool,
+in the plate's undeflected frame, the gap at the nearest point of the rim is
 
     gap(u, s) = c_z - u - s . c_xy - r |b_xy + b_z s|  >= 0
 
-(sim.robot.contact has the same distance for a rigid plane). The force N is the multiplier of this
-one condition: it pushes or is zero, and the centre of pressure is a point of the disc.
+(sim.robot.contact has the same distance for a rigid plane). The normal force N >= 0 is the Lagrange
+multiplier of this constraint; the centre of pressure is a point of the disc.
 
-Within its plane the plate gives way under the contact by z and twists by psi. Friction holds the
-disc's face to that spring up to Coulomb's limit and lets it slip beyond (elastic-plastic bristle;
+Within its plane the plate deflects under the contact by z and twists by psi. Friction holds the
+disc's face to that spring up to the Coulomb limit and slips beyond it (elastoplastic bristle model;
 Dupont et al., Single state elastoplastic friction models, IEEE TAC 47(5), 2002). Force and torque
-share an ellipsoid (Howe and Cutkosky, Practical force-motion models for sliding manipulation,
+share a limit ellipsoid (Howe and Cutkosky, Practical force-motion models for sliding manipulation,
 IJRR 15(6), 1996); the torque's lever is half the chord of the rim through the centre of pressure:
-r for a disc that lies flat, zero for one on its edge.
+r for a disc that lies flat, zero for a disc on its edge.
 
-Each step is implicit in the state of its end: a projection on the gap, then one on the ellipsoid
-(return mapping). The springs follow the midpoint rule, so what they store is what was put in;
-dampers and slip only take, for any step. Hence the plate never gives more work than it took.
+Each step is implicit: a projection on the gap constraint, then one on the ellipsoid (return
+mapping). The springs follow the midpoint rule and store exactly the energy supplied; dampers and
+slip dissipate for any step size. Hence the plate is passive.
 """
 
 import math
@@ -28,8 +28,8 @@ from typing import NamedTuple
 
 from sim.robot.settings import SimSettings
 
-HALF_SIDE_M = 0.08  # the plate ends here: beyond it there is nothing to touch
-DEEPEST_TOUCH_M = 0.002  # a disc that is first met deeper than this is below the plate
+HALF_SIDE_M = 0.08  # half the side of the plate: no contact beyond it
+DEEPEST_TOUCH_M = 0.002  # a first penetration deeper than this means: the disc is below the plate
 LEAST_LEVER_M = 1e-6
 NEWTON_STEPS = 40
 FORCE_EXACT_N = 1e-9
@@ -40,7 +40,7 @@ _ORIGIN = (0.0, 0.0, 0.0)
 
 
 class Disc(NamedTuple):
-    """The disc's face at the end of a step and its speed over it, in the plate's frame at rest."""
+    """Disc face at the end of a step, and its velocity, in the undeflected plate frame."""
 
     centre_m: Vector3
     back: Vector3  # unit vector from the face into the tool
@@ -50,13 +50,13 @@ class Disc(NamedTuple):
 
     @property
     def lift_m(self) -> float:
-        """Gap at the nearest point of the rim to a plate that rests."""
+        """Gap between the nearest point of the rim and the undeflected plate."""
         bx, by, _ = self.back
         return self.centre_m[2] - self.radius_m * math.hypot(bx, by)
 
 
 class Push(NamedTuple):
-    """What the plate does to the disc, in the plate's frame at rest, about the disc's centre."""
+    """Wrench of the plate on the disc, in the undeflected plate frame, about the disc's centre."""
 
     force_N: Vector3 = (0.0, 0.0, 0.0)
     torque_Nm: Vector3 = (0.0, 0.0, 0.0)
@@ -65,22 +65,22 @@ class Push(NamedTuple):
 
 @dataclass(slots=True)
 class SprungPlate:
-    """The plate's springs and where they stand."""
+    """Spring-dampers of the plate and their deflections."""
 
     stiffness_N_m: float  # along the normal and within the plane
     tilt_stiffness_Nm_rad: float  # about any axis
     relaxation_s: float  # damping over stiffness, of every spring
     friction: float
 
-    travel_m: float = 0.0  # u, at the plate's middle; negative is pushed in
-    slope: Vector2 = (0.0, 0.0)  # s: rise along x and y
+    travel_m: float = 0.0  # u, deflection at the plate's centre; negative is pushed in
+    slope: Vector2 = (0.0, 0.0)  # s: slope along x and y
     shear_m: Vector2 = (0.0, 0.0)  # z: within the plane, under the contact
     twist_rad: float = 0.0  # psi: about the normal, under the contact
     touched: bool = False
 
     @classmethod
     def of(cls, settings: SimSettings) -> "SprungPlate":
-        """Return the plate of a cell at rest."""
+        """Return the undeflected plate of a cell."""
         return cls(
             stiffness_N_m=settings.stiffness_N_m,
             tilt_stiffness_Nm_rad=settings.plate_tilt_stiffness_Nm_rad,
@@ -90,19 +90,19 @@ class SprungPlate:
 
     @property
     def rests(self) -> bool:
-        """Whether every spring is where it is without a push."""
+        """Whether every spring is undeflected."""
         away = (self.travel_m, self.twist_rad, *self.slope, *self.shear_m)
         return not self.touched and not any(away)
 
     @property
     def energy_J(self) -> float:
-        """What the springs hold."""
+        """Elastic energy of the springs [J]."""
         lengths2 = self.travel_m**2 + self.shear_m[0] ** 2 + self.shear_m[1] ** 2
         angles2 = self.slope[0] ** 2 + self.slope[1] ** 2 + self.twist_rad**2
         return 0.5 * (self.stiffness_N_m * lengths2 + self.tilt_stiffness_Nm_rad * angles2)
 
     def step(self, disc: Disc, dt_s: float) -> Push:
-        """Let the disc move for `dt_s` [s] to where it is said to be; return what it feels."""
+        """Advance by `dt_s` [s] to the given disc state; return the wrench on the disc."""
         if self.rests and disc.lift_m >= 0.0:
             return Push()
         rule = _Midpoint.of(self, dt_s)
@@ -117,12 +117,12 @@ class SprungPlate:
         return Push(force, (tx, ty, tz + twist_Nm), normal_N)
 
     def _misses(self, disc: Disc, squeeze: "_Squeeze") -> bool:
-        """Whether the disc is beside the plate or below it."""
+        """Return whether the disc is beside the plate or below it."""
         beside = max(abs(disc.centre_m[0]), abs(disc.centre_m[1])) > HALF_SIDE_M
         return beside or (not self.touched and squeeze.at(0.0)[0] < -DEEPEST_TOUCH_M)
 
     def _rub(self, disc: Disc, arm: Vector3, normal_N: float, rule: "_Midpoint") -> Vector3:
-        """Let friction hold or slip; return its force [N, N] and torque [Nm] on the disc."""
+        """Apply stick or slip friction; return its force [N, N] and torque [Nm] on the disc."""
         vx, vy, _ = _sum(disc.velocity_m_s, _cross(disc.turn_rad_s, arm))
         (zx, zy), psi = self.shear_m, self.twist_rad
         fx = -rule.k * (zx + rule.dt_s * vx - rule.kept * zx)
@@ -131,7 +131,7 @@ class SprungPlate:
         limit_N = self.friction * normal_N
         lever_m = math.sqrt(max(0.0, disc.radius_m**2 - math.hypot(*arm) ** 2))
         if lever_m < LEAST_LEVER_M:
-            twist_Nm, lever_m = 0.0, 1.0  # on its edge a disc turns freely
+            twist_Nm, lever_m = 0.0, 1.0  # a disc on its edge transmits no twist torque
         used_N = math.hypot(fx, fy, twist_Nm / lever_m)
         if used_N > limit_N:
             share = limit_N / used_N
@@ -142,7 +142,7 @@ class SprungPlate:
 
 
 class _Midpoint(NamedTuple):
-    """Midpoint rule of damped springs: the force is k (x1 - kept x0), free they keep so much."""
+    """Midpoint rule of spring-dampers: force k (x1 - kept x0); `kept` is the unloaded decay."""
 
     k: float
     k_tilt: float
@@ -157,19 +157,19 @@ class _Midpoint(NamedTuple):
 
 
 class _Squeeze(NamedTuple):
-    """The projection on the gap: one equation for the normal force, which the gap rises with."""
+    """Projection on the gap constraint: one equation for the normal force, monotonic in it."""
 
     disc: Disc
     rule: _Midpoint
-    free_m: float  # where the plate would go if nothing pressed on it
+    free_m: float  # deflection of the unloaded plate at the end of the step
     free_slope: Vector2
 
     def travel_m(self, normal_N: float) -> float:
-        """Return u under a force."""
+        """Return u under a normal force [m]."""
         return self.free_m - normal_N / self.rule.k
 
     def slope(self, normal_N: float, arm_m: Vector3) -> Vector2:
-        """Return s under a force at a centre of pressure."""
+        """Return s under a normal force at a centre of pressure."""
         x, y, _ = self.disc.centre_m
         give = normal_N / self.rule.k_tilt
         return (
@@ -180,7 +180,7 @@ class _Squeeze(NamedTuple):
     def solve(self) -> tuple[float, Vector3]:
         """Return the normal force [N] and the centre of pressure from the disc's centre [m]."""
         gap_m, _, arm_m = self.at(0.0)
-        low, high = 0.0, -self.rule.k * gap_m  # tilting can only lessen the force
+        low, high = 0.0, -self.rule.k * gap_m  # tilt can only reduce the force
         if high <= 0.0:
             return 0.0, _ORIGIN
         normal_N = self._flat_N()
@@ -196,12 +196,12 @@ class _Squeeze(NamedTuple):
         return normal_N, arm_m
 
     def at(self, normal_N: float) -> tuple[float, float, Vector3]:
-        """Return gap, its rise with the force, and the centre of pressure [m, m/N, m]."""
+        """Return gap, its derivative by the force, and the centre of pressure [m, m/N, m]."""
         (x, y, z), (bx, by, bz), _, _, r = self.disc
         (k, k_tilt, _, _), (free_x, free_y) = self.rule, self.free_slope
         give, travel_m = normal_N / k_tilt, self.free_m - normal_N / k
-        # The relative tilt is q - give bz arm: on an edge the arm is the rim's lowest point, along
-        # q; when that would tilt the disc beyond flat, it lies flat with its arm within the rim.
+        # The relative tilt is q - give bz arm. On an edge the arm is the rim's lowest point, along
+        # q. If that would tilt the disc beyond flat, it lies flat with its arm within the rim.
         qx, qy = bx + bz * (free_x - give * x), by + bz * (free_y - give * y)
         q, rises = math.hypot(qx, qy), 1.0 / k
         tilt = q - give * r * bz * bz
@@ -219,7 +219,7 @@ class _Squeeze(NamedTuple):
         return gap_m, rises, (arm_x, arm_y, -r * (ex * bx + ey * by))
 
     def _flat_N(self) -> float:
-        """Return the force on a disc that lies flat: a first guess."""
+        """Return the force on a disc that lies flat: initial guess of the solver."""
         (x, y, z), (bx, by, bz) = self.disc.centre_m, self.disc.back
         if abs(bz) < 0.1:
             return 0.0

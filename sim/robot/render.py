@@ -1,9 +1,9 @@
-"""Pictures of the cell without a screen, with the force on the tool as an arrow.
+"""Offscreen rendering of the cell, with the force on the tool as an arrow.
 
-The drawing is done by a child process (`sim.robot.render_job`). MuJoCo chooses its graphics
-library once, while it is imported, and fails in many ways where none is usable: import errors,
-attribute errors, aborts inside a driver. A child turns every one of them into the same
-`RenderUnavailable`, and a process that simulates never loads graphics at all.
+A child process renders (`sim.robot.render_job`). MuJoCo selects its graphics library once, on
+import, and fails in different ways if none is usable: import errors, attribute errors, aborts
+inside a driver. The child process maps all of them to `RenderUnavailable`, and the simulating
+process never loads graphics.
 """
 
 import json
@@ -27,12 +27,12 @@ _TIMEOUT_S = 60.0  # a picture takes 2 s on a slow machine without a graphics ca
 
 
 class RenderUnavailable(ForcemeshError):  # noqa: N818 - a state of the machine, not a mistake
-    """This machine cannot render; the text says what failed and what would help."""
+    """Error: this machine cannot render; the text names the failure and the remedy."""
 
 
 @dataclass(frozen=True, slots=True)
 class View:
-    """A camera that looks at a point of the base frame, and the size of its picture."""
+    """Camera aimed at a point of the base frame, and the size of its picture."""
 
     look_at_m: tuple[float, float, float] = (0.02, 0.25, 0.07)
     distance_m: float = 1.45
@@ -55,7 +55,7 @@ def render_png(
 ) -> None:
     """Write a picture of the cell with the arm at joint angles q [rad], shape (6,).
 
-    The plate is drawn pushed in as far as the disc pushes it. Raises RenderUnavailable.
+    The plate is drawn with its deflection by the disc. Raises RenderUnavailable.
 
     Args:
         settings: The cell.
@@ -98,7 +98,7 @@ def _described(settings: SimSettings, pushed_m: float) -> str:
 
 
 def _tcp_and_plate(settings: SimSettings, q: Array) -> tuple[list[float], float]:
-    """Return where the TCP is [m], and how far the plate is pushed along its normal [m]."""
+    """Return the TCP position [m], and the plate's deflection along its normal [m]."""
     T_base_flange = ArmKinematics().flange_pose(np.asarray(q, dtype=float))
     T_base_tcp = T_base_flange * settings.T_flange_sensor * settings.T_sensor_tcp
     plate = plate_at_rest(settings)

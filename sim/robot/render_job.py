@@ -1,7 +1,7 @@
-"""The child process that draws: a job as JSON on standard input, a PNG file as the answer.
+"""Rendering child process: a job as JSON on standard input, a PNG file as the result.
 
-Ends with a code other than 0, and the reason as the last line on standard error, where drawing
-is impossible. Started by `sim.robot.render`, which also chooses the graphics library.
+If rendering fails, the exit code is not 0 and the reason is the last line on standard error.
+Started by `sim.robot.render`, which also selects the graphics library.
 """
 
 import json
@@ -18,15 +18,15 @@ import numpy.typing as npt
 ARROW_M_PER_N = 0.006
 ARROW_LONGEST_M = 0.25
 ARROW_WIDTH_M = 0.012
-ARROW_BESIDE_M = 0.06  # of the tool: at the contact itself, plate and tool would hide it
-LEAST_FORCE_N = 0.5  # shorter arrows would only be blots
+ARROW_BESIDE_M = 0.06  # offset from the tool: at the contact, plate and tool would hide the arrow
+LEAST_FORCE_N = 0.5  # arrows of smaller forces are too short to be legible
 _ARROW_RGBA = np.array([0.86, 0.12, 0.16, 1.0], dtype=np.float32)
 
 Pixels = npt.NDArray[np.uint8]
 
 
 def main() -> int:
-    """Draw one job. Returns the exit code."""
+    """Render one job; return the exit code."""
     job = json.load(sys.stdin)
     Path(job["path"]).write_bytes(png(draw(job)))
     return 0

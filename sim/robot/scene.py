@@ -1,8 +1,8 @@
-"""Builds the physics of the cell: arm, sensor, off-centre disc tool, and the plate as a picture.
+"""MuJoCo model of the cell: arm, sensor, off-centre disc tool, and the visual plate.
 
-The world of the model is the controller's base frame. Bodies added to the arm have explicit
-inertias, and gravity is compensated everywhere, so the servos do not sag; the sensor still
-feels the whole weight of the tool.
+The world frame of the model is the controller's base frame. Bodies added to the arm have explicit
+inertias. Gravity is compensated on all bodies, so the servos have no static error; the sensor
+still measures the whole weight of the tool.
 """
 
 import math
@@ -22,7 +22,7 @@ from sim.robot.settings import TICK_S, SimSettings
 
 @dataclass(frozen=True, slots=True)
 class Plate:
-    """The plate's upper face while nothing presses on it, in base."""
+    """Upper face of the undeflected plate, in base."""
 
     point_m: Array
     R_base_plate: Array
@@ -39,7 +39,7 @@ def home_rad(settings: SimSettings) -> Array:
 
 
 def plate_at_rest(settings: SimSettings) -> Plate:
-    """Return where the plate lies: below the TCP's home, tilted about base x."""
+    """Return the undeflected plate: below the TCP at home, tilted about base x."""
     T_flange_tcp = settings.T_flange_sensor * settings.T_sensor_tcp
     T_base_tcp = ArmKinematics().flange_pose(home_rad(settings)) * T_flange_tcp
     R_base_plate = pin.utils.rotate("x", math.radians(settings.tilt_deg))
@@ -53,12 +53,12 @@ def plate_at_rest(settings: SimSettings) -> Plate:
 
 
 def build_spec(settings: SimSettings, *, pushed_m: float = 0.0) -> mujoco.MjSpec:
-    """Return the editable model of the whole cell, the plate drawn as pushed in by `pushed_m`."""
+    """Return the editable model of the whole cell, the plate drawn deflected by `pushed_m`."""
     spec = mujoco.MjSpec.from_file(str(MODEL_PATH))
     spec.modelname = "forcemesh cell"
     spec.option.timestep = TICK_S
     spec.option.gravity = (0.0, 0.0, -GRAVITY_M_S2)
-    # A diverged simulation must be reported, not silently put back to its start.
+    # A diverged simulation must be reported, not silently reset.
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET.value
     plate = plate_at_rest(settings)
     add_decor(spec, plate_point_m=plate.point_m, plate_normal=plate.normal)
@@ -68,10 +68,10 @@ def build_spec(settings: SimSettings, *, pushed_m: float = 0.0) -> mujoco.MjSpec
 
 
 def build_model(settings: SimSettings) -> mujoco.MjModel:
-    """Return the compiled model, its servos tuned for the load they carry.
+    """Return the compiled model, its servos tuned for their load.
 
     A critically damped servo has kp = 4 M / lag^2 and kv = kp * lag, with M the inertia that the
-    joint sees at zero; so every joint follows a ramp with the same lag, whatever the tool.
+    joint has at zero; every joint then follows a ramp with the same lag, for any tool.
     """
     model = build_spec(settings).compile()
     lag = settings.servo_lag_s
@@ -83,7 +83,7 @@ def build_model(settings: SimSettings) -> mujoco.MjModel:
 
 
 def _add_tool(spec: mujoco.MjSpec, settings: SimSettings) -> None:
-    """Hang the sensor's housing and the tool, a body of its own: the sensor sits between."""
+    """Add the sensor housing and the tool as separate bodies, with the sensor between them."""
     flange = spec.body("link6")
     T_fs, T_st = settings.T_flange_sensor, settings.T_sensor_tcp
     housing = flange.add_body(name="sensor_housing", gravcomp=1.0)
@@ -104,7 +104,7 @@ def _add_tool(spec: mujoco.MjSpec, settings: SimSettings) -> None:
         size=[0.002, 0.002, 0.002],
         rgba=[0, 0, 0, 0],
     )
-    # Massless: what pushes on it pushes the tool, about the TCP.
+    # Massless: a force on it acts on the tool, about the TCP.
     disc = tool.add_body(name="disc", pos=T_st.translation, explicitinertial=True, mass=0.0)
     disc.ipos = [0.0, 0.0, 0.0]
     for name, kind in (("force", "mjSENS_FORCE"), ("torque", "mjSENS_TORQUE")):
@@ -117,7 +117,7 @@ def _add_tool(spec: mujoco.MjSpec, settings: SimSettings) -> None:
 
 
 def _add_plate(spec: mujoco.MjSpec, plate: Plate, pushed_m: float) -> None:
-    """Draw the plate. Its springs are in sim.robot.plate: MuJoCo knows nothing of the contact."""
+    """Draw the plate. Its contact model is in sim.robot.plate, outside MuJoCo."""
     body = spec.worldbody.add_body(
         name="plate",
         pos=plate.point_m - pushed_m * plate.normal,

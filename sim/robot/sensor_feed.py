@@ -1,4 +1,4 @@
-"""The role `sensor` of a simulated arm: `sensor/wrench` at the sensor's rate, whoever moves it."""
+"""Role `sensor` of a simulated arm: publishes `sensor/wrench` at the sensor rate."""
 
 from common.config.cell import Cell
 from common.motion.convert import vec3
@@ -14,16 +14,16 @@ CODES = {"ok": "", "saturated": "sensor_saturated", "fault": "sensor_fault"}
 
 
 class SensorFeed:
-    """Publishes a reading whenever the arm has made enough ticks."""
+    """Publishes a sample every fixed number of ticks of the arm."""
 
     def __init__(self, sensor_bus: Bus, cell: Cell, arm: SimArm) -> None:
-        """Take the topic of the sensor."""
+        """Claim the sensor topic as publisher."""
         self._arm = arm
         self._ticks = max(1, round(1.0 / cell.rates.sensor_hz / TICK_S))
         self._wrench = sensor_bus.publisher(topics.SENSOR_WRENCH)
 
     def ticked(self) -> None:
-        """The arm has made a tick: publish if a reading is due."""
+        """Handle one tick of the arm: publish a sample if due."""
         if self._arm.ticks % self._ticks:
             return
         sample = self._arm.ft_sensor.disturb(self._arm.sample_ft())
@@ -32,17 +32,17 @@ class SensorFeed:
 
 
 def message_of(sample: FtSample, counter: int) -> SensorWrench:
-    """Return a sample as a driver says it: numbers that are not finite cannot be said."""
+    """Return a sample as a driver's message; one with non-finite numbers is invalid and empty."""
     force_N, torque_Nm = vec3(sample.force_N), vec3(sample.torque_Nm)
     if not is_finite(force_N + torque_Nm):
-        reason = "the sensor gives numbers that are not finite"
+        reason = "the sensor reading is not finite"
         return SensorWrench(
             valid=False, reason=reason, code="not_finite", status="fault", counter=counter
         )
     is_ok = sample.status == "ok"
     return SensorWrench(
         valid=is_ok,
-        reason="" if is_ok else f"the sensor says {sample.status}",
+        reason="" if is_ok else f"the sensor reports {sample.status}",
         code=CODES[sample.status],
         force_N=force_N,
         torque_Nm=torque_Nm,

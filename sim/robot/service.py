@@ -1,4 +1,4 @@
-"""The simulated robot on the bus: it takes the gateway's and the sensor's place, key by key."""
+"""Simulated robot on the bus: implements the keys of the gateway and of the sensor."""
 
 from functools import cache
 
@@ -21,16 +21,16 @@ from sim.robot.sensor_feed import SensorFeed
 from sim.robot.settings import TICK_S, SensorSettings, SimSettings
 from sim.robot.trace import wanted_trace
 
-MOST_TICKS_PER_STEP = 50  # a process that was held up longer loses simulated time instead
+MOST_TICKS_PER_STEP = 50  # a process delayed for longer drops simulated time instead
 TICK_NS = round(TICK_S * NS_PER_S)
 _LINK = LinkHealth(connected=True, round_trip_s=0.0)
 
 
 class SimRobot:
-    """Obeys `robot/command` under the same permission as the gateway; steps the physics."""
+    """Executes `robot/command` under the same permission as the gateway; steps the physics."""
 
     def __init__(self, bus: Bus, cell: Cell) -> None:
-        """Build the arm of this cell and take the topics of robot and sensor."""
+        """Build the arm of this cell and claim the robot and sensor topics as publisher."""
         if cell.sim is None:
             raise SimulationError("the cell file has no section `sim`")
         self.period_s = TICK_S
@@ -55,11 +55,11 @@ class SimRobot:
 
     @property
     def verdict(self) -> Verdict:
-        """What is obeyed right now, or why nothing is."""
+        """Permission in force, or the reason for a hold."""
         return self._verdict
 
     def counters(self) -> dict[str, int]:
-        """Return what was dropped or lost."""
+        """Return the counters of dropped messages and lost time."""
         superseded = self._command.counters.superseded
         return {
             "command_superseded": superseded,
@@ -68,7 +68,7 @@ class SimRobot:
         }
 
     def step(self, now_ns: int) -> None:
-        """Obey or hold, then let the physics catch up with the clock."""
+        """Execute the command or hold, then advance the physics to the clock."""
         self._verdict = self._gate.judge(self._command.read(now_ns), now_ns)
         self._obey(now_ns)
         elapsed = (now_ns - self._start_ns) // TICK_NS - self.arm.ticks - self._ticks_lost
@@ -87,16 +87,16 @@ class SimRobot:
             self._put_state()
 
     def _watch(self, at_ns: int) -> None:
-        """Look at the arm itself before each report."""
+        """Check the arm state before each report."""
         if self._verdict.command is not None:
             trip = self._driver.watch(at_ns)
             if trip is not None:
                 self._refuse(trip)
 
-    # --- obeying --------------------------------------------------------------------------------
+    # --- command execution ----------------------------------------------------------------------
 
     def _obey(self, now_ns: int) -> None:
-        """Obey a permitted command; whatever breaks a limit ends its lease."""
+        """Execute a permitted command; a violated limit ends its lease."""
         verdict = self._verdict
         command, accepted = verdict.command, verdict.accepted
         if command is not None and command.permission is not None and accepted is not None:
@@ -119,7 +119,7 @@ class SimRobot:
         self._verdict = self._gate.revoke(trip.text + limit, trip.code)
         self._driver.hold(self._verdict.hold_reason)
 
-    # --- saying ---------------------------------------------------------------------------------
+    # --- publishing -----------------------------------------------------------------------------
 
     def _put_state(self) -> None:
         T_base_flange = record_of(self.arm.T_base_flange)
@@ -148,7 +148,7 @@ class SimRobot:
 
 @cache
 def _status(*, moving: bool, held: bool, target_refused: bool) -> RobotStatus:
-    """Return the status bits of an arm that is always ready; few of them ever change."""
+    """Return the status bits of an arm that is always ready; cached, as few values occur."""
     return RobotStatus(
         motor_power=True,
         repeat_mode=True,
@@ -161,7 +161,7 @@ def _status(*, moving: bool, held: bool, target_refused: bool) -> RobotStatus:
 
 
 def sim_settings(cell: Cell, sim: SimSection) -> SimSettings:
-    """Return the settings of the simulated cell that a cell file asks for."""
+    """Return the settings of the simulated cell from a cell file."""
     T_flange_sensor = cell.sensor.T_flange_sensor.pose
     T_sensor_tcp: pin.SE3 = T_flange_sensor.inverse() * cell.tool.T_flange_tcp.pose
     return SimSettings(

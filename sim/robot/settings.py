@@ -1,4 +1,4 @@
-"""What can be set about the simulated cell: frozen values, checked once, units in the names."""
+"""Settings of the simulated cell: frozen values, validated once, units in the names."""
 
 import math
 from collections.abc import Iterator
@@ -9,7 +9,7 @@ import pinocchio as pin
 
 from forcemesh.errors import SimulationError
 
-TICK_S = 0.001  # of physics and set-point generator; delays and smoothing are whole ticks
+TICK_S = 0.001  # of physics and set-point generator; dead time and smoothing are whole ticks
 DAMPED_MASS_KG = 0.3  # of the plate, for its damping alone
 PLATE_CORNER_M = 0.025  # the plate rests on four springs at (+-25, +-25) mm
 
@@ -18,19 +18,19 @@ Vector3 = tuple[float, float, float]
 
 @dataclass(frozen=True, slots=True)
 class SensorSettings:
-    """The force/torque sensor's own faults, all in sensor axes."""
+    """Error model of the force/torque sensor, in sensor axes."""
 
     force_noise_N: float = 0.1  # standard deviation of one sample
     torque_noise_Nm: float = 0.005
-    force_bias_N: Vector3 = (1.5, -0.8, 2.0)  # a new sensor is never at zero
+    force_bias_N: Vector3 = (1.5, -0.8, 2.0)  # a new sensor has an offset
     torque_bias_Nm: Vector3 = (0.02, -0.03, 0.01)
     force_step_N: float = 0.01  # quantisation; 0 switches it off
     torque_step_Nm: float = 0.0005
-    force_range_N: float = 500.0  # per axis; beyond it the sample says "saturated"
+    force_range_N: float = 500.0  # per axis; beyond it the sample's status is "saturated"
     torque_range_Nm: float = 20.0
 
     def __post_init__(self) -> None:
-        """Raise SimulationError with every field that makes no sense."""
+        """Raise SimulationError naming every invalid field."""
         _refuse(
             _not_finite("force_bias_N", self.force_bias_N),
             _not_finite("torque_bias_Nm", self.torque_bias_Nm),
@@ -53,32 +53,32 @@ def _default_T_sensor_tcp() -> pin.SE3:
 
 @dataclass(frozen=True, slots=True)
 class SimSettings:
-    """One simulated cell. Everything is SI except the two angles that people set by hand."""
+    """One simulated cell. All values are SI except two angles in degrees."""
 
     home_deg: tuple[float, ...] = (0.0, 0.0, -90.0, 0.0, -90.0, 0.0)  # exactly tool down, A = 180
 
-    delay_s: float = 0.0  # pure delay of the controller, from command to servo
+    delay_s: float = 0.0  # dead time of the controller, from command to servo
     smoothing_s: float = 0.008  # moving average over the set points
-    servo_lag_s: float = 0.0072  # kv / kp of every servo; the slow robot of the facts has 0.024
+    servo_lag_s: float = 0.0072  # kv / kp of every servo; 0.024 for a slow robot
 
     T_flange_sensor: pin.SE3 = field(default_factory=_default_T_flange_sensor)
     T_sensor_tcp: pin.SE3 = field(default_factory=_default_T_sensor_tcp)
-    housing_mass_kg: float = 0.3  # the part of the sensor that it does not weigh itself
-    tool_mass_kg: float = 1.0  # what the sensor weighs
+    housing_mass_kg: float = 0.3  # sensor part on the flange side: not measured by the sensor
+    tool_mass_kg: float = 1.0  # mass measured by the sensor
     p_sensor_com_m: Vector3 = (0.012, -0.008, 0.055)  # centre of mass, sensor frame
     disc_radius_m: float = 0.025  # flat face of the tool; the TCP is its centre, z points out
 
     stiffness_N_m: float = 2.0e4  # of the plate, along its normal and within its plane
-    tilt_stiffness_Nm_rad: float | None = None  # None: springs of that stiffness at the corners
+    tilt_stiffness_Nm_rad: float | None = None  # None: from corner springs of `stiffness_N_m`
     tilt_deg: float = 0.0  # of the plate about base x, through the point under the tool
     gap_m: float = 0.005  # at home, vertically from the disc's lowest edge
-    plate_damping_ratio: float = 0.4  # as if it weighed DAMPED_MASS_KG; it has no mass
+    plate_damping_ratio: float = 0.4  # for a mass of DAMPED_MASS_KG; the plate has no mass
     friction: float = 0.3
 
     sensor: SensorSettings = field(default_factory=SensorSettings)
 
     def __post_init__(self) -> None:
-        """Raise SimulationError with every field that makes no sense."""
+        """Raise SimulationError naming every invalid field."""
         _refuse(
             _not_six_joints(self.home_deg),
             _not_ticks("delay_s", self.delay_s, 0.0, 1.0),
@@ -112,7 +112,7 @@ class SimSettings:
 
     @property
     def delay_ticks(self) -> int:
-        """Pure delay in whole ticks."""
+        """Dead time in whole ticks."""
         return round(self.delay_s / TICK_S)
 
     @property
@@ -128,7 +128,7 @@ def _refuse(*checks: Iterator[str]) -> None:
 
 
 def _outside(name: str, value: float, low: float, high: float) -> Iterator[str]:
-    if not low <= value <= high:  # written so that NaN is refused too
+    if not low <= value <= high:  # negated so that NaN is rejected too
         yield f"{name} is {value:g}, must be within {low:g} .. {high:g}"
 
 

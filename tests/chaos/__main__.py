@@ -1,4 +1,4 @@
-"""Pull every plug of a real cell in motion: `make chaos`. Exit code 1 when a bound is broken."""
+"""Process fault injection into a moving cell: `make chaos`. Exit code 1 if a bound is violated."""
 
 import argparse
 import sys
@@ -15,20 +15,20 @@ from tests.chaos.table import rows
 from tools.figures import whole
 
 ROOT = Path(__file__).resolve().parents[2]
-UNTRIED_SHARE = 0.1  # of the trials a machine may spoil by its stalls; they are named
+UNTRIED_SHARE = 0.1  # share of trials that may be lost to machine stalls; they are listed
 
 
 def main() -> int:
-    """Run what the command line asks for; return the exit code."""
+    """Run the requested trials; return the exit code."""
     parser = argparse.ArgumentParser(prog="python -m tests.chaos", description=__doc__)
     parser.add_argument("--each", type=int, default=2, metavar="N",
                         help="injections per service and kind (default %(default)s)")  # fmt: skip
-    parser.add_argument("--only", metavar="ROLE/KIND/PHASE", help="try this one alone")
-    parser.add_argument("--cell", choices=CELLS, help="on this cell alone; with --only: sim")
-    parser.add_argument("--seed", type=int, default=0, help="decides the moments")
-    parser.add_argument("--write", action="store_true", help=f"put the table into {PAGE}")
+    parser.add_argument("--only", metavar="ROLE/KIND/PHASE", help="run only this trial")
+    parser.add_argument("--cell", choices=CELLS, help="run only on this cell; with --only: sim")
+    parser.add_argument("--seed", type=int, default=0, help="seed of the injection times")
+    parser.add_argument("--write", action="store_true", help=f"write the table to {PAGE}")
     parser.add_argument("--journal", type=Path, metavar="FILE",
-                        help="keep every trial there, and go on where it ends")  # fmt: skip
+                        help="journal of trials; resumes an interrupted run")  # fmt: skip
     given = parser.parse_args()
     try:
         cases = wanted(given)
@@ -44,7 +44,7 @@ def main() -> int:
 
 
 def wanted(given: argparse.Namespace) -> list[Case]:
-    """Return the cases that a command line asks for. Raises ValueError for a name that is none."""
+    """Return the cases that a command line selects. Raises ValueError for an unknown name."""
     if given.only:
         role, kind, phase = named(given.only)
         cell: CellName = given.cell or ("tcp" if role == "sensor" else "sim")
@@ -57,7 +57,7 @@ def wanted(given: argparse.Namespace) -> list[Case]:
 
 
 def conclude(report: Report) -> bool:
-    """Print the tables and every broken bound; return whether there is one."""
+    """Print the tables and every violated bound; return whether there is one."""
     broken = []
     for name, limits in report.limits.items():
         outcomes = [outcome for outcome in report.outcomes if outcome.case.cell == name]

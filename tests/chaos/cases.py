@@ -1,4 +1,4 @@
-"""What is tried: who is hit, how, and in which phase of the job."""
+"""Test matrix: target process, kind of fault, and phase of the job."""
 
 import random
 from collections.abc import Iterator
@@ -22,7 +22,7 @@ ROLES = ("hub", "robot", "sensor", "wrench", "regulator", "arbiter")
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """One injection. The seed decides at which moment of the phase it comes."""
+    """One injection. The seed determines its time within the phase."""
 
     cell: CellName
     role: str
@@ -32,25 +32,25 @@ class Case:
 
     @property
     def name(self) -> str:
-        """As `--only` takes it."""
+        """Name in the format of `--only`."""
         return f"{self.role}/{self.kind}/{self.phase}"
 
     @property
     def again(self) -> str:
-        """The command that repeats this very trial."""
+        """The command that repeats this trial."""
         return f"python -m tests.chaos --cell {self.cell} --only {self.name} --seed {self.seed}"
 
     @property
     def frozen_s(self) -> float:
-        """How long the process is stopped before it goes on [s]; 0 when it ends."""
+        """Duration of a freeze [s]; 0 if the process is ended."""
         name, _, seconds = self.kind.rpartition("-")
         return float(seconds) if name in FREEZES else 0.0
 
     @property
     def second_role(self) -> str:
-        """The process that is hit beside it, empty where one alone is hit.
+        """Second target process of a double fault, otherwise empty.
 
-        Never the robot's or the arm's: what they do is what is measured.
+        Never the robot's or the arm's: their behaviour is what is measured.
         """
         if self.kind not in TWO:
             return ""
@@ -59,24 +59,24 @@ class Case:
 
     @property
     def hits_the_arm(self) -> bool:
-        """Whether the process that is hit is the one in which the arm lives."""
+        """Whether the target process contains the arm."""
         return self.role == ("robot" if self.cell == "sim" else "sensor")
 
     @property
     def hits_the_robot(self) -> bool:
-        """Whether the process that is hit is the one that judges the commands."""
+        """Whether the target process is the one that checks the commands."""
         return self.role == "robot"
 
     def random(self) -> random.Random:
-        """Return the trial's own numbers."""
+        """Return the random generator of the trial."""
         return random.Random(f"{self.cell}/{self.name}/{self.seed}")
 
 
 def matrix(each: int, seed: int) -> list[Case]:
-    """Return `each` cases per service and kind, cell by cell, cells and phases in turn.
+    """Return `each` cases per service and kind, cell by cell, with alternating cells and phases.
 
-    In the simulated cell the sensor is the robot's process, so the sensor is hit over TCP only:
-    there it is the emulated controller with the arm.
+    In the simulated cell the sensor is part of the robot process, so the sensor is a target only
+    over TCP: there it is the emulated controller with the arm.
     """
     cases = [case for role in ROLES for kind in KINDS for case in _rotate(role, kind, each, seed)]
     return sorted(cases, key=lambda case: CELLS.index(case.cell))
@@ -86,14 +86,14 @@ def _rotate(role: str, kind: Kind, each: int, seed: int) -> Iterator[Case]:
     turn = ROLES.index(role) + KINDS.index(kind) + seed
     for number in range(each):
         cell = "tcp" if role == "sensor" else CELLS[number % len(CELLS)]
-        # Both cells see all phases: three of them and two cells come together every six times.
+        # Both cells cover all phases: three phases and two cells repeat after six cases.
         yield Case(cell, role, kind, PHASES[(turn + number) % len(PHASES)], seed + number)
 
 
 def named(name: str) -> tuple[str, Kind, Phase]:
-    """Return role, kind and phase of a name as "regulator/freeze-1/press".
+    """Return role, kind and phase of a name such as "regulator/freeze-1/press".
 
-    Raises ValueError for a name that is none.
+    Raises ValueError for an invalid name.
     """
     role, kind, phase = (*name.split("/"), "", "", "")[:3]
     if role in ROLES and kind in KINDS and phase in PHASES and name.count("/") == 2:

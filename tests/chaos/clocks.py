@@ -1,7 +1,7 @@
-"""Clocks that jump or differ, under a cell that presses: no effect, or a hold that says why.
+"""Clock faults in a pressing cell: expected is no effect, or a hold with a named cause.
 
-`make chaos-clocks`, or `python -m tests.chaos.clocks [--only jump]`. Exit codes: 0 as promised,
-1 not, 77 nothing could be tested here (it needs root for time namespaces, and a C compiler).
+`make chaos-clocks`, or `python -m tests.chaos.clocks [--only jump]`. Exit codes: 0 passed,
+1 failed, 77 not testable on this machine (it needs root for time namespaces, and a C compiler).
 """
 
 import argparse
@@ -32,18 +32,18 @@ from tests.chaos.witness import STALL_S, Witness, witness
 PRESS_N = 10.0
 SETTLE_S, WATCH_S = 2.0, 2.0
 JUMPS_S = (-3600, 3600)
-AHEAD_S = 100_000  # of the clock of one process before everybody else's
+AHEAD_S = 100_000  # offset of one process's clock to the others
 ROLES = ("robot", "wrench", "regulator", "arbiter")
-JUMPED_M_S = 0.02  # a pressing flange never is so fast
+JUMPED_M_S = 0.02  # above the speed of a pressing flange
 LIBRARY = "libforcemesh-wall-clock.so"
 SOURCE = Path(__file__).with_name("clocks_wall.c")
-SHIFT = struct.Struct("@l")  # what the library maps
+SHIFT = struct.Struct("@l")  # format of the file that the library maps
 HEAD = ("clock", "proof", "outcome", "force N", "fastest mm/s", "witness ms", "")
 
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """What was done to which clock, and what came of it."""
+    """One clock fault and its outcome."""
 
     clock: str
     proof: str
@@ -54,7 +54,7 @@ class Case:
     mistakes: tuple[str, ...]
 
     def cells(self) -> tuple[object, ...]:
-        """Return the words of a line."""
+        """Return the cells of a table row."""
         return (
             self.clock, self.proof, self.outcome, f"{self.force_N:.1f}",
             f"{self.fastest_m_s * 1e3:.1f}", f"{self.witness_s * 1e3:.0f}",
@@ -63,7 +63,7 @@ class Case:
 
 
 def why_not() -> str:
-    """Return why clocks cannot be moved here, empty when they can."""
+    """Return why clock faults are not possible on this machine; empty if they are."""
     if os.geteuid() != 0:
         return "time namespaces need root"
     if not Path("/proc/self/ns/time").exists() or not shutil.which("unshare"):
@@ -72,10 +72,10 @@ def why_not() -> str:
 
 
 class Watch:
-    """A pressing cell, and what is seen of it while a clock does something."""
+    """Observer of a pressing cell during a clock fault."""
 
     def __init__(self, cell: CellUnderTest, truth: Truth, idle: Witness) -> None:
-        """Press."""
+        """Start to press."""
         self.cell, self._truth, self._idle = cell, truth, idle
         cell.tare()
         cell.make_ready()
@@ -84,7 +84,7 @@ class Watch:
         self._mark, self._began_ns = truth.mark(), time.monotonic_ns()
 
     def result(self, clock: str, proof: str) -> Case:
-        """Look for a while, and say what came of it."""
+        """Observe the cell for a while; return the outcome."""
         time.sleep(WATCH_S)
         cell, mistakes = self.cell, []
         _, speeds = self._truth.speeds(self._mark)
@@ -107,7 +107,7 @@ class Watch:
 
 
 def pressing(exits: ExitStack, processes: Sequence[Process], cell: Cell, path: Path) -> Watch:
-    """Bring a cell up and let it press."""
+    """Start a cell and let it press."""
     trace = path.parent / "trace.bin"
     exits.enter_context(environment(TRACE, str(trace)))
     idle = exits.enter_context(witness(path.parent))
@@ -115,13 +115,13 @@ def pressing(exits: ExitStack, processes: Sequence[Process], cell: Cell, path: P
 
 
 def new_cell(folder: Path, name: str) -> tuple[Cell, Path]:
-    """Write the demo's cell under a name of its own."""
+    """Write the demo cell under a separate name."""
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     return make_cell("demo", folder, {"cell": name, "bus.endpoint": endpoint})
 
 
 def wall_clock_jumps() -> Iterator[Case]:
-    """Jump the wall clock of every process of the cell, back and forth, while it presses."""
+    """Step the wall clock of every process of the cell, both directions, while it presses."""
     with ExitStack() as exits:
         folder = Path(exits.enter_context(tempfile.TemporaryDirectory(prefix="forcemesh-clock-")))
         shift, library = folder / "shift", folder / LIBRARY
@@ -133,13 +133,13 @@ def wall_clock_jumps() -> Iterator[Case]:
         cell, path = new_cell(folder, "wall-clock")
         watch = pressing(exits, processes_of(cell), cell, path)
         for jump_s in JUMPS_S:
-            with shift.open("r+b") as file:  # in place: it is mapped
+            with shift.open("r+b") as file:  # in place: the file is memory-mapped
                 file.write(SHIFT.pack(jump_s))
             yield watch.result(f"wall clock {jump_s:+d} s", _shifted_by(jump_s, watch))
 
 
 def _shifted_by(jump_s: int, watch: Watch) -> str:
-    """Prove it: every process of the cell has the library, and a process with it sees the jump."""
+    """Verify that every process has the library loaded and that a probe process sees the step."""
     pids = set(watch.cell.pids().values())
     maps = [Path(f"/proc/{pid}/maps").read_text(encoding="utf-8") for pid in pids]
     with child("tests.chaos.clocks_probe") as probe:
@@ -150,7 +150,7 @@ def _shifted_by(jump_s: int, watch: Watch) -> str:
 
 
 def monotonic_differs(role: str) -> Case:
-    """Let one process have a monotonic clock of its own, far ahead of everybody else's."""
+    """Run one process with a monotonic clock far ahead of the others."""
     with ExitStack() as exits:
         folder = Path(exits.enter_context(tempfile.TemporaryDirectory(prefix="forcemesh-clock-")))
         cell, path = new_cell(folder, f"clock-{role}")

@@ -1,4 +1,4 @@
-"""Says what time it is, to whoever has moved this process's clock and wants to see it."""
+"""Clock probe: prints the wall-clock time of its process."""
 
 import time
 

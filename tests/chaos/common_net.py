@@ -1,6 +1,6 @@
-"""A real cell in real processes, with a client's eyes and hands; shared by network, flood, soak.
+"""Test cell in real processes with a client; shared by network, flood and soak.
 
-The cell has a name, ports and a run folder of its own, so that it disturbs no other one.
+The cell has its own name, ports and run folder, so it does not interfere with other cells.
 """
 
 import os
@@ -35,20 +35,20 @@ from launch.started_process import LAUNCHER, Process
 
 ROOT = Path(__file__).resolve().parents[2]
 RUN_FOLDER = "FORCEMESH_RUN_FOLDER"
-OURS = range(20_000, 32_000)  # ports below those of outgoing connections, which begin at 32768
+OURS = range(20_000, 32_000)  # below the ephemeral ports, which start at 32768
 POLL_S = 0.002
-PATIENCE_S = 30.0  # of the harness, with a machine that has other work
+PATIENCE_S = 30.0  # time-out of the harness on a loaded machine
 
 
 class HarnessError(ForcemeshError):
-    """The harness could not do what it wanted to; nothing was judged."""
+    """Error of the test harness: the trial could not be carried out, there is no verdict."""
 
 
 def free_port() -> int:
-    """Return a TCP port of loopback that nobody listens on right now.
+    """Return a TCP port of loopback that is currently free.
 
-    None that the kernel gives to outgoing connections: one of them, even a client that waits for
-    this very port, could have it before whoever is to listen.
+    Not an ephemeral port: an outgoing connection, even of a client that waits for this port, could
+    occupy it before the intended listener.
     """
     while True:
         port = random.SystemRandom().choice(OURS)
@@ -57,7 +57,7 @@ def free_port() -> int:
 
 
 def make_cell(template: str, folder: Path, overrides: Mapping[str, object]) -> tuple[Cell, Path]:
-    """Write a cell file of one's own; return the cell and its file."""
+    """Write a cell file with overrides; return the cell and its file."""
     cell = load_cell(ROOT / "cells" / f"{template}.yaml", dict(overrides))
     path = folder / "cell.yaml"
     path.write_text(dump_cell(cell), encoding="utf-8")
@@ -65,7 +65,7 @@ def make_cell(template: str, folder: Path, overrides: Mapping[str, object]) -> t
 
 
 class CellUnderTest:
-    """A cell that is up. All waiting polls the bus; all times are CLOCK_MONOTONIC."""
+    """Client of a running cell. Waits poll the bus; all times are CLOCK_MONOTONIC."""
 
     def __init__(self, cell: Cell, client: Bus) -> None:
         """Subscribe as a client."""
@@ -75,38 +75,38 @@ class CellUnderTest:
         self._wrench = client.reader(topics.WRENCH)
         self._health = {role: client.reader(topic) for role, topic in topics.HEALTH.items()}
 
-    # --- eyes -------------------------------------------------------------------------------------
+    # --- observation ------------------------------------------------------------------------------
 
     @property
     def status(self) -> ArbiterStatus | None:
-        """What the arbiter said last, if that is fresh."""
+        """Latest arbiter status, if fresh."""
         return self._arbiter.read(self.clock.now_ns()).fresh
 
     @property
     def state(self) -> str:
-        """The arbiter's state, empty when it is not heard."""
+        """State of the arbiter, empty without a fresh status."""
         status = self.status
         return "" if status is None else status.state
 
     @property
     def robot(self) -> RobotState | None:
-        """What the robot said last, if that is fresh and valid."""
+        """Latest robot state, if fresh and valid."""
         return self._robot.read(self.clock.now_ns()).fresh
 
     @property
     def force_N(self) -> float:
-        """Length of the force, NaN when it is not known."""
+        """Magnitude of the force [N], NaN if unknown."""
         wrench = self._wrench.read(self.clock.now_ns()).fresh
         return float("nan") if wrench is None else float(np.linalg.norm(wrench.force_N))
 
     def pids(self) -> dict[str, int]:
-        """Return role: process, of the roles that are heard."""
+        """Return process IDs by role, for the roles with fresh health."""
         now_ns = self.clock.now_ns()
         heard = {role: reader.read(now_ns).fresh for role, reader in self._health.items()}
         return {role: health.pid for role, health in heard.items() if health is not None}
 
     def causes(self) -> str:
-        """Return the codes that the arbiter and the robot give for holding."""
+        """Return the hold codes of the arbiter and the robot."""
         status, robot = self.status, self.robot
         codes = {trip.code for trip in status.trips} if status is not None else set()
         if robot is not None and robot.hold_code:
@@ -114,7 +114,7 @@ class CellUnderTest:
         return " ".join(sorted(codes))
 
     def until(self, what: Callable[[], bool], name: str, within_s: float = PATIENCE_S) -> None:
-        """Wait until something is so. Raise HarnessError when it does not become so."""
+        """Wait for a condition. Raise HarnessError after the time-out."""
         give_up_s = time.monotonic() + within_s
         while not what():
             if time.monotonic() >= give_up_s:
@@ -123,17 +123,17 @@ class CellUnderTest:
                 raise HarnessError(f"not within {within_s:g} s: {name}; the arbiter: {text}")
             time.sleep(POLL_S)
 
-    # --- hands ------------------------------------------------------------------------------------
+    # --- commands ---------------------------------------------------------------------------------
 
     def ask(self, request: Request[Q], message: Q) -> Reply:
-        """Ask, and raise HarnessError when the answer is no."""
+        """Send a request; raise HarnessError if it is rejected."""
         reply = self.client.ask(request, message)
         if not reply.accepted:
             raise HarnessError(f"{request.key} was refused ({reply.code}): {reply.text}")
         return reply
 
     def insist(self, request: Request[Q], message: Q, within_s: float = PATIENCE_S) -> None:
-        """Ask again until the answer is yes: inputs have to be good for a while before arming."""
+        """Repeat a request until it is accepted: arming requires inputs valid for some time."""
         give_up_s = time.monotonic() + within_s
         while True:
             try:
@@ -146,33 +146,33 @@ class CellUnderTest:
                 return
 
     def make_ready(self) -> None:
-        """Hold, clear and arm, whatever was before."""
+        """Hold, clear and arm from any state."""
         self.insist(topics.HOLD, HoldRequest(reason="the next round"))
         self.insist(topics.CLEAR, Empty())
         self.insist(topics.ARM, topics.ARM.message())
 
     def tare(self) -> None:
-        """Tare in free space, once the wrench has enough samples."""
+        """Tare in free space, as soon as the wrench has enough samples."""
         self.insist(topics.TARE, Empty())
 
     def press(self, force_N: float) -> None:
-        """Start force feedback with a set point, as soon as a move that still runs has ended."""
+        """Start force feedback with a set point, after an active move has ended."""
         wanted = ForceStartRequest(mode="position", setpoint_N=force_N)
         self.insist(topics.FORCE_START, wanted, within_s=5.0)
 
     def move_to(self, z_m: float, speed_m_s: float) -> None:
-        """Begin to move the flange straight to a height."""
+        """Start a linear move of the flange to a height."""
         self.until(lambda: self.robot is not None, "a robot state")
         robot = self.robot
         if robot is None:
-            raise HarnessError("the robot has just fallen silent")
+            raise HarnessError("the robot state has expired")
         T = pose_of(robot)
         T.translation = np.array([T.translation[0], T.translation[1], z_m])
         move = MoveRequest(kind="pose", pose=record_of(T), speed_m_s=speed_m_s)
         self.insist(topics.MOVE, move, within_s=5.0)
 
     def height_m(self) -> float:
-        """Return the flange's height as measured."""
+        """Return the measured height of the flange [m]."""
         self.until(lambda: self.robot is not None, "a robot state")
         robot = self.robot
         return float("nan") if robot is None else robot.position_m[2]
@@ -182,7 +182,7 @@ class CellUnderTest:
 def running_cell(
     cell: Cell, path: Path, processes: Sequence[Process] | None = None
 ) -> Iterator[CellUnderTest]:
-    """Start all processes of a cell, wait until they are ready, stop them in any case."""
+    """Start all processes of a cell, wait until they are ready, always stop them."""
     os.environ[RUN_FOLDER] = str(path.parent)
     with ExitStack() as exits:
         supervisor = Supervisor(cell, path, processes=processes, say=log_to(path.parent))
@@ -193,7 +193,7 @@ def running_cell(
 
 
 def log_to(folder: Path) -> Callable[[str, str], None]:
-    """Return a `say` for processes that writes into a file of the folder."""
+    """Return a log function for processes that writes to a file of the folder."""
     log = folder / "processes.log"
 
     def say(who: str, line: str) -> None:
@@ -205,7 +205,7 @@ def log_to(folder: Path) -> Callable[[str, str], None]:
 
 @contextmanager
 def child(*words: object, patience_s: float = 5.0) -> Iterator[subprocess.Popen[str]]:
-    """Run a module beside the cell; it ends with the block, and with this thread in any case."""
+    """Run a module as a child process; it ends with the block, or with this thread."""
     launcher = (sys.executable, "-I", "-S", str(LAUNCHER), str(os.getpid()))
     process = subprocess.Popen(
         [*launcher, sys.executable, "-m", *(str(word) for word in words)],

@@ -1,7 +1,8 @@
-"""A frozen viewer, and a flood of messages, while the arm presses: nobody else may notice.
+"""Load test: a frozen subscriber and a message flood while the arm presses, without effect on it.
 
-`make chaos-flood`, or `python -m tests.chaos.flood [--seconds 10] [--rate 10000]`. Exit codes: 0 no
-control deadline was missed that an idle witness did not miss as well, and no put took long; else 1.
+`make chaos-flood`, or `python -m tests.chaos.flood [--seconds 10] [--rate 10000]`. Exit code 0: no
+control deadline was missed except where the idle witness missed it too, and no put took long;
+otherwise 1.
 """
 
 import argparse
@@ -36,13 +37,13 @@ from tests.chaos.flood_peer import MIXES
 from tests.chaos.witness import Witness, witness
 
 PRESS_N = 10.0
-SETTLE_S = 3.0  # of the press, before anything is judged
+SETTLE_S = 3.0  # of the press, before the evaluation
 QUIET_S = 4.0
-LATE_S = 0.020  # the shortest deadline that a cell file may set
+LATE_S = 0.020  # the shortest deadline permitted in a cell file
 PUT_S = 0.005
-HEALTH_WINDOW_S = 1.5  # over which a service reports its longest gap, and until that is heard
-# Of the rate that was asked for, reached on two cores that the cell shares: a question costs its
-# asker ten times what a message does.
+HEALTH_WINDOW_S = 1.5  # window of a service's longest gap, plus the time until it is received
+# Minimum share of the requested rate, on two cores shared with the cell: a query costs its sender
+# ten times as much as a message.
 LEAST_SHARE = {"messages": 0.95, "mixed": 0.1, "questions": 0.1}
 HEAD = ("what", "loop", "longest gap ms", "overdue", "longest put ms", "witness ms", "")
 CONTROL = ("robot", "sensor", "wrench", "regulator", "arbiter")
@@ -50,7 +51,7 @@ CONTROL = ("robot", "sensor", "wrench", "regulator", "arbiter")
 
 @dataclass(frozen=True, slots=True)
 class Bounds:
-    """What is too long: a gap between two steps of a control loop, and a put [s]."""
+    """Limits [s]: gap between two steps of a control loop, and duration of a put."""
 
     gap_s: float = LATE_S
     put_s: float = PUT_S
@@ -58,18 +59,18 @@ class Bounds:
 
 @dataclass(slots=True)
 class Loop:
-    """What the health of one service said during a phase."""
+    """Timing of one service during a phase, from its health reports."""
 
     role: str
     bounds: Bounds = Bounds()
     gap_s: float = 0.0
-    overdue: int = 0  # reports with a gap that no stall of the machine explains
+    overdue: int = 0  # reports with a gap not explained by a machine stall
     put_s: float = 0.0
     slow_puts: int = 0
     reports: int = 0
 
     def take(self, health: Health, at_ns: int, watch: Witness) -> None:
-        """Judge one report."""
+        """Evaluate one report."""
         self.reports += 1
         put_s = health.numbers.get("put_max_s", 0.0)
         self.gap_s, self.put_s = max(self.gap_s, health.longest_gap_s), max(self.put_s, put_s)
@@ -83,16 +84,16 @@ class Loop:
 
 @dataclass(slots=True)
 class Phase:
-    """One thing that was done to a pressing cell, and what everybody's loops said."""
+    """One load on a pressing cell, with the timing of all control loops."""
 
     name: str
     loops: dict[str, Loop]
     witness_s: float = 0.0
-    held: str = ""  # why the arm was held meanwhile; a mistake unless the machine stalled
+    held: str = ""  # cause of a hold during the phase; a failure unless the machine stalled
     mistakes: list[str] = field(default_factory=list)
 
     def rows(self) -> list[tuple[object, ...]]:
-        """Return the lines of the table."""
+        """Return the rows of the table."""
         return [
             (
                 self.name,
@@ -108,7 +109,7 @@ class Phase:
 
 
 class Watcher:
-    """Reads every service's health while something happens."""
+    """Monitor of every service's health during a phase."""
 
     def __init__(self, cell: CellUnderTest, watch: Witness, bounds: Bounds = Bounds()) -> None:
         """Subscribe."""
@@ -116,7 +117,7 @@ class Watcher:
         self._health = {role: cell.client.reader(topics.HEALTH[role]) for role in CONTROL}
 
     def watch(self, name: str, busy: Callable[[], bool]) -> Phase:
-        """Look until nothing is busy any more; the arm must press all the while."""
+        """Monitor until `busy` returns False; the arm must press throughout."""
         phase = Phase(name, {role: Loop(role, self._bounds) for role in CONTROL})
         began_ns = last_ns = time.monotonic_ns()
         while busy():
@@ -127,7 +128,7 @@ class Watcher:
                 break
             last_ns = now_ns
             time.sleep(POLL_S)
-        time.sleep(HEALTH_WINDOW_S / 2)  # the last reports are on their way
+        time.sleep(HEALTH_WINDOW_S / 2)  # wait for the last reports
         self._look(phase, last_ns)
         phase.witness_s = self._witness.worst_s(began_ns, time.monotonic_ns())
         if phase.held and phase.witness_s <= self.cell.cell.deadlines.command_s:
@@ -153,13 +154,13 @@ class Watcher:
 
 
 def for_s(seconds: float) -> Callable[[], bool]:
-    """Return what is busy for some time."""
+    """Return a function that is True for a duration."""
     end_s = time.monotonic() + seconds
     return lambda: time.monotonic() < end_s
 
 
 def frozen_viewer(watcher: Watcher, path: Path, seconds: float) -> Phase:
-    """Freeze a subscriber of everything, and thaw it again."""
+    """Freeze and thaw a client that subscribes to all topics."""
     with child("tests.chaos.flood_peer", "viewer", "--cell", path) as viewer:
         if viewer.stdout is None or viewer.stdout.readline().strip() != "viewing":
             raise HarnessError("the viewer did not come up")
@@ -179,10 +180,10 @@ def frozen_viewer(watcher: Watcher, path: Path, seconds: float) -> Phase:
 def flooded(
     watcher: Watcher, path: Path, mix: str, *, seconds: float, rate_hz: int, least_hz: float
 ) -> tuple[Phase, str]:
-    """Let a client send far too much; return what it says that it sent.
+    """Let a client flood the bus; return its report of sent messages.
 
-    It is an ordinary process: where the cell needs most of the machine it sends less than it was
-    asked for, but at least `least_hz` or it was no flood.
+    It is an ordinary process: if the cell needs most of the machine it sends less than requested,
+    but at least `least_hz` for the trial to count.
     """
     words = ("flood", "--cell", path, "--mix", mix, "--rate", rate_hz, "--seconds", seconds)
     with child("tests.chaos.flood_peer", *words) as peer:
@@ -204,12 +205,12 @@ def _last_line(peer: subprocess.Popen[str], within_s: float) -> str:
 
 
 def _state_of(pid: int) -> str:
-    """Return the state of a process as the kernel has it (proc(5))."""
+    """Return the kernel's state of a process (proc(5))."""
     return Path(f"/proc/{pid}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()[0]
 
 
 def run(seconds: float, rate_hz: int) -> tuple[list[Phase], list[str]]:
-    """Bring a cell up, press, and do both to it."""
+    """Start a cell, press, and apply both loads."""
     with ExitStack() as exits:
         folder = Path(exits.enter_context(tempfile.TemporaryDirectory(prefix="forcemesh-flood-")))
         endpoint = f"tcp/127.0.0.1:{free_port()}"
@@ -240,7 +241,7 @@ def run(seconds: float, rate_hz: int) -> tuple[list[Phase], list[str]]:
 def main() -> int:
     """Run, print the table, return the exit code."""
     parser = argparse.ArgumentParser(prog="tests.chaos.flood", description=__doc__)
-    parser.add_argument("--seconds", type=float, default=10.0, help="of the flood")
+    parser.add_argument("--seconds", type=float, default=10.0, help="duration of the flood [s]")
     parser.add_argument("--rate", type=int, default=10_000, help="messages per second")
     given = parser.parse_args()
     take_realtime_priority()

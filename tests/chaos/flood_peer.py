@@ -1,4 +1,4 @@
-"""The peers of the flood: one that says too much, one that is frozen. Both are ordinary clients.
+"""Clients of the load test: a flooding publisher, and a subscriber to be frozen.
 
 python -m tests.chaos.flood_peer flood  --cell FILE --rate 10000 --seconds 10
 python -m tests.chaos.flood_peer viewer --cell FILE
@@ -18,9 +18,9 @@ from forcemesh import topics
 from forcemesh.zenoh_settings import endpoint_of
 
 BURST_S = 0.001
-VIEWER_HOLDS = 64  # samples that wait in the viewer's own channel
-# Of ten messages: so many to keys that nobody knows, to keys that only answer questions, questions
-# that no service understands, and messages that are longer than anything in the bus table.
+VIEWER_HOLDS = 64  # capacity of the viewer's channel [samples]
+# Of ten messages: numbers of messages to unknown keys, messages to query-only keys, malformed
+# queries, and messages longer than any in the bus table.
 MIXES = {"messages": (6, 4, 0, 0), "mixed": (4, 2, 3, 1), "questions": (0, 0, 10, 0)}
 KINDS = ("unknown", "misplaced", "questions", "large")
 SMALL_B, LARGE_B = 100, 32_000
@@ -28,7 +28,7 @@ ASKED = (topics.GAINS, topics.MOVE, topics.TARE, topics.SPEED, topics.FORCE_STAR
 
 
 def main() -> None:
-    """Be one of the two until told to stop."""
+    """Run one of the two until a stop signal."""
     parser = argparse.ArgumentParser(prog="tests.chaos.flood_peer", description=__doc__)
     parser.add_argument("what", choices=("flood", "viewer"))
     parser.add_argument("--cell", required=True)
@@ -36,7 +36,7 @@ def main() -> None:
     parser.add_argument("--rate", type=int, default=10_000)
     parser.add_argument("--seconds", type=float, default=10.0)
     given = parser.parse_args()
-    # As any program here: only the cell's own processes go before others. But first among those.
+    # Normal scheduling class, as any client, but with the highest priority within it.
     os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
     if os.geteuid() == 0:
         os.nice(-20)
@@ -52,7 +52,7 @@ def main() -> None:
 
 
 def session_of(cell: Cell) -> zenoh.Session:
-    """Connect as any program may that knows where the hub is."""
+    """Connect as any client that knows the address of the hub."""
     config = {
         "mode": "client",
         "connect": {"endpoints": [endpoint_of(cell)], "timeout_ms": 5000},
@@ -71,7 +71,7 @@ def flood(
     unknown = [publisher(f"{cell.cell}/flood/{n}") for n in range(unknown_n)]
     misplaced = [publisher(f"{cell.cell}/{request.key}") for request in ASKED[:misplaced_n]]
     larges = [publisher(f"{cell.cell}/flood/large/{n}") for n in range(large_n)]
-    # A question blocks when there are too many, unless it is told to be dropped like all the rest.
+    # A query blocks on congestion unless it may be dropped like the other messages.
     drop = zenoh.CongestionControl.DROP
     askers = [
         session.declare_querier(f"{cell.cell}/{request.key}", timeout=0.5, congestion_control=drop)
@@ -94,11 +94,11 @@ def flood(
 
 
 def _ignore(_reply: zenoh.Reply) -> None:
-    """The flood does not listen to answers."""
+    """Ignore a reply."""
 
 
 def view(session: zenoh.Session, cell: Cell) -> None:
-    """Subscribe to everything and read it, until told to stop, or frozen from outside."""
+    """Subscribe to all topics and read them until a stop signal."""
     stop = stop_on_signals()
     channel: zenoh.handlers.FifoChannel[zenoh.Sample] = zenoh.handlers.FifoChannel(VIEWER_HOLDS)
     with session.declare_subscriber(f"{cell.cell}/**", channel) as everything:

@@ -1,4 +1,4 @@
-"""What the flange truly did, from the trace that the simulated arm leaves. Pure but for reading."""
+"""Ground-truth motion of the flange, from the trace of the simulated arm. Pure except reading."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from common.motion.kinematics import ArmKinematics
 from sim.robot.settings import TICK_S
 from sim.robot.trace import Records
 
-WINDOW_TICKS = 10  # a speed is the way of 10 ms
+WINDOW_TICKS = 10  # a speed is the travel over 10 ms
 STRIDE_TICKS = 2
 STILL_M_S = 1e-3
 STILL_FOR_S = 0.1
@@ -20,36 +20,36 @@ STILL_FOR_S = 0.1
 
 @dataclass(frozen=True, slots=True)
 class Path:
-    """The flange of one process of the arm: time [ns] (n,), position [m] (n, 3), speed [m/s]."""
+    """Flange path of one arm process: time [ns] (n,), position [m] (n, 3), speed [m/s]."""
 
     at_ns: npt.NDArray[np.int64]
     position_m: Array
     speed_m_s: Array
 
     def between(self, since_ns: float, until_ns: float) -> "Path":
-        """Return the part within a window of time."""
+        """Return the part within a time window."""
         inside = (self.at_ns >= since_ns) & (self.at_ns <= until_ns)
         return Path(self.at_ns[inside], self.position_m[inside], self.speed_m_s[inside])
 
     @property
     def known(self) -> bool:
-        """Whether there is anything."""
+        """Whether the path has any samples."""
         return len(self.at_ns) > 0
 
     @property
     def fastest_m_s(self) -> float:
-        """The greatest speed; 0 when nothing is known."""
+        """Largest speed; 0 without samples."""
         return float(self.speed_m_s.max()) if self.known else 0.0
 
     @property
     def spread_m(self) -> float:
-        """The farthest that it was from where it began."""
+        """Largest distance from the start."""
         if not self.known:
             return 0.0
         return float(np.linalg.norm(self.position_m - self.position_m[0], axis=1).max())
 
     def still_since_ns(self) -> int | None:
-        """Return from when on it was slower than 1 mm/s for a tenth of a second, if ever."""
+        """Return the start of the first 0.1 s slower than 1 mm/s, or None."""
         fast = np.flatnonzero(self.speed_m_s >= STILL_M_S)
         edges = [-1, *fast.tolist(), len(self.at_ns)]
         for before, after in pairwise(edges):
@@ -60,9 +60,9 @@ class Path:
 
 
 def paths(records: Records) -> list[Path]:
-    """Return the flange's path for each process that was the arm, in order.
+    """Return the flange's path for each arm process, in order.
 
-    Speeds count the arm's own ticks: ticks that are caught up after a delay are no faster.
+    Speeds use the arm's own ticks: catching up after a delay does not increase them.
     """
     kinematics = ArmKinematics()
     return [_path(each, kinematics) for each in _lives(records)]

@@ -1,4 +1,4 @@
-"""Hits a process, and proves that it was hit. Times are CLOCK_MONOTONIC [ns]."""
+"""Fault injection into processes, with verification. Times are CLOCK_MONOTONIC [ns]."""
 
 import os
 import signal
@@ -9,31 +9,31 @@ from pathlib import Path
 
 from launch.started_process import Running
 
-BITES_WITHIN_S = 2.0  # SIGTERM lets a process finish what it does
+BITES_WITHIN_S = 2.0  # after SIGTERM a process may finish its work
 POLL_S = 0.001
 
 
 class NoBiteError(Exception):
-    """The process did not do what the injection should have made it do."""
+    """Error: the injection had no effect on the process."""
 
 
 def kill(running: Running) -> int:
-    """Take a process away at once; return when."""
+    """Kill a process (SIGKILL); return the time."""
     return _hit(running, signal.SIGKILL)
 
 
 def terminate(running: Running) -> int:
-    """Ask a process to end, as a person or a container does; return when."""
+    """Terminate a process (SIGTERM); return the time."""
     return _hit(running, signal.SIGTERM)
 
 
 def freeze(running: Running) -> int:
-    """Stop a process in the middle of what it does; return when."""
+    """Freeze a process (SIGSTOP); return the time."""
     return _hit(running, signal.SIGSTOP)
 
 
 def thaw(running: Running) -> int:
-    """Let a frozen process go on; return when. Raises NoBiteError if it was not frozen."""
+    """Thaw a frozen process (SIGCONT); return the time. Raises NoBiteError if not frozen."""
     if state_of(running.pid) != "T":
         raise NoBiteError(f"process {running.pid} was not frozen when it was to be thawed")
     return _hit(running, signal.SIGCONT)
@@ -50,7 +50,7 @@ def prove_frozen(running: Running) -> None:
 
 
 def state_of(pid: int) -> str:
-    """Return the kernel's letter for what a process does (proc(5)), empty when it is gone."""
+    """Return the kernel's state letter of a process (proc(5)), empty if it has ended."""
     with suppress(OSError):
         stat = Path(f"/proc/{pid}/stat").read_text(encoding="utf-8")
         return stat.rpartition(")")[2].split()[0]
@@ -58,7 +58,7 @@ def state_of(pid: int) -> str:
 
 
 def _hit(running: Running, number: signal.Signals) -> int:
-    """Send a signal; the time is taken just before, and nothing ordinary comes in between."""
+    """Send a signal; return the time just before, taken at real-time priority."""
     with _ahead_of_ordinary_processes():
         now_ns = time.monotonic_ns()
         os.kill(running.pid, number)

@@ -1,4 +1,4 @@
-"""Keeps what came of each trial, so that a run of hours can be interrupted and goes on later."""
+"""Journal of trial outcomes, which makes a long run resumable."""
 
 import json
 from collections.abc import Iterable
@@ -10,10 +10,10 @@ from tests.chaos.outcome import Outcome
 
 
 class Journal:
-    """One line of JSON for each trial that counted, and for each that did not."""
+    """Journal file: one line of JSON for each trial, valid or not."""
 
     def __init__(self, path: Path | None) -> None:
-        """Read what is there; without a path nothing is kept."""
+        """Read an existing file; without a path nothing is stored."""
         self._path = path
         self.outcomes: list[Outcome] = []
         self.spoilt: list[str] = []
@@ -21,16 +21,16 @@ class Journal:
             self._read(path.read_text(encoding="utf-8").splitlines())
 
     def left(self, cases: Iterable[Case]) -> list[Case]:
-        """Return the cases that were not tried yet."""
+        """Return the cases without an outcome."""
         tried = {outcome.case for outcome in self.outcomes}
         return [case for case in cases if case not in tried]
 
     def tried(self, outcome: Outcome) -> None:
-        """Keep a trial that counted."""
+        """Record a valid trial."""
         self._write(asdict(outcome))
 
     def repeated(self, why: str) -> None:
-        """Keep that a trial did not count."""
+        """Record an invalid trial."""
         self._write({"spoilt": why})
 
     def _read(self, lines: Iterable[str]) -> None:

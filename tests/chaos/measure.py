@@ -1,4 +1,4 @@
-"""Reads from trace, notes and witness what an injection did."""
+"""Evaluation of an injection from trace, recorded messages and witness."""
 
 from dataclasses import dataclass
 
@@ -10,18 +10,18 @@ from tests.chaos.recorder_client import Notes
 from tests.chaos.rig import Rig
 from tests.chaos.witness import STALL_S
 
-BEFORE_NS = round(0.5 * NS_PER_S)  # of the path, looked at for jumps
-# Within these a stall of the machine would spoil what is measured.
+BEFORE_NS = round(0.5 * NS_PER_S)  # part of the path before the fault that is checked for jumps
+# A machine stall within these times invalidates the measurement.
 STALL_BEFORE_NS, STALL_AFTER_NS = round(0.1 * NS_PER_S), round(0.7 * NS_PER_S)
 
 
 class SpoiltError(Exception):
-    """The trial does not count, for a reason outside the cell."""
+    """Error: the trial is invalid for a reason outside the cell."""
 
 
 @dataclass(frozen=True, slots=True)
 class Window:
-    """When it happened [ns]."""
+    """Times of the injection [ns]."""
 
     fault_ns: int
     thaw_ns: int  # 0 unless it was frozen
@@ -29,9 +29,9 @@ class Window:
 
 
 def measure(outcome: Outcome, window: Window, rig: Rig, notes: Notes) -> None:
-    """Put what was measured into an outcome.
+    """Fill an outcome with the measurements.
 
-    Raises SpoiltError when the machine stalled, or the arm was not moving when the fault came.
+    Raises SpoiltError if the machine stalled, or if the arm was not moving at the fault.
     """
     since_ns = window.fault_ns - BEFORE_NS
     _refuse_stalls(outcome, window, rig)
@@ -60,14 +60,14 @@ def _refuse_rest(outcome: Outcome, lives: list[Path], window: Window) -> None:
 
 
 def _measure_commands(outcome: Outcome, window: Window, notes: Notes, limit_s: float) -> None:
-    """Look what the robot's process took for motion, and how old it was."""
+    """Evaluate the commands accepted for motion, and their age."""
     times = [at_ns for at_ns, _ in notes.accepted.values()]
     ages = [age_s for _, age_s in notes.accepted.values()]
     outcome.oldest_accepted_s = max(ages, default=0.0)
     outcome.stale = sum(age_s > limit_s for age_s in ages)
     if outcome.went_on:
         return
-    # What comes after the bound for the last command, or after a thaw, ought not to be.
+    # Commands accepted after the bound, or after a thaw, are violations.
     after_ns = window.fault_ns + round(LAST_ACCEPTED_S * NS_PER_S)
     after_ns = max(after_ns, window.thaw_ns)
     outcome.stale += sum(at_ns > after_ns for at_ns in times)
@@ -78,13 +78,13 @@ def _measure_commands(outcome: Outcome, window: Window, notes: Notes, limit_s: f
 
 
 def _measure_path(outcome: Outcome, window: Window, lives: list[Path]) -> None:
-    """Look when the arm came to a stand, and whether it stayed there."""
+    """Evaluate the time to standstill, and motion after it."""
     case = outcome.case
     outcome.arm_gone = case.hits_the_arm and not case.frozen_s
-    if outcome.arm_gone:  # another arm begins at rest, and must stay so
+    if outcome.arm_gone:  # a new arm process starts at rest and must stay at rest
         outcome.moved_m = max((life.spread_m for life in lives[1:]), default=0.0)
         return
-    # A frozen arm stands still outside its own time: it brakes when it is thawed.
+    # The time of a frozen arm stands still: it brakes after the thaw.
     base_ns = window.thaw_ns if case.hits_the_arm else window.fault_ns
     path = lives[0].between(base_ns, window.end_ns)
     still_ns = path.still_since_ns()

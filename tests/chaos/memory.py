@@ -1,7 +1,7 @@
-"""Memory pressure: a process in a group whose memory runs out is killed by the kernel's OOM killer.
+"""Memory exhaustion: the kernel's OOM killer ends a process in a memory control group.
 
-A second process fills the group's memory; the kernel prefers the one that is hit. Needs root and
-memory control groups, as a container's `mem_limit` does.
+A second process fills the group's memory; the OOM score makes the kernel select the target. Needs
+root and memory control groups, as a container's `mem_limit` does.
 """
 
 import os
@@ -22,7 +22,7 @@ POLL_S = 0.001
 FIRST, LATER = (
     1000,
     -900,
-)  # of oom_score_adj: the process that is hit goes before the one that fills
+)  # of oom_score_adj: the target is selected before the process that fills the memory
 FILL = """
 import os, sys
 open(sys.argv[1], 'w').write(str(os.getpid()))
@@ -34,7 +34,7 @@ while True:
 
 
 def limit_file() -> Path | None:
-    """Return the name of a group's limit below the folder of groups; None where there are none."""
+    """Return the path of a group's limit below the folder of groups; None without groups."""
     for folder, name in ((GROUPS / "memory", "memory.limit_in_bytes"), (GROUPS, "memory.max")):
         controllers = folder / "cgroup.subtree_control"
         known = (folder / name).exists() or (
@@ -46,9 +46,9 @@ def limit_file() -> Path | None:
 
 
 def exhaust(running: Running) -> int:
-    """Let the memory of a process run out; return when the kernel killed it (monotonic [ns]).
+    """Exhaust the memory of a process; return when the kernel killed it (monotonic [ns]).
 
-    Raises NoBiteError where there are no groups, or the kernel killed something else.
+    Raises NoBiteError without control groups, or if the kernel killed another process.
     """
     with _group(f"forcemesh-chaos-{running.pid}") as group:
         _write(Path(f"/proc/{running.pid}/oom_score_adj"), FIRST)
@@ -69,7 +69,7 @@ def exhaust(running: Running) -> int:
 
 @contextmanager
 def _group(name: str) -> Iterator[Path]:
-    """Make a group with a limit; remove it when it is empty."""
+    """Create a group with a limit; remove it when it is empty."""
     limit = limit_file()
     if limit is None:
         raise NoBiteError("memory control groups need root")
@@ -81,7 +81,7 @@ def _group(name: str) -> Iterator[Path]:
     finally:
         give_up_s = time.monotonic() + 1.0
         while group.exists() and time.monotonic() < give_up_s:
-            with suppress(OSError):  # what was killed leaves it in a moment
+            with suppress(OSError):  # a killed process leaves the group with a short delay
                 group.rmdir()
             time.sleep(POLL_S)
 

@@ -1,8 +1,8 @@
-"""Network chaos: a real cell, each process in a namespace of its own, and trouble on its cables.
+"""Network fault injection: each process of a cell in its own network namespace.
 
 `make chaos-network`, or
 `python -m tests.chaos.network [--cell demo] [--only robot/link-down] [--write]`.
-Exit codes: 0 every bound was kept, 1 one was not, 77 nothing could be tested here.
+Exit codes: 0 all bounds met, 1 a bound violated, 77 not testable on this machine.
 """
 
 import argparse
@@ -36,7 +36,7 @@ COMMAND = "make chaos-network ARGS=--write"
 
 
 def hosts_of(cell: Cell, lab: Lab) -> tuple[list[Process], list[Wire]]:
-    """Give each process of a cell a host; return the processes and the wires."""
+    """Assign each process of a cell a host; return the processes and the wires."""
     table_of = processes_of(cell)
     wires = [lab.host(process.name) for process in table_of]
     if cell.gateway is not None:
@@ -66,20 +66,20 @@ def trial_of(name: str, fault: Fault, wire: Wire, bounds: Bounds) -> Trial:
         begin=lambda: fault.begin(wire),
         end=lambda: fault.end(wire),
         lasts_s=fault.lasts_s,
-        # A lost connection to the hub is made anew in time; the controller's begins with a hello.
+        # A lost connection to the hub is re-established; the controller's begins with a hello.
         ends="held" if name == "reset" and wire.name == CABLE else fault.ends,
         bounds=bounds,
     )
 
 
 def in_namespaces(template: str, only: str, seed: int) -> Iterator[Row]:
-    """Run a cell in namespaces, and every trial that was asked for."""
+    """Run a cell in namespaces with all selected trials."""
     with ExitStack() as exits:
         folder = Path(exits.enter_context(tempfile.TemporaryDirectory(prefix="forcemesh-chaos-")))
         lab = exits.enter_context(Lab())
         overrides: dict[str, object] = {
             "cell": f"chaos-{template}", "bus.endpoint": "tcp/10.77.0.1:7447",
-            "bus.insecure": True,  # in namespaces of its own
+            "bus.insecure": True,  # isolated in its own namespaces
         }  # fmt: skip
         if template == "demo-tcp":
             overrides["gateway.host"] = "10.78.0.2"
@@ -88,14 +88,14 @@ def in_namespaces(template: str, only: str, seed: int) -> Iterator[Row]:
         processes = [
             replace(process, argv=(*process.argv, "--cell", str(path))) for process in processes
         ]
-        # The second cell is for the controller's cable; the wires to its hub are as in the first.
+        # The second cell tests the controller's cable; its wires to the hub equal the first's.
         wanted = [w for w in wires if cell.gateway is None or w.name in (CABLE, "robot")]
         trials = [trial for trial in trials_on(cell, wanted) if asked(trial, only)]
         yield from played(template, cell, path, processes=processes, trials=trials, seed=seed)
 
 
 def report(rows: list[Row], seed: int, took_s: float) -> str:
-    """Return the table and what it says in one line."""
+    """Return the table and a one-line summary."""
     wrong = sum(bool(row.verdict.mistakes) for row in rows)
     held = sum(row.verdict.outcome == "held" for row in rows)
     line = (
@@ -114,7 +114,7 @@ def main() -> int:
         return CANNOT_RUN
     if namespaces:
         enter_own_namespace("tests.chaos.network")
-    take_realtime_priority()  # the harness must be on time to say when a fault began
+    take_realtime_priority()  # for accurate times of the faults
     began_s = time.monotonic()
     rows: list[Row] = []
     try:

@@ -1,7 +1,7 @@
-"""What can happen to a cable, and the proof that it did.
+"""Network faults on a cable, with verification.
 
-A fault begins, ends, and says how often it bit: a packet that was dropped, a carrier that was gone.
-One that never bit has tested nothing.
+A fault begins, ends, and returns its number of effects (`bites`): dropped packets, lost carrier. A
+trial with a fault without effect is not valid.
 """
 
 import json
@@ -16,36 +16,36 @@ TABLE = "chaos"
 
 
 class Fault(Protocol):
-    """One kind of trouble on a wire."""
+    """One kind of fault on a wire."""
 
     @property
     def lasts_s(self) -> float:
-        """How long it lasts [s]."""
+        """Duration [s]."""
 
     @property
     def ends(self) -> Ends:
-        """Whether the arm must be held by it, must not be, or either."""
+        """Expected result: the arm is held, is not held, or either."""
 
     def begin(self, wire: Wire) -> None:
-        """Let it happen."""
+        """Apply the fault."""
 
     def end(self, wire: Wire) -> int:
-        """Undo it; return how often it bit."""
+        """Remove the fault; return its number of effects."""
 
 
 @dataclass(frozen=True, slots=True)
 class LinkDown:
-    """The cable is pulled and put back."""
+    """Unplugged cable: link down, then up."""
 
     lasts_s: float = 1.0
     ends: Ends = "held"
 
     def begin(self, wire: Wire) -> None:
-        """Pull it at the far end."""
+        """Set the link down at the far end."""
         wire.at_far_end("ip", "link", "set", wire.far_device, "down")
 
     def end(self, wire: Wire) -> int:
-        """Put it back; it bit when the near end had no carrier."""
+        """Set the link up; return whether the near end had lost its carrier."""
         flags = wire.near.link(wire.near_device)["flags"]
         wire.at_far_end("ip", "link", "set", wire.far_device, "up")
         return int("NO-CARRIER" in flags)
@@ -53,25 +53,25 @@ class LinkDown:
 
 @dataclass(frozen=True, slots=True)
 class Nothing:
-    """The control: the arm must go on, and shows how fast it is when nothing is wrong."""
+    """Control trial without a fault: the arm must continue; shows its normal speed."""
 
     lasts_s: float = 1.0
     ends: Ends = "went on"
 
     def begin(self, wire: Wire) -> None:
-        """Let everything be."""
+        """Do nothing."""
 
     def end(self, wire: Wire) -> int:
-        """Count the packets since the cable was made: there are some, if it is the right one."""
+        """Return the packets since the cable was created: not 0 if it is the right one."""
         stats = wire.near.link(wire.near_device)["stats64"]
         return int(stats["rx"]["packets"] + stats["tx"]["packets"])
 
 
 @dataclass(frozen=True, slots=True)
 class Filter:
-    """The near end's packet filter does something to what comes in, goes out, or both."""
+    """Packet filter at the near end, on incoming or outgoing packets or both."""
 
-    what: str  # of nft, after the match
+    what: str  # nft statement after the match
     directions: tuple[Literal["in", "out"], ...] = ("in", "out")
     lasts_s: float = 1.0
     ends: Ends = "held"
@@ -81,7 +81,7 @@ class Filter:
         wire.near.run("nft", f"add table inet {TABLE}; " + "; ".join(self._rules(wire)))
 
     def end(self, wire: Wire) -> int:
-        """Take the rules away; it bit as often as the counter says."""
+        """Remove the rules; return the packet counter."""
         said = json.loads(wire.near.run("nft", "-j", "list", "counter", "inet", TABLE, "bites"))
         wire.near.run("nft", f"delete table inet {TABLE}")
         counters = [entry["counter"] for entry in said["nftables"] if "counter" in entry]
@@ -101,20 +101,20 @@ class Filter:
 
 @dataclass(frozen=True, slots=True)
 class Slow:
-    """A line that carries little: what does not fit waits, and then is dropped."""
+    """Bandwidth limit: excess packets are queued, then dropped."""
 
     rate: str
     lasts_s: float = 2.0
     ends: Ends = "either"
 
     def begin(self, wire: Wire) -> None:
-        """Put a token bucket on both ends."""
+        """Add a token bucket at both ends."""
         bucket = ("tbf", "rate", self.rate, "burst", "3000", "limit", "30000")
         wire.near.run("tc", "qdisc", "add", "dev", wire.near_device, "root", *bucket)
         wire.at_far_end("tc", "qdisc", "add", "dev", wire.far_device, "root", *bucket)
 
     def end(self, wire: Wire) -> int:
-        """Take both away; they bit as often as a packet went through them."""
+        """Remove both; return the number of packets that passed through them."""
         show = ("tc", "-s", "-j", "qdisc", "show", "dev")
         said = json.loads(wire.near.run(*show, wire.near_device))
         said += json.loads(wire.at_far_end(*show, wire.far_device))
@@ -134,10 +134,10 @@ FAULTS: dict[str, Fault] = {
     "drop-out": Filter("counter name bites drop", ("out",)),
     "loss-1": Filter(_lost(1), lasts_s=2.0, ends="either"),
     "loss-5": Filter(_lost(5), lasts_s=2.0, ends="either"),
-    # Long enough that both ends send something; a new connection must come through afterwards.
+    # Long enough for both ends to send; a new connection must succeed afterwards.
     "reset": Filter(
         "meta l4proto tcp counter name bites reject with tcp reset", lasts_s=0.1, ends="either"
     ),
-    "256-kbit": Slow("256kbit"),  # less than a quarter of what a service says at full rate
-    "64-kbit": Slow("64kbit"),  # half of what gateway and controller say to each other
+    "256-kbit": Slow("256kbit"),  # less than a quarter of a service's full data rate
+    "64-kbit": Slow("64kbit"),  # half of the data rate between gateway and controller
 }

@@ -1,4 +1,4 @@
-"""Judges one trial from what the simulated arm truly did. Pure but for reading the trace's file.
+"""Evaluation of one trial against the ground-truth trace of the arm. Pure except file reading.
 
 fault ──► last command accepted ──► flange below 1 mm/s ──► heal ──► end: still at rest
 """
@@ -18,7 +18,7 @@ from sim.robot.trace import RECORD
 MOVES_M_S = 2e-3  # a fault counts only while the flange is faster than this
 STILL_M_S = 1e-3
 WINDOW = 10  # ticks over which a speed is taken
-ON_ITS_WAY = 100  # and over which the arm is on its way: a controller's steps stop in between
+ON_ITS_WAY = 100  # ticks for the approach speed: a controller's steps stop in between
 MS = 1e6  # nanoseconds
 
 Moments = npt.NDArray[np.int64]
@@ -26,30 +26,30 @@ Moments = npt.NDArray[np.int64]
 
 @dataclass(frozen=True, slots=True)
 class Bounds:
-    """What a trial must keep to."""
+    """Bounds of a trial."""
 
     last_command_s: float
     still_s: float
-    fastest_m_s: float  # also when the arm goes on
+    fastest_m_s: float  # also if the arm continues
 
 
 @dataclass(frozen=True, slots=True)
 class Seen:
-    """What was seen of a trial; times are CLOCK_MONOTONIC [ns]."""
+    """Observations of a trial; times are CLOCK_MONOTONIC [ns]."""
 
     began_ns: int
     healed_ns: int
-    accepted_ns: int | None  # the last command that the robot's process ever obeyed
+    accepted_ns: int | None  # last command executed by the robot process
     held: bool
     causes: str
     bites: int
-    ends: str  # held, went on, either: what has to come of it
-    stall_s: float  # of the idle witness in the meantime
+    ends: str  # expected result: held, went on, either
+    stall_s: float  # longest delay of the idle witness during the trial
 
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """A row of the table."""
+    """Result of a trial: one row of the table."""
 
     outcome: str
     last_command_ms: float | None
@@ -60,15 +60,15 @@ class Verdict:
 
 
 class Truth:
-    """The trace of the arm's true motion."""
+    """Ground-truth trace of the arm's motion."""
 
     def __init__(self, path: Path) -> None:
-        """Read from a file that grows."""
+        """Read from a growing file."""
         self._path = path
         self._kinematics = ArmKinematics()
 
     def mark(self) -> int:
-        """Return where the file ends now: a place to read on from."""
+        """Return the current number of records, as a start for later reads."""
         return self._path.stat().st_size // RECORD.itemsize if self._path.exists() else 0
 
     def speeds(self, since: int) -> tuple[Moments, Array]:
@@ -79,18 +79,18 @@ class Truth:
         rows = np.fromfile(self._path, RECORD, count=count, offset=since * RECORD.itemsize)
         places = np.array([self._kinematics.flange_pose(q).translation for q in rows["q"]])
         gone_m = np.linalg.norm(places[WINDOW:] - places[:-WINDOW], axis=1)
-        # Ticks are the arm's own time: one that catches up is not faster than it is.
+        # Ticks are the arm's own time: catching up after a delay does not appear as speed.
         took_s = (rows["tick"][WINDOW:] - rows["tick"][:-WINDOW]) * TICK_S
         return rows["at_ns"][WINDOW:].astype(np.int64), gone_m / took_s
 
     def speed_now(self) -> float:
-        """Return the flange's mean speed of late [m/s], 0 when there is no trace yet."""
+        """Return the recent mean speed of the flange [m/s], 0 without a trace."""
         _, speeds = self.speeds(max(0, self.mark() - ON_ITS_WAY - WINDOW))
         return float(speeds.mean()) if len(speeds) else 0.0
 
 
 def judge(seen: Seen, at_ns: Moments, speed_m_s: Array, bounds: Bounds) -> Verdict:
-    """Return what came of a trial; mistakes are empty when every bound was kept."""
+    """Return the verdict of a trial; mistakes are empty if all bounds are met."""
     after = at_ns >= seen.began_ns
     moving = at_ns[after & (speed_m_s > STILL_M_S)]
     fastest = float(speed_m_s[after].max(initial=0.0))
@@ -113,22 +113,22 @@ def judge(seen: Seen, at_ns: Moments, speed_m_s: Array, bounds: Bounds) -> Verdi
 def _of_a_hold(
     seen: Seen, accepted_ms: float | None, still_ms: float, bounds: Bounds
 ) -> Iterator[str]:
-    """Yield what was wrong with a hold."""
+    """Yield the violations of a trial with a hold."""
     if seen.ends == "went on":
         yield "held without need"
     if not seen.causes:
         yield "no cause was given"
     if accepted_ms is None:
         yield "no command is known"
-    elif seen.ends != "held":  # it may have taken a while to hit: from the last command on
+    elif seen.ends != "held":  # the effect may be delayed: measured from the last command
         if still_ms - accepted_ms > bounds.still_s * 1e3:
             yield "moved long after a command"
     elif accepted_ms > bounds.last_command_s * 1e3:
-        yield "a command was obeyed too late"
+        yield "a command was executed too late"
     if seen.ends == "held" and still_ms > bounds.still_s * 1e3:
         yield "moved too long"
     if seen.ends == "held" and _after_heal(seen):
-        yield "a command was obeyed after the heal without a new arming"
+        yield "a command was executed after the heal without a new arming"
 
 
 def _after_heal(seen: Seen) -> bool:

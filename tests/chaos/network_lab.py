@@ -1,12 +1,12 @@
-"""Network namespaces for a cell: a host for each process, all on one switch; a cable of its own.
+"""Network namespaces for a cell: one host per process on one switch, plus a separate cable.
 
     this process's namespace: bridge br0 ══ veth ══ hub        eth0 10.77.0.1
                                          ══ veth ══ robot      eth0 10.77.0.2, eth1 10.78.0.1 ══╗
                                          ══ veth ══ sensor     eth0 10.77.0.3, eth1 10.78.0.2 ══╝
                                          ...
 
-The namespaces have no names: each lives as long as the process that holds it, and that dies with
-this one. So whatever happens to the harness, nothing is left behind, and nothing has a way out.
+The namespaces are anonymous: each lives as long as its holder process, which dies with this one. So
+nothing is left behind if the harness ends, and there is no route to the outside.
 """
 
 import json
@@ -31,7 +31,7 @@ LEAST_HOST = 1
 
 
 def why_not() -> str:
-    """Return why namespaces cannot be made here, empty when they can."""
+    """Return why namespaces cannot be created here, empty if they can."""
     if os.geteuid() != 0:
         return "network namespaces need root: run it as root or in a privileged container"
     missing = sorted({package for tool, package in TOOLS.items() if not shutil.which(tool)})
@@ -43,7 +43,7 @@ def why_not() -> str:
 
 
 def enter_own_namespace(module: str) -> None:
-    """Become the same program in a namespace of its own; return in there."""
+    """Re-execute this program in a new namespace; return inside it."""
     if os.environ.get(INSIDE):
         return
     os.environ[INSIDE] = "1"
@@ -53,7 +53,7 @@ def enter_own_namespace(module: str) -> None:
 
 
 def run(*words: object, check: bool = True) -> str:
-    """Run a command and return its output. Raise HarnessError when it fails."""
+    """Run a command and return its output. Raise HarnessError if it fails."""
     done = subprocess.run(
         [str(word) for word in words], check=False, capture_output=True, text=True
     )
@@ -64,7 +64,7 @@ def run(*words: object, check: bool = True) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Host:
-    """A network namespace, held by a process."""
+    """Network namespace, kept alive by a holder process."""
 
     name: str
     pid: int
@@ -72,7 +72,7 @@ class Host:
 
     @property
     def nsenter(self) -> tuple[str, ...]:
-        """The words that run a command in it."""
+        """The command prefix that runs a command in it."""
         return (shutil.which("nsenter") or "nsenter", f"--net=/proc/{self.pid}/ns/net")
 
     def run(self, *words: object, check: bool = True) -> str:
@@ -80,13 +80,13 @@ class Host:
         return run(*self.nsenter, *words, check=check)
 
     def link(self, device: str) -> Any:
-        """Return what `ip` knows of a device, with its counters."""
+        """Return the `ip` description of a device, with its counters."""
         return json.loads(self.run("ip", "-j", "-s", "link", "show", "dev", device))[0]
 
 
 @dataclass(frozen=True, slots=True)
 class Wire:
-    """A cable: its near end inside a host, its far end in another one or in the switch."""
+    """Cable (veth pair): near end in a host, far end in another host or in the switch."""
 
     name: str
     near: Host
@@ -95,20 +95,20 @@ class Wire:
     far_device: str
 
     def at_far_end(self, *words: object, check: bool = True) -> str:
-        """Run a command where the far end is."""
+        """Run a command at the far end."""
         return run(*words, check=check) if self.far is None else self.far.run(*words, check=check)
 
 
 class Lab:
-    """A context manager: makes hosts and cables."""
+    """Context manager that creates hosts and cables."""
 
     def __init__(self) -> None:
-        """Nothing is made yet."""
+        """Start without hosts and cables."""
         self.hosts: dict[str, Host] = {}
         self._exits = ExitStack()
 
     def __enter__(self) -> "Lab":
-        """Make the switch; must be called in a namespace of one's own."""
+        """Create the switch; must be called in a private namespace."""
         run("ip", "link", "set", "lo", "up")
         run("ip", "link", "add", "br0", "type", "bridge")
         run("ip", "addr", "add", "10.77.0.254/24", "dev", "br0")
@@ -116,12 +116,12 @@ class Lab:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Let the holders go; namespaces and cables go with them."""
+        """End the holders; namespaces and cables are removed with them."""
         self._exits.close()
         run("ip", "link", "del", "br0", check=False)
 
     def host(self, name: str) -> Wire:
-        """Make a host on the switch; return its cable."""
+        """Create a host on the switch; return its cable."""
         address = f"10.77.0.{len(self.hosts) + LEAST_HOST}"
         host = self.hosts[name] = Host(name, self._hold(), address)
         port = f"p-{name}"
@@ -133,7 +133,7 @@ class Lab:
         return Wire(name, host, "eth0", None, port)
 
     def cable(self, name: str, near: str, far: str) -> Wire:
-        """Connect two hosts by a cable of their own: 10.78.0.1 and 10.78.0.2."""
+        """Connect two hosts by a separate cable: 10.78.0.1 and 10.78.0.2."""
         a, b = self.hosts[near], self.hosts[far]
         a.run("ip", "link", "add", "eth1", "type", "veth",
               "peer", "name", "eth1", "netns", b.pid)  # fmt: skip
@@ -143,7 +143,7 @@ class Lab:
         return Wire(name, a, "eth1", b, "eth1")
 
     def _hold(self) -> int:
-        """Start a process that holds a namespace and dies with this one."""
+        """Start a holder process of a namespace that dies with this one."""
         words = [sys.executable, "-I", "-S", str(LAUNCHER), str(os.getpid())]
         holder = subprocess.Popen([*words, str(shutil.which("unshare")), "--net", *_sleep()])
         self._exits.callback(holder.wait)
@@ -152,7 +152,7 @@ class Lab:
         theirs = Path(f"/proc/{holder.pid}/ns/net")
         while theirs.readlink() == ours:
             if time.monotonic() > give_up_s or holder.poll() is not None:
-                raise HarnessError("a namespace could not be made")
+                raise HarnessError("a namespace could not be created")
             time.sleep(0.002)
         return holder.pid
 

@@ -1,4 +1,4 @@
-"""Brings a cell up, plays trials on it, and makes the lines of the table."""
+"""Execution of network trials on a cell, and rows of the result table."""
 
 import os
 import random
@@ -17,10 +17,10 @@ from tests.chaos.network_trials import Bench, Trial
 from tests.chaos.witness import witness
 
 CABLE = "controller"  # the wire between gateway and controller
-MARGIN_S = 0.05  # of real processes, over the cell's deadline
-RAMP_S = 0.2  # of the arm, and the filter of its servos
-LOOP_S = 0.05  # of the controller's program
-FASTEST_M_S = 0.06  # what set points run with at most, 50 mm/s, and the overshoot of a stop
+MARGIN_S = 0.05  # for real processes, beyond the cell's deadline
+RAMP_S = 0.2  # deceleration of the arm, and the filter of its servos
+LOOP_S = 0.05  # cycle time of the controller's program
+FASTEST_M_S = 0.06  # 50 mm/s limit of the set points, plus the overshoot of a stop
 HEAD = ("cell", "wire", "fault", "bites", "outcome", "last command ms", "still ms",
         "fastest mm/s",
         "obeyed after heal", "named cause", "repeated", "")  # fmt: skip
@@ -28,7 +28,7 @@ HEAD = ("cell", "wire", "fault", "bites", "outcome", "last command ms", "still m
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One line of the table."""
+    """One row of the table."""
 
     cell: str
     trial: Trial
@@ -37,7 +37,7 @@ class Row:
     repeated: int
 
     def cells(self) -> tuple[object, ...]:
-        """Return the words of the line."""
+        """Return the cells of the row."""
         verdict, trial = self.verdict, self.trial
         return (
             self.cell, trial.wire, trial.fault, self.seen.bites, verdict.outcome,
@@ -52,7 +52,7 @@ def _ms(value: float | None) -> str:
 
 
 def bounds_of(cell: Cell, *, is_cable: bool) -> Bounds:
-    """Return what a cell promises; on the controller's cable its own watchdog counts."""
+    """Return the bounds of a cell; on the controller's cable those of its own watchdog."""
     command_s = cell.stale_after_s(topics.ROBOT_COMMAND) + MARGIN_S
     if not is_cable or cell.gateway is None:
         through_program_s = 0.0 if cell.gateway is None else LOOP_S
@@ -63,7 +63,7 @@ def bounds_of(cell: Cell, *, is_cable: bool) -> Bounds:
 
 @contextmanager
 def environment(name: str, value: str) -> Iterator[None]:
-    """Set a variable for the processes that are started in the block."""
+    """Set an environment variable for processes started in the block."""
     before = os.environ.get(name)
     os.environ[name] = value
     try:
@@ -76,7 +76,7 @@ def environment(name: str, value: str) -> Iterator[None]:
 
 
 def asked(trial: Trial, only: str) -> bool:
-    """Tell whether a trial is wanted: `wire/fault`, `wire`, or `/fault`; empty for all."""
+    """Return whether a trial is selected: `wire/fault`, `wire`, or `/fault`; empty for all."""
     wire, _, fault = only.partition("/")
     return wire in ("", trial.wire) and fault in ("", trial.fault)
 
@@ -90,7 +90,7 @@ def played(
     trials: Sequence[Trial],
     seed: int,
 ) -> Iterator[Row]:
-    """Bring a cell up and play trials on it."""
+    """Start a cell and run trials on it."""
     if not trials:
         return
     trace = path.parent / "trace.bin"

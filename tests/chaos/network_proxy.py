@@ -1,6 +1,6 @@
-"""Trouble that the kernel here cannot make, from a proxy between gateway and controller.
+"""Network faults by a proxy between gateway and controller, for faults the kernel cannot create.
 
-Delay, jitter, half and merged writes; on loopback, so these need no namespace.
+Delay, jitter, split and merged writes; on loopback, so no namespace is needed.
 """
 
 import random
@@ -26,7 +26,7 @@ LASTS_S = 2.0
 
 @dataclass
 class Delay(Abuse):
-    """Everything comes later, in order: by a fixed time and a part that is drawn for each read."""
+    """In-order delay: a fixed time plus a random part per read."""
 
     by_ns: int = 0
     jitter_ns: int = 0
@@ -34,7 +34,7 @@ class Delay(Abuse):
     _under_way: deque[tuple[int, bytes]] = field(default_factory=deque)
 
     def pass_on(self, waiting: bytearray, now_ns: int) -> list[bytes]:
-        """Let pass whose time has come; a bite is a read that had to wait."""
+        """Return the data that is due; a bite is a delayed read."""
         if waiting:
             due_ns = now_ns + self.by_ns + self.rng.randint(0, self.jitter_ns)
             self._under_way.append((due_ns, bytes(waiting)))
@@ -46,11 +46,11 @@ class Delay(Abuse):
         return pieces
 
     def heal(self) -> None:
-        """Delay nothing any more; what is under way comes when it was due."""
+        """Stop delaying; data already in transit keeps its due time."""
         self.by_ns = self.jitter_ns = 0
 
 
-# Name: what happens to a direction, and what has to come of it.
+# Name: fault of a direction, and expected result.
 ABUSES: dict[str, tuple[Callable[[], Abuse], Ends]] = {
     "delay-10": (lambda: Delay(by_ns=10 * MS), "either"),
     "delay-400": (lambda: Delay(by_ns=400 * MS), "held"),
@@ -61,7 +61,7 @@ ABUSES: dict[str, tuple[Callable[[], Abuse], Ends]] = {
 
 
 def through_proxy(only: str, seed: int) -> Iterator[Row]:
-    """Run gateway and controller with the proxy between them, and every abuse."""
+    """Run all proxy faults between gateway and controller."""
     with ExitStack() as exits:
         folder = Path(exits.enter_context(tempfile.TemporaryDirectory(prefix="forcemesh-chaos-")))
         port = free_port()
@@ -85,7 +85,7 @@ def through_proxy(only: str, seed: int) -> Iterator[Row]:
 
 
 def trial_of(name: str, proxy: HostileProxy, bounds: Bounds) -> Trial:
-    """Return one abuse of both directions."""
+    """Return one proxy fault on both directions."""
     make, ends = ABUSES[name]
     struck: list[Abuse] = []
 

@@ -1,4 +1,4 @@
-"""One trial: let the arm approach, let a wire suffer, heal it, see what the arm did."""
+"""Procedure of one trial: approach, apply the fault to a wire, remove it, evaluate the arm."""
 
 import random
 import time
@@ -12,17 +12,17 @@ from tests.chaos.network_judge import MOVES_M_S, Bounds, Seen, Truth, Verdict, j
 from tests.chaos.witness import STALL_S, Witness
 
 PRESS_N = 10.0
-CLEARANCE_M = 0.03  # of the start of an approach above the height at which the cell came up
-TRAVEL_S = 0.05, 0.4  # into the approach when the fault comes
+CLEARANCE_M = 0.03  # start height of an approach above the initial height of the flange
+TRAVEL_S = 0.05, 0.4  # time of the fault after the start of the approach
 SET_OUT_S = 3.0
-WATCH_S = 1.5  # after the heal, in which nothing may move
+WATCH_S = 1.5  # after the heal; the arm must be at rest
 HEARD_WITHIN_S = 5.0
 ATTEMPTS = 4
 
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """What to do to which wire. `end` returns how often it bit."""
+    """One fault on one wire. `end` returns its number of effects."""
 
     wire: str
     fault: str
@@ -34,19 +34,19 @@ class Trial:
 
 
 class Bench:
-    """A cell that is up, the truth about its arm, and a witness."""
+    """Running cell with the ground truth of its arm and a witness."""
 
     def __init__(
         self, cell: CellUnderTest, truth: Truth, witness: Witness, rng: random.Random
     ) -> None:
-        """Tare, and remember how high the arm is."""
+        """Tare, and store the height of the arm."""
         self.cell, self.truth, self.witness, self._rng = cell, truth, witness, rng
         self._seen_stalls = 0
         cell.tare()
         self._high_m = cell.height_m() + CLEARANCE_M
 
     def play(self, trial: Trial) -> tuple[Verdict, Seen, int]:
-        """Repeat a trial in which the machine stalled; return how often it was repeated."""
+        """Run a trial, repeated if the machine stalled; also return the number of repetitions."""
         repeated = 0
         while True:
             verdict, seen = self._once(trial)
@@ -74,19 +74,19 @@ class Bench:
         return judge(seen, *self.truth.speeds(mark), trial.bounds), seen
 
     def _approach(self) -> None:
-        """Be on the way down under force feedback, faster than 2 mm/s, at a random place."""
+        """Approach under force feedback, faster than 2 mm/s, to a random height."""
         why: list[str] = []
         for _ in range(ATTEMPTS):
             try:
                 self._set_out()
-            except ForcemeshError as error:  # the machine stalls in between, now and then
+            except ForcemeshError as error:  # occasional machine stalls
                 why.append(str(error))
                 continue
             time.sleep(self._rng.uniform(*TRAVEL_S))
             if self.truth.speed_now() > MOVES_M_S and self.cell.state == "ACTIVE":
                 return
             why.append(f"it stopped: {self.cell.causes()}")
-        raise HarnessError(f"the arm does not stay on its way: {'; '.join(why)}")
+        raise HarnessError(f"the arm does not keep moving: {'; '.join(why)}")
 
     def _set_out(self) -> None:
         cell = self.cell
@@ -96,13 +96,13 @@ class Bench:
         cell.until(lambda: self.truth.speed_now() > MOVES_M_S, "the arm moves", SET_OUT_S)
 
     def _see(self, trial: Trial, began_ns: int, healed_ns: int, bites: int) -> Seen:
-        """Look at the cell after the heal, once everybody is heard again."""
+        """Observe the cell after the heal, once all topics are fresh again."""
         cell = self.cell
         heard = lambda: cell.status is not None and cell.robot is not None  # noqa: E731
-        cell.until(heard, "arbiter and robot are heard again", HEARD_WITHIN_S)
+        cell.until(heard, "arbiter and robot topics are fresh again", HEARD_WITHIN_S)
         status, robot = cell.status, cell.robot
         if status is None or robot is None:
-            raise HarnessError("arbiter and robot fell silent again")
+            raise HarnessError("arbiter or robot topic expired again")
         return Seen(
             began_ns=began_ns,
             healed_ns=healed_ns,

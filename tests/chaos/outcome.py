@@ -1,21 +1,21 @@
-"""What came of one injection, and which bounds it broke. Pure."""
+"""Outcome of one injection, and the bounds it violates. Pure."""
 
 from dataclasses import dataclass, field
 
 from tests.chaos.cases import Case
 
-LAST_ACCEPTED_S = 0.150  # in real processes; three periods, at least 100 ms in the demo's cells
+LAST_ACCEPTED_S = 0.150  # with real processes; three periods, at least 100 ms in the demo cells
 STILL_SIM_S = 0.350
 RAMP_S = 0.150  # of the arm: from 250 mm/s in 100 ms, delay and smoothing of its set points
 LOOP_S = 0.045  # of the controller's program, from a packet to the arm
-MOVING_M_S = 2e-3  # slower than this the fault did not come in motion
-JUMP_MARGIN = 1.25  # over the cell's speed limit
-DRIFT_M = 5e-4  # a standing arm may settle in contact by so much
+MOVING_M_S = 2e-3  # minimum flange speed at the fault
+JUMP_MARGIN = 1.25  # factor on the cell's speed limit
+DRIFT_M = 5e-4  # permitted settling in contact after standstill
 
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """The cell's numbers that outcomes are held against."""
+    """Limits of the cell for the evaluation."""
 
     command_s: float  # deadline of the command stream
     watchdog_s: float  # of the controller's program; 0 without a controller
@@ -23,7 +23,7 @@ class Limits:
 
     @property
     def still_s(self) -> float:
-        """How long the arm may take to come to a stand [s]."""
+        """Bound on the time to standstill [s]."""
         if not self.watchdog_s:
             return STILL_SIM_S
         return self.watchdog_s + LOOP_S + RAMP_S
@@ -31,33 +31,33 @@ class Limits:
 
 @dataclass(slots=True)
 class Outcome:
-    """What was measured; times count from the fault, after a thaw of the arm from there [s]."""
+    """Measurements; times [s] from the fault, or from the thaw if the arm was frozen."""
 
     case: Case
-    speed_m_s: float = 0.0  # of the flange when the fault came
+    speed_m_s: float = 0.0  # of the flange at the fault
     went_on: bool = False  # the cell did not hold
     last_accepted_s: float | None = None
-    still_s: float | None = None  # None: the arm has gone with its process
+    still_s: float | None = None  # None: the arm ended with its process
     arm_gone: bool = False
-    stale: int = 0  # commands that were accepted though older than their deadline, or after thaw
+    stale: int = 0  # commands accepted past their deadline, or after a thaw
     oldest_accepted_s: float = 0.0
-    moved_m: float = 0.0  # after it stood, until it was armed again
+    moved_m: float = 0.0  # travel from standstill until arming
     fastest_m_s: float = 0.0
     provoked: list[str] = field(default_factory=list)  # wrongly accepted without arming
     causes: list[str] = field(default_factory=list)  # of arbiter/status
-    status_shows: bool = False  # what `forcemesh status` tells names cause or process
-    stalled_s: float = 0.0  # longest lateness of the witness meanwhile
-    recovered: bool = True  # a person could clear and arm afterwards
-    note: str = ""  # why it did not
+    status_shows: bool = False  # `forcemesh status` names the cause or the process
+    stalled_s: float = 0.0  # longest delay of the witness during the trial
+    recovered: bool = True  # clear and arm succeeded afterwards
+    note: str = ""  # why they did not
 
     @property
     def cause(self) -> str:
-        """The first cause that was named."""
+        """The first reported cause."""
         return self.causes[0] if self.causes else ""
 
 
 def violations(outcome: Outcome, limits: Limits) -> list[str]:
-    """Return the bounds that were broken, in words."""
+    """Return messages for the violated bounds."""
     fastest_m_s, most_m_s = outcome.fastest_m_s, limits.speed_m_s * JUMP_MARGIN
     always: tuple[tuple[bool, str], ...] = (
         (fastest_m_s > most_m_s, f"the flange jumped: {fastest_m_s * 1e3:.0f} mm/s"),

@@ -1,4 +1,4 @@
-"""Writes docs/chaos.md."""
+"""Generator of docs/chaos.md."""
 
 from datetime import datetime
 

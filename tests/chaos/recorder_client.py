@@ -1,4 +1,4 @@
-"""What a client hears of the cell while it is hit, put down in the order of its coming."""
+"""Recorder client: messages of the cell during a fault, in order of arrival."""
 
 import time
 from collections.abc import Callable
@@ -12,20 +12,20 @@ from forcemesh.messages import ArbiterStatus, RobotCommand, RobotState
 POLL_S = 0.001
 MOVING = ("goal", "setpoint", "feedback")
 
-Key = tuple[int, int]  # epoch of the writer, number of the message
+Key = tuple[int, int]  # epoch of the publisher, number of the message
 
 
 @dataclass(slots=True)
 class Notes:
-    """What was heard since `Ear.begin`."""
+    """Records since `Ear.begin`."""
 
-    # Commands that the robot took for motion: when [ns], and how old they were then [s], 0 unknown.
+    # Commands accepted for motion by the robot: time [ns], and their age [s]; 0: unknown.
     accepted: dict[Key, tuple[int, float]] = field(default_factory=dict)
-    codes: list[str] = field(default_factory=list)  # of the arbiter's trips, in their order
+    codes: list[str] = field(default_factory=list)  # of the arbiter's trips, in order
 
 
 class Ear:
-    """Listens to commands, robot and arbiter."""
+    """Subscriber of commands, robot state and arbiter status."""
 
     def __init__(self, bus: Bus) -> None:
         """Subscribe."""
@@ -34,16 +34,16 @@ class Ear:
         self._command = bus.reader(topics.ROBOT_COMMAND)
         self._arbiter = bus.reader(topics.ARBITER_STATUS)
         self._wrench = bus.reader(topics.WRENCH)
-        self._written: dict[Key, tuple[int, str]] = {}  # when, and what kind
+        self._written: dict[Key, tuple[int, str]] = {}  # time [ns] and kind
         self.notes = Notes()
 
     def begin(self) -> None:
-        """Forget what was heard."""
+        """Discard all records."""
         self.notes = Notes()
         self._written.clear()
 
     def until(self, what: Callable[[], bool], timeout_s: float) -> bool:
-        """Listen until something is so; tell whether it became so in time."""
+        """Receive until a condition holds; return False after the time-out."""
         give_up_s = time.monotonic() + timeout_s
         while True:
             self._listen()
@@ -54,19 +54,19 @@ class Ear:
             time.sleep(POLL_S)
 
     def during(self, duration_s: float) -> None:
-        """Listen for a while."""
+        """Receive for a duration."""
         self.until(lambda: False, duration_s)
 
     def robot(self) -> RobotState | None:
-        """The robot's newest state if it is fresh."""
+        """Return the latest robot state if it is fresh."""
         return self._robot.read(self._clock.now_ns()).fresh
 
     def arbiter(self) -> ArbiterStatus | None:
-        """The arbiter's newest status if it is fresh."""
+        """Return the latest arbiter status if it is fresh."""
         return self._arbiter.read(self._clock.now_ns()).fresh
 
     def force_N(self) -> float | None:
-        """The newest force along base z if it is fresh."""
+        """Return the latest force along base z [N] if it is fresh."""
         wrench = self._wrench.read(self._clock.now_ns()).fresh
         return None if wrench is None else wrench.force_N[2]
 
@@ -87,7 +87,7 @@ class Ear:
         notes, accepted = self.notes, robot.accepted
         if accepted is None:
             return
-        # A command that was not heard here counts as motion, so that nothing is overlooked.
+        # A command that was not received here counts as motion, to be conservative.
         key = (accepted.epoch, accepted.seq)
         written_ns, kind = self._written.get(key, (accepted.at_ns, "goal"))
         if kind in MOVING:
@@ -96,5 +96,5 @@ class Ear:
 
 
 def kind_of(command: RobotCommand) -> str:
-    """Return what a command asks for; without a permission it is a hold."""
+    """Return the kind of a command; without permission it is a hold."""
     return "hold" if command.permission is None else command.kind

@@ -1,4 +1,4 @@
-"""The processes of a real cell, each of which can be stopped and started alone, and a witness."""
+"""Test rig: processes of a cell that can be stopped and started individually, and a witness."""
 
 import os
 import time
@@ -19,16 +19,16 @@ from tests.chaos.common_net import free_port
 from tests.chaos.witness import Witness, witness
 
 FILES = {"sim": "demo.yaml", "tcp": "demo-tcp.yaml"}
-# A soft plate: force rises and falls over centimetres, so that there is motion to be hit in.
+# A soft plate: force changes take centimetres of travel, so faults occur in motion.
 PLATE_N_M = 2000.0
 END_WITHIN_S = 3.0
 
 
 def chaos_cell(name: CellName) -> Cell:
-    """Return a demo's cell with a soft plate, on ports of its own."""
+    """Return a demo cell with a soft plate and private ports."""
     bus, controller = free_port(), free_port()
     overrides: dict[str, object] = {
-        "limits.move_rise_N": 40.0,  # the phase `retreat` begins where a move has pressed 25 N
+        "limits.move_rise_N": 40.0,  # the phase `retreat` begins with a move that presses 25 N
         "cell": f"chaos-{bus}",
         "bus.endpoint": f"tcp/127.0.0.1:{bus}",
         "sim.stiffness_N_m": PLATE_N_M,
@@ -39,17 +39,17 @@ def chaos_cell(name: CellName) -> Cell:
 
 
 class Rig:
-    """A running cell that nobody supervises: what ends stays ended until `start`.
+    """Running cell without a supervisor: an ended process stays ended until `start`.
 
-    Enter it in the main thread: the processes die with the thread that starts them.
+    Enter it in the main thread: the processes die with the thread that started them.
     """
 
     def __init__(self, cell: Cell, folder: Path) -> None:
-        """Prepare. Files of this run go into `folder`."""
+        """Prepare a run; its files are written to `folder`."""
         self.cell = cell
         self.running: dict[str, Running] = {}
-        self.witness: Witness  # while the block lasts
-        self.words: list[str] = []  # the last ones that the processes said
+        self.witness: Witness  # valid inside the block
+        self.words: list[str] = []  # last output lines of the processes
         self._folder = folder
         self._file = folder / "cell.yaml"
         self._processes = {process.name: process for process in processes_of(cell)}
@@ -73,11 +73,11 @@ class Rig:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """End everything."""
+        """End all processes."""
         self._exits.close()
 
     def name_of(self, role: str) -> str:
-        """Return the name of the process that plays a role."""
+        """Return the name of the process that implements a role."""
         return next(name for name, each in self._processes.items() if role in each.roles)
 
     def others_than(self, *names: str) -> list[str]:
@@ -85,7 +85,7 @@ class Rig:
         return [name for name in self._processes if name not in names]
 
     def start(self, *names: str) -> None:
-        """Start processes that have ended or never ran, and say so in the run file."""
+        """Start processes that are not running, and record it in the run file."""
         for name in names:
             if name in self.running:
                 self.running.pop(name).finish(0.0)
@@ -93,12 +93,12 @@ class Rig:
         self._log_anew()
 
     def end(self, *names: str) -> None:
-        """Take processes away, as kill -9 does."""
+        """Kill processes, as kill -9 does."""
         for name in names:
             self.running[name].finish(0.0)
 
     def note_deaths(self) -> list[Died]:
-        """Say in the run file, as a supervisor does, who has ended; return them."""
+        """Record ended processes in the run file, as a supervisor does; return them."""
         died = [ended for each in self.running.values() if (ended := each.ended())]
         for each in died:
             if self._log is not None:
@@ -106,12 +106,12 @@ class Rig:
         return died
 
     def trace_since(self, since_ns: int) -> Records:
-        """Return what the arm did since a moment."""
+        """Return the trace of the arm since a time."""
         records = read_trace(self._folder / "trace")
         return records[records["at_ns"] >= since_ns]
 
     def _log_anew(self) -> None:
-        """A run file names each process once: whoever was started again is another process."""
+        """Start a new run file: it lists each process once, and a restart is a new process."""
         self._log = RunLog(self.cell, self._file)
         for running in self.running.values():
             self._log.started(running.process, running.pid)
@@ -131,7 +131,7 @@ class Rig:
 
 @contextmanager
 def environment(**variables: str) -> Iterator[None]:
-    """Set environment variables for the processes that are started meanwhile."""
+    """Set environment variables for processes started in the block."""
     before = {name: os.environ.get(name) for name in variables}
     os.environ.update(variables)
     try:

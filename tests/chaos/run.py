@@ -1,4 +1,4 @@
-"""Runs cases on real cells and prints what comes of each; a spoilt trial is repeated."""
+"""Execution of cases on real cells; prints each outcome and repeats invalid trials."""
 
 import tempfile
 import time
@@ -29,17 +29,17 @@ CONNECT_WITHIN_S = 20.0
 
 @dataclass(slots=True)
 class Report:
-    """What came of a whole run."""
+    """Results of a whole run."""
 
     outcomes: list[Outcome] = field(default_factory=list)
     limits: dict[CellName, Limits] = field(default_factory=dict)
-    untried: list[str] = field(default_factory=list)  # spoilt again and again
-    spoilt: list[str] = field(default_factory=list)  # and repeated
+    untried: list[str] = field(default_factory=list)  # invalid in every attempt
+    spoilt: list[str] = field(default_factory=list)  # invalid trials, repeated
     took_s: float = 0.0
 
 
 def limits_of(cell: Cell) -> Limits:
-    """Return the numbers that a cell's outcomes are held against."""
+    """Return the limits of a cell for the evaluation."""
     return Limits(
         command_s=cell.stale_after_s(topics.ROBOT_COMMAND),
         watchdog_s=0.0 if cell.gateway is None else cell.gateway.watchdog_s,
@@ -48,10 +48,10 @@ def limits_of(cell: Cell) -> Limits:
 
 
 class Runner:
-    """Keeps a cell up for as long as cases want the same one."""
+    """Runs cases; keeps a cell running while consecutive cases use it."""
 
     def __init__(self, journal: Journal) -> None:
-        """Start nothing yet; what the journal knows belongs to the report."""
+        """Start without a cell; outcomes of the journal are part of the report."""
         self.report = Report(outcomes=list(journal.outcomes), spoilt=list(journal.spoilt))
         for cell in {outcome.case.cell for outcome in journal.outcomes}:
             self.report.limits[cell] = limits_of(chaos_cell(cell))
@@ -61,7 +61,7 @@ class Runner:
         self._rig: Rig | None = None
 
     def run(self, cases: Iterable[Case]) -> Report:
-        """Try all cases in their order. Call it in the main thread."""
+        """Run all cases in order. Call it in the main thread."""
         started_s = time.monotonic()
         try:
             for cell, group in groupby(cases, key=lambda case: case.cell):

@@ -1,4 +1,4 @@
-"""Gets the arm moving in a phase of the main job, as a client does, and tells when to hit."""
+"""Scripted client: brings the arm into a phase of the job and selects the injection time."""
 
 import random
 from collections.abc import Callable
@@ -19,36 +19,36 @@ from tests.chaos.recorder_client import Ear
 
 READY_WITHIN_S = 30.0
 ASK_EVERY_S = 0.05
-IN_CONTACT = "payload"  # the code of what is left of the force in free space
+IN_CONTACT = "payload"  # fault code of a residual force
 MOVED_WITHIN_S = 15.0
 APPROACH_M_S = 0.1
 PRESS_N = 35.0
-RELEASE_FROM_M = -0.0175  # of the flange below home; contact begins 5 mm below
+RELEASE_FROM_M = -0.0175  # flange height relative to home; contact begins at -5 mm
 NEAR_M = -0.003
 FAR_M = 0.08
 
 
 class NotMovingError(Exception):
-    """The arm did not come into the phase: the trial does not count."""
+    """Error: the arm did not reach the phase; the trial does not count."""
 
 
 class Job:
-    """A client that works with the cell."""
+    """Client that runs the job on the cell."""
 
     def __init__(self, ear: Ear, *, release_host: Host) -> None:
-        """Take the arm's first pose for home."""
+        """Store the first pose of the arm as home."""
         self._ear, self._host = ear, release_host
         if not ear.until(lambda: ear.robot() is not None, READY_WITHIN_S):
-            raise NotMovingError("the robot is not heard")
+            raise NotMovingError("no robot state received")
         robot = ear.robot()
         if robot is None:
-            raise NotMovingError("the robot fell silent")
+            raise NotMovingError("the robot state has expired")
         self._T_base_home = pose_of(robot)
 
     def arm(self) -> None:
-        """Clear what has latched and arm, as soon as the cell lets us; move out of contact first.
+        """Clear latched faults and arm as soon as permitted; move out of contact first.
 
-        Raises NotMovingError when it does not in good time.
+        Raises NotMovingError after the time-out.
         """
         reply = self._arm_for("all")
         if reply is not None and reply.code == IN_CONTACT:
@@ -60,7 +60,7 @@ class Job:
             raise NotMovingError(f"it could not be armed: {reply.text if reply else 'silent'}")
 
     def _arm_for(self, purpose: ArmPurpose) -> Reply | None:
-        """Ask again and again until it is armed, or contact is in the way; return the answer."""
+        """Repeat the request until it is armed, or contact prevents it; return the reply."""
         reply: Reply | None = None
 
         def decided() -> bool:
@@ -83,9 +83,9 @@ class Job:
         return reply
 
     def begin(self, phase: Phase, numbers: random.Random) -> None:
-        """Come into a phase, moving; return at the moment to hit.
+        """Bring the arm into a phase; return at the injection time.
 
-        Raises NotMovingError when the arm does not come there.
+        Raises NotMovingError if the arm does not reach the phase.
         """
         if phase == "approach":
             self._go(FAR_M, speed_m_s=0.2)
@@ -105,24 +105,24 @@ class Job:
             self._until(lambda: self._force_N() < threshold_N, "release")
 
     def hold(self) -> None:
-        """Ask for a hold; one that is not answered is none of our business."""
+        """Request a hold; a missing reply is ignored."""
         try:
             self._ear.bus.ask(topics.HOLD, HoldRequest(reason="the trial is over"), 1.0)
         except ForcemeshError:
             return
 
     def provoke(self) -> list[str]:
-        """Ask for motion without arming; return what was wrongly accepted."""
+        """Request motion without arming; return the requests wrongly accepted."""
         wanted = self._request(0.0, 0.05)
         try:
             move = self._ear.bus.ask(topics.MOVE, wanted, 1.0)
             force = self._ear.bus.ask(topics.FORCE_START, ForceStartRequest(mode="position"), 1.0)
         except ForcemeshError:
-            return []  # nobody is there who could accept
+            return []  # no process is running that could accept
         replies = {"move": move, "force feedback": force}
         return [name for name, reply in replies.items() if reply.accepted]
 
-    # --- inside -----------------------------------------------------------------------------------
+    # --- internal ---------------------------------------------------------------------------------
 
     def _go(self, height_m: float, *, speed_m_s: float) -> None:
         goal = self._ask_move(height_m, speed_m_s=speed_m_s)
@@ -157,7 +157,7 @@ class Job:
         return reply
 
     def _until(self, what: Callable[[], bool], doing: str) -> None:
-        """Wait for something; a stop of the arm ends it at once."""
+        """Wait for a condition; a stop of the arm ends the wait at once."""
         stopped = ""
 
         def there() -> bool:

@@ -1,7 +1,7 @@
-"""Soak: the demo's cell at full rate, round after round of arm, press, release, move.
+"""Soak test: the demo cell at full rate, repeating arm, press, release, move.
 
-`make soak`, or `python -m tests.chaos.soak [--minutes 10]`. Exit codes: 0 no process grew,
-leaked or held without need, and the loops were on time; else 1.
+`make soak`, or `python -m tests.chaos.soak [--minutes 10]`. Exit code 0: no memory growth,
+no leaks, no unexpected holds, and the loops were on time; otherwise 1.
 """
 
 import argparse
@@ -32,12 +32,12 @@ PRESS_S, RELEASE_S = 2.5, 1.5
 LIFT_M, LIFT_M_S = 0.01, 0.05
 SAMPLE_S = 2.0
 POLL_S = 0.0005
-WARM_UP_SHARE = 0.2  # of the whole, in which buffers fill and caches warm
+WARM_UP_SHARE = 0.2  # of the duration, while buffers and caches fill
 GROWTH_B = 1_000_000  # in ten minutes
-# What fills up in the first seconds beyond the warm-up: seen 110 to 180 kB in 6 s, 80 kB in 15 s.
+# Growth in the first seconds after the warm-up: measured 110 to 180 kB in 6 s, 80 kB in 15 s.
 FILL_B = 400_000
 TEN_MINUTES_S = 600.0
-LATE_S = 0.020  # p99.9: the shortest deadline that a cell file may set
+LATE_S = 0.020  # p99.9: the shortest deadline permitted in a cell file
 STREAMS: tuple[Topic[Any], ...] = (
     topics.ROBOT_STATE,
     topics.WRENCH,
@@ -45,13 +45,13 @@ STREAMS: tuple[Topic[Any], ...] = (
     topics.ROBOT_COMMAND,
 )
 PAGE_B = 4096
-ROLES = ("hub", "robot", "wrench", "regulator", "arbiter")  # the robot plays the sensor as well
+ROLES = ("hub", "robot", "wrench", "regulator", "arbiter")  # the robot also implements the sensor
 HEAD = ("process", "memory MB", "growth kB/10 min", "files", "loop", "late p99.9 ms", "")
 
 
 @dataclass(slots=True)
 class Body:
-    """What a process weighs, sampled."""
+    """Memory and open files of a process, sampled."""
 
     pid: int
     at_s: list[float] = field(default_factory=list)
@@ -59,39 +59,39 @@ class Body:
     files: list[int] = field(default_factory=list)
 
     def sample(self, at_s: float) -> None:
-        """Weigh it now. Raises OSError when it is gone."""
+        """Take a sample. Raises OSError if the process has ended."""
         pages = Path(f"/proc/{self.pid}/statm").read_text(encoding="ascii").split()[1]
         self.at_s.append(at_s)
         self.resident_b.append(int(pages) * PAGE_B)
         self.files.append(sum(1 for _ in Path(f"/proc/{self.pid}/fd").iterdir()))
 
     def growth_b(self, over_s: float) -> float:
-        """Return by how much it grows in a time, after the warm-up, by a straight line [bytes]."""
+        """Return the growth per `over_s` after the warm-up, by a linear fit [bytes]."""
         first = int(WARM_UP_SHARE * len(self.at_s))
         slope = np.polyfit(self.at_s[first:], self.resident_b[first:], 1)[0]
         return float(slope) * over_s
 
     @property
     def leaked(self) -> int:
-        """How many files it has open at the end more than after the warm-up."""
+        """Increase of open files from the warm-up to the end."""
         first = int(WARM_UP_SHARE * len(self.files))
         return max(self.files[first:]) - min(self.files[first:])
 
 
 class Punctuality:
-    """How late a writer was with each message, by the stamps of messages that follow each other.
+    """Lateness of a publisher per message, from the stamps of consecutive messages.
 
-    The stamps are the writer's own, so it does not matter when we read them.
+    The stamps are the publisher's, so the time of reading does not matter.
     """
 
     def __init__(self, reader: Reader[Any], period_s: float) -> None:
-        """Listen to one stream."""
+        """Subscribe to one stream."""
         self._reader, self._period_s = reader, period_s
         self._last: tuple[int, int] | None = None
         self.late_s: list[float] = []
 
     def poll(self, now_ns: int) -> None:
-        """Take the newest message, if there is one."""
+        """Read the latest message, if any."""
         if not self._reader.poll():
             return
         header = self._reader.read(now_ns).header
@@ -108,10 +108,10 @@ class Punctuality:
 
 
 class Soak:
-    """Plays rounds and watches everything meanwhile."""
+    """Runs rounds and monitors all processes."""
 
     def __init__(self, under_test: CellUnderTest, watch: Witness, late_s: float) -> None:
-        """Subscribe; weigh everybody a first time."""
+        """Subscribe; take a first sample of all processes."""
         cell: Cell = under_test.cell
         self.under_test, self._witness, self._late_s = under_test, watch, late_s
         self.rounds, self.false_holds = 0, 0
@@ -121,14 +121,14 @@ class Soak:
             topic.key: Punctuality(under_test.client.reader(topic), 1.0 / cell.rate_hz(topic))
             for topic in STREAMS
         }
-        under_test.until(lambda: set(ROLES) <= set(under_test.pids()), "everybody's health")
+        under_test.until(lambda: set(ROLES) <= set(under_test.pids()), "health of all roles")
         pids = under_test.pids()
         self.bodies = {role: Body(pids[role]) for role in ROLES}
         self._next_sample_s = 0.0
         self._began_s = time.monotonic()
 
     def run(self, minutes: float) -> None:
-        """Play rounds until the time is over."""
+        """Run rounds for a duration."""
         self.under_test.tare()
         self._high_m = self.under_test.height_m() + LIFT_M
         end_s = self._began_s + 60.0 * minutes
@@ -140,7 +140,7 @@ class Soak:
                 self._explain(began_ns)
 
     def _round(self) -> Iterator[bool]:
-        """Yield after each stage whether the arm still may move."""
+        """Yield after each stage whether the arm may still move."""
         cell = self.under_test
         cell.make_ready()
         cell.press(PRESS_N)
@@ -154,7 +154,7 @@ class Soak:
         yield self._live(2.0 * LIFT_M / LIFT_M_S)
 
     def _live(self, duration_s: float) -> bool:
-        """Let time pass and look at everything; tell whether the arm may still move."""
+        """Monitor for a duration; return whether the arm may still move."""
         end_s = time.monotonic() + duration_s
         while time.monotonic() < end_s:
             now_ns = time.monotonic_ns()
@@ -171,7 +171,7 @@ class Soak:
         return self.under_test.state in MAY_MOVE
 
     def _explain(self, began_ns: int) -> None:
-        """Count a hold that nobody asked for, unless the machine stalled."""
+        """Count an unexpected hold, unless the machine stalled."""
         stall_s = self._witness.worst_s(began_ns, time.monotonic_ns())
         what = f"round {self.rounds}: {self.under_test.causes()}, witness {stall_s * 1e3:.0f} ms"
         if stall_s > STALL_S:
@@ -181,7 +181,7 @@ class Soak:
             self.mistakes.append(f"held without need, {what}")
 
     def judge(self, minutes: float) -> list[tuple[object, ...]]:
-        """Return the lines of the table; mistakes are noted."""
+        """Return the rows of the table; record mistakes."""
         over_s = max(TEN_MINUTES_S if minutes >= 10 else 60.0 * minutes, 1.0)
         streams = dict(zip(ROLES[1:], STREAMS, strict=True))
         rows: list[tuple[object, ...]] = []
@@ -211,19 +211,19 @@ class Soak:
 
 
 def most_growth_b(over_s: float) -> float:
-    """Return by how much a process may grow in a time after the warm-up [bytes]."""
+    """Return the permitted growth of a process after the warm-up [bytes]."""
     return min(GROWTH_B, FILL_B + GROWTH_B * over_s / TEN_MINUTES_S)
 
 
 def soak(
     minutes: float, changes: Mapping[str, object] | None = None, late_s: float = LATE_S
 ) -> Soak:
-    """Bring a cell up, soak it, return what was seen.
+    """Start a cell, run the soak test, return the observations.
 
     Args:
-        minutes: How long it plays rounds.
-        changes: What its cell file says in other words than the demo's.
-        late_s: A loop may be later than this once in a thousand messages [s].
+        minutes: Duration of the test.
+        changes: Overrides of the demo's cell file.
+        late_s: Limit of the lateness of a loop at the 99.9th percentile [s].
     """
     with ExitStack() as exits:
         folder = Path(exits.enter_context(tempfile.TemporaryDirectory(prefix="forcemesh-soak-")))
@@ -247,7 +247,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="tests.chaos.soak", description=__doc__)
     parser.add_argument("--minutes", type=float, default=10.0)
     minutes = parser.parse_args().minutes
-    take_realtime_priority()  # only who is on time himself hears every message
+    take_realtime_priority()  # a delayed subscriber would miss messages
     try:
         seen = soak(minutes)
     except ForcemeshError as error:

@@ -1,4 +1,4 @@
-"""The table of what was tried and what came of it."""
+"""Result table of the trials."""
 
 from collections.abc import Iterable
 from itertools import groupby
@@ -14,7 +14,7 @@ RULE = "|---|---|---:|---:|---:|---:|---:|---:|---|---:|"
 
 
 def rows(outcomes: Iterable[Outcome], limits: Limits) -> list[str]:
-    """Return the lines of a table in Markdown: one per service and kind, worst numbers."""
+    """Return a Markdown table: one row per service and kind, with the worst numbers."""
     ordered = sorted(outcomes, key=lambda outcome: _place(outcome.case))
     lines = [HEAD, RULE]
     for _, group in groupby(ordered, key=lambda outcome: _place(outcome.case)):
@@ -23,7 +23,7 @@ def rows(outcomes: Iterable[Outcome], limits: Limits) -> list[str]:
 
 
 def one_line(outcome: Outcome, limits: Limits) -> str:
-    """Return one trial as a line for people who watch."""
+    """Return one trial as a line for the console."""
     case, broken = outcome.case, violations(outcome, limits)
     came_of_it = "went on" if outcome.went_on else "held"
     return (

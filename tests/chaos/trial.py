@@ -1,4 +1,4 @@
-"""One injection from the moving arm to the verdict of the trace."""
+"""Procedure of one injection, from the moving arm to the evaluation of the trace."""
 
 import time
 
@@ -16,24 +16,24 @@ from tests.chaos.recorder_client import Ear
 from tests.chaos.rig import Rig
 from tests.chaos.scripted_job import Job, NotMovingError
 
-WATCH_S = 2.0  # for motion that nobody asked for
-LOOK_S = 0.5  # after a death, before status is asked
+WATCH_S = 2.0  # observation time for uncommanded motion
+LOOK_S = 0.5  # from the end of a process to the status query
 UP_WITHIN_S = 30.0
 
 
 class Trials:
-    """Tries cases on one running cell."""
+    """Runs cases on one running cell."""
 
     def __init__(self, rig: Rig, ear: Ear, job: Job) -> None:
-        """Work on a cell that is up."""
+        """Use a running cell."""
         self._rig, self._ear, self._job = rig, ear, job
         self._view = CellView(ear.bus, rig.cell)
 
     def run(self, case: Case) -> Outcome:
-        """Try a case.
+        """Run a case.
 
-        Raises SpoiltError when the machine stalled or the arm rested, NotMovingError when it did
-        not come into the phase at all, NoBiteError when the process was not hit.
+        Raises SpoiltError if the machine stalled or the arm was at rest, NotMovingError if it did
+        not reach the phase, NoBiteError if the injection had no effect.
         """
         outcome = Outcome(case)
         self._job.arm()
@@ -47,13 +47,13 @@ class Trials:
         return outcome
 
     def _recover(self, outcome: Outcome) -> None:
-        """Look whether a person can go on: clear, then arm."""
+        """Check the recovery: clear, then arm."""
         try:
             self._job.arm()
         except NotMovingError as error:
             outcome.recovered, outcome.note = False, str(error)
 
-    # --- while it happens -------------------------------------------------------------------------
+    # --- injection --------------------------------------------------------------------------------
 
     def _inject(self, outcome: Outcome) -> Window:
         case, names = outcome.case, self._names(outcome.case)
@@ -73,12 +73,12 @@ class Trials:
         return Window(fault_ns, thaw_ns, self._end(outcome))
 
     def _names(self, case: Case) -> list[str]:
-        """Return the processes that are hit, the measured one first."""
+        """Return the target processes, the measured one first."""
         roles = [case.role, case.second_role] if case.second_role else [case.role]
         return [self._rig.name_of(role) for role in roles]
 
     def _strike(self, case: Case) -> int:
-        """End the processes that are hit; return when."""
+        """End the target processes; return the time."""
         hit = [self._rig.running[name] for name in self._names(case)]
         strikes = {"terminate": injector.terminate, "memory": memory.exhaust}
         times = [strikes.get(case.kind, injector.kill)(each) for each in hit]
@@ -87,7 +87,7 @@ class Trials:
         return times[0]
 
     def _freeze(self, outcome: Outcome) -> tuple[int, int]:
-        """Stop processes for a while, perhaps end another meanwhile; return from when to when."""
+        """Freeze processes for a while, optionally end another; return start and end."""
         case = outcome.case
         hit = [self._rig.running[name] for name in self._names(case)]
         frozen = hit[:1] if case.kind.startswith("killed") else hit
@@ -105,7 +105,7 @@ class Trials:
         return frozen_ns[0], thawed_ns[0]
 
     def _restart_the_others(self, name: str, outcome: Outcome) -> None:
-        """Start everything anew but the arm, which could then not be seen to move."""
+        """Restart all processes except the arm, whose motion is measured."""
         arm = self._rig.name_of("robot" if self._rig.cell.roles.robot == "sim" else "sensor")
         others = self._rig.others_than(name, arm)
         self._rig.end(*others)
@@ -114,7 +114,7 @@ class Trials:
         self._ear.during(WATCH_S / 2)
 
     def _until_up(self, outcome: Outcome, *started: str) -> None:
-        """Wait for the new processes: what the old ones said last is still fresh for a while."""
+        """Wait for the new processes: messages of the old ones stay fresh for a while."""
 
         def up() -> bool:
             pids = {self._view.pid(role) for role in topics.ROLES}
@@ -134,17 +134,17 @@ class Trials:
             outcome.status_shows = self._shows(self._status(), outcome.case.role)
 
     def _status(self) -> CellStatus:
-        """Return what `forcemesh status --json` prints."""
+        """Return the output of `forcemesh status --json`."""
         return cell_status(self._rig.cell, read_run(self._rig.cell.cell))
 
     def _shows(self, status: CellStatus, role: str) -> bool:
-        """Tell whether a status names a cause that was heard, or the process that was hit."""
+        """Return whether a status names a received cause, or the target process."""
         codes = {trip["code"] for trip in status["trips"]}
         row = next(row for row in status["services"] if row["name"] == role)
         return bool(codes & set(self._ear.notes.codes)) or bool(row["fault"])
 
     def _end(self, outcome: Outcome) -> int:
-        """Provoke once more, then end the watch; a cell that went on is held."""
+        """Request motion once more, then end the observation; a cell that continued is held."""
         if outcome.went_on:
             end_ns = time.monotonic_ns()
             self._job.hold()

@@ -1,8 +1,8 @@
-"""The idle witnesses: scheduling class and period of a control loop, and nothing to do.
+"""Idle witness processes with the scheduling class and period of a control loop.
 
-What they oversleep is the machine's doing, not ours: they go before every process of a cell. One
-for each processor: a host takes single ones away, and the kernel lets real time have 95 % of a
-processor and stops whatever runs on that one for the rest of the second.
+They have priority over all processes of a cell, so their lateness is caused by the machine. There
+is one per processor: a host may withdraw single ones, and the kernel limits real-time tasks to 95 %
+of a processor and suspends them for the rest of the second.
 `python -m tests.chaos.witness FILE PROCESSOR`
 """
 
@@ -23,35 +23,35 @@ from forcemesh.clock import NS_PER_S
 from tests.chaos.common_net import child
 
 PERIOD_S = 0.004
-ROW = struct.Struct("<qq")  # when it woke, how late that was [ns]
+ROW = struct.Struct("<qq")  # wake-up time, lateness [ns]
 STALL_S = 0.020
 
 Array = npt.NDArray[np.int64]
 
 
 class Witness:
-    """What the witnesses wrote so far."""
+    """Reader of the records of all witnesses."""
 
     def __init__(self, paths: list[Path]) -> None:
-        """Read from files that grow."""
+        """Read from growing files."""
         self._paths = paths
 
     def rows(self) -> Array:
-        """Return moments and lateness [ns], shape (n, 2)."""
+        """Return wake-up times and lateness [ns], shape (n, 2)."""
         return np.concatenate([_rows(path) for path in self._paths])
 
     def worst_s(self, since_ns: int, until_ns: int) -> float:
-        """Return how late it was at worst between two moments [s]."""
+        """Return the largest lateness between two times [s]."""
         rows = self.rows()
         late = rows[(rows[:, 0] >= since_ns) & (rows[:, 0] - rows[:, 1] <= until_ns), 1]
         return float(late.max()) / NS_PER_S if len(late) else 0.0
 
     def stalls(self, longer_than_s: float = STALL_S) -> int:
-        """Return how often it was later than that."""
+        """Return the number of wake-ups with a larger lateness."""
         return int((self.rows()[:, 1] > longer_than_s * NS_PER_S).sum())
 
     def percentile_s(self, percent: float) -> float:
-        """Return a percentile of its lateness [s]."""
+        """Return a percentile of the lateness [s]."""
         return float(np.percentile(self.rows()[:, 1], percent)) / NS_PER_S
 
 
@@ -63,7 +63,7 @@ def _rows(path: Path) -> Array:
 
 @contextmanager
 def witness(folder: Path) -> Iterator[Witness]:
-    """Let a witness run on each processor beside the block."""
+    """Run a witness on each processor during the block."""
     with ExitStack() as exits:
         paths = []
         for processor in sorted(os.sched_getaffinity(0)):
@@ -74,7 +74,7 @@ def witness(folder: Path) -> Iterator[Witness]:
 
 
 def main() -> None:
-    """Sleep, wake, write down how late."""
+    """Sleep periodically and record the lateness of each wake-up."""
     stop = stop_on_signals()
     os.sched_setaffinity(0, {int(sys.argv[2])})
     take_realtime_priority(PRIORITY + 1)

@@ -2,8 +2,8 @@
 
 Needs atheris (x86-64 Linux).
 
-Inputs that reach new branches go to `out/fuzz/TARGET`, one that breaks a claim to
-`out/fuzz/TARGET-crash-...`: make it a seed, and a test.
+Inputs that reach new branches are written to `out/fuzz/TARGET`, an input that violates a property
+to `out/fuzz/TARGET-crash-...`: add it as a seed and as a test.
 """
 
 import argparse
@@ -19,10 +19,10 @@ OUT = Path("out") / "fuzz"
 
 
 def main() -> int:
-    """Fuzz every target that was asked for in a process of its own; 1 if one was broken."""
+    """Fuzz each requested target in its own process; return 1 if one failed."""
     parser = argparse.ArgumentParser(prog="python -m tests.fuzz", description=__doc__)
     parser.add_argument("targets", nargs="*", metavar="TARGET", help=f"of {', '.join(TARGETS)}")
-    parser.add_argument("--seconds", type=int, default=60, help="for each target")
+    parser.add_argument("--seconds", type=int, default=60, help="seconds per target")
     parser.add_argument("--here", action="store_true", help=argparse.SUPPRESS)
     arguments = parser.parse_args()
     names = arguments.targets or list(TARGETS)
@@ -43,7 +43,7 @@ def _fuzz(name: str, seconds: int) -> int:
     try:
         atheris = importlib.import_module("atheris")
     except ModuleNotFoundError:
-        print("fuzzing needs atheris, which there is for Python 3.11 to 3.14 on x86-64 Linux")
+        print("fuzzing needs atheris, available for Python 3.11 to 3.14 on x86-64 Linux")
         return 1
     with atheris.instrument_imports(include=list(TARGETS[name])):
         target: Any = importlib.import_module(f"fuzz.{name}")

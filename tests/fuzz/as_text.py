@@ -1,6 +1,6 @@
-"""Whatever an .as file holds: it is parsed and checked, or every mistake is named.
+"""Fuzz target `as_text`: any .as file is parsed and checked, or every mistake is reported.
 
-What parses is also executed for a moment: an AS error may stop a program, nothing else.
+A file that parses is also executed briefly: only an AS error may stop a program.
 """
 
 from forcemesh.errors import DataError
@@ -16,7 +16,7 @@ from sim.robot.settings import SimSettings
 
 MAX_BYTES = 1500
 MOMENT_NS = 4_000_000
-PROGRAMS = 2  # so many of a file are executed
+PROGRAMS = 2  # number of programs executed per file
 
 
 def check(data: bytes) -> None:
@@ -36,7 +36,7 @@ def check(data: bytes) -> None:
 
 
 def _execute(source: SourceFile) -> None:
-    """Run the first programs of a file, one after the other, on a controller of their own."""
+    """Run the first programs of a file, one after the other, each on a new controller."""
     machine = Machine(
         SimArm(SimSettings(gap_m=0.1), seed=0), MemoryNetwork(), behaviour=Behaviour(step_s=2e-5)
     )

@@ -1,4 +1,4 @@
-"""Whatever a cell file holds: it loads, and its dump into the same cell, or ConfigError tells."""
+"""Fuzz target `cells`: a cell file loads and round-trips through its dump, or ConfigError."""
 
 import tempfile
 from functools import cache
@@ -16,7 +16,7 @@ def _folder() -> Path:
 
 
 def check(data: bytes) -> None:
-    """Load bytes as a cell file; mistakes are listed, each with a word."""
+    """Load bytes as a cell file; each mistake is listed with a message."""
     path = _folder() / "cell.yaml"
     path.write_bytes(data)
     try:

@@ -1,10 +1,10 @@
-"""Ten million bad packets against the readers: `python -m tests.fuzz.codec`.
+"""Corruption test of the packet readers with ten million streams: `python -m tests.fuzz.codec`.
 
-Streams are halved, merged, truncated, shifted by 1 to 62 characters, shifted or cut by whole
-frames, or hold a character that no number has; two more kinds show what a protocol without a
-checksum sees one packet late. The numbers are chosen to look like commands, counters and the ends
-of their range. A misread is a packet that is believed and was never sent: by the gateway (a 101
-with its 102), or by the controller (as `tests.fuzz.framer` reads its protocol a second time).
+Streams are split, merged, truncated, shifted by 1 to 62 characters, shifted or cut by whole frames,
+or contain an invalid character. Two more kinds show corruption that a protocol without a checksum
+detects one packet late. The numbers are chosen to resemble commands, counters and range limits. A
+misread is a packet accepted but never sent: by the gateway (a 101 with its 102), or by the
+controller (with `tests.fuzz.framer` as the reference implementation).
 """
 
 import argparse
@@ -30,8 +30,8 @@ from services.gateway.reports import parse_report
 from services.gateway.scales import Scales
 from tests.fuzz.framer import frame, numbers
 
-POOL = 3000  # trios of packets to spoil
-# Numbers that look like something else when they are read one frame too early or too late.
+POOL = 3000  # trios of packets to corrupt
+# Numbers that resemble other fields when they are read one frame too early or too late.
 LOOKALIKES = (0, 1, 2, 3, 7, 8, 9, 12, 101, 102, 103, 5, 6, 4, 10, 11, VALUE_MIN, -1, VALUE_MAX)
 DIGITS = frozenset(b"0123456789")
 SCALES = Scales()
@@ -39,7 +39,7 @@ SCALES = Scales()
 
 @dataclass(slots=True)
 class Trio:
-    """Three packets in a row as they are sent, and what comes before them."""
+    """Three consecutive packets as sent, with their prefix."""
 
     chars: tuple[bytes, bytes, bytes]
     to_gateway: bool
@@ -48,17 +48,17 @@ class Trio:
 
 @dataclass(slots=True)
 class Tally:
-    """What came of it."""
+    """Counters of the test."""
 
     cases: int = 0
     kinds: Counter[str] = field(default_factory=Counter)
-    seen_late: int = 0  # believed, of the kinds that nobody can see at once
-    well_formed: Counter[str] = field(default_factory=Counter)  # only the meaning could tell
+    seen_late: int = 0  # accepted, of the kinds that are undetectable at once
+    well_formed: Counter[str] = field(default_factory=Counter)  # detectable only by content
     misread: list[str] = field(default_factory=list)
 
 
 def trios(rng: random.Random) -> list[Trio]:
-    """Return what may be sent: reports, and commands behind a hello."""
+    """Return valid packet trios: reports, and commands after a hello."""
     found = []
     for number in range(POOL):
         values = [_value(rng) for _ in range(12)]
@@ -97,29 +97,29 @@ def _six(values: "list[int] | tuple[int, ...]") -> tuple[int, int, int, int, int
     return (a, b, c, d, e, f)
 
 
-# --- how a stream is spoiled: the stream that arrives, and how many packets of it are right -------
+# --- corruptions: each returns the received stream, and its number of valid packets --------------
 
 Spoiled = tuple[bytes, int]
 
 
 def half(trio: Trio, rng: random.Random) -> Spoiled:
-    """The last packet has not all come."""
+    """Return a stream whose last packet is incomplete."""
     return b"".join(trio.chars)[: rng.randrange(1, 3 * PACKET_CHARS)], 3
 
 
 def merged(trio: Trio, _rng: random.Random) -> Spoiled:
-    """All of them come at once."""
+    """Return all packets in one piece."""
     return b"".join(trio.chars), 3
 
 
 def truncated(trio: Trio, rng: random.Random) -> Spoiled:
-    """One loses its end, not between two frames, and the next one follows."""
+    """Truncate one packet within a frame; the next packet follows."""
     end = rng.choice([k for k in range(PACKET_CHARS) if k % 7])
     return _cut(trio, rng.randrange(2), end)
 
 
 def frames_lost(trio: Trio, rng: random.Random) -> Spoiled:
-    """One loses whole frames at its end, and the next one follows."""
+    """Remove whole frames at the end of one packet; the next packet follows."""
     return _cut(trio, rng.randrange(2), 7 * rng.randrange(1, 9))
 
 
@@ -130,17 +130,17 @@ def _cut(trio: Trio, which: int, end: int) -> Spoiled:
 
 
 def shifted(trio: Trio, rng: random.Random) -> Spoiled:
-    """The beginning is missing, by 1 to 62 characters."""
+    """Remove 1 to 62 characters at the start."""
     return b"".join(trio.chars)[rng.randrange(1, PACKET_CHARS) :], 0
 
 
 def shifted_by_frames(trio: Trio, rng: random.Random) -> Spoiled:
-    """One to eight whole frames of the beginning are missing."""
+    """Remove one to eight whole frames at the start."""
     return b"".join(trio.chars)[7 * rng.randrange(1, 9) :], 0
 
 
 def odd(trio: Trio, rng: random.Random) -> Spoiled:
-    """One character is none that can stand there."""
+    """Replace one character by an invalid one."""
     stream = b"".join(trio.chars)
     at = rng.randrange(len(stream))
     place = at % PACKET_CHARS % 7
@@ -152,9 +152,9 @@ def odd(trio: Trio, rng: random.Random) -> Spoiled:
 
 
 def added(trio: Trio, rng: random.Random) -> Spoiled:
-    """Characters come in between: digits and a space in the right place are another number.
+    """Insert characters: digits and a space in the right place form another number.
 
-    One packet may be misread, then none. TCP does no such thing; this counts how often it shows.
+    One packet may be misread, no more. TCP does not insert; this measures the detection rate.
     """
     stream = b"".join(trio.chars)
     at = rng.randrange(PACKET_CHARS)
@@ -163,7 +163,7 @@ def added(trio: Trio, rng: random.Random) -> Spoiled:
 
 
 def frames_added(trio: Trio, rng: random.Random) -> Spoiled:
-    """Whole frames come in between, such as may stand there: as above, one packet late."""
+    """Insert whole valid frames: as above, detected one packet late."""
     stream, at = b"".join(trio.chars), 7 * rng.randrange(1, 9)
     extra = b"".join(b"%06d " % _value(rng) for _ in range(rng.randrange(1, 9)))
     return stream[:at] + extra + stream[at:], 0
@@ -175,15 +175,15 @@ SPOILS: dict[str, Callable[[Trio, random.Random], Spoiled]] = {
         half, merged, truncated, frames_lost, shifted, shifted_by_frames, odd, added, frames_added,
     )
 }  # fmt: skip
-# What nobody can see at once: the packet is well formed, and its ID is the right one.
+# Undetectable at once: the packet is well formed and has the correct ID.
 LATE = {"added", "frames_added"}
 
 
-# --- who believes what ----------------------------------------------------------------------------
+# --- acceptance by gateway and controller ---------------------------------------------------------
 
 
 def run(cases: int, seed: int) -> Tally:
-    """Spoil so many streams; return what was believed of them that was never sent."""
+    """Corrupt this many streams; return the packets accepted but never sent."""
     rng, tally = random.Random(seed), Tally()
     pool, names = trios(rng), list(SPOILS)
     for _ in range(cases):
@@ -200,7 +200,7 @@ def run(cases: int, seed: int) -> Tally:
 
 
 def judge(trio: Trio, spoiled: Spoiled, tally: Tally, name: str) -> str:
-    """Return how a stream was misread, empty when it was not."""
+    """Return how a stream was misread, empty if it was not."""
     stream, right = spoiled
     whole = len(stream) // PACKET_CHARS
     reference = [numbers(stream[k * 63 : k * 63 + 63]) for k in range(whole)]
@@ -208,8 +208,8 @@ def judge(trio: Trio, spoiled: Spoiled, tally: Tally, name: str) -> str:
         read = [packet.frames for packet in PacketReader().feed(stream)]
     except RemoteProtocolError:
         if None not in reference:
-            return "the reader died of a well-formed stream"
-        sound = reference.index(None)  # what came before may have been taken in an earlier call
+            return "the reader rejected a well-formed stream"
+        sound = reference.index(None)  # earlier packets may have been read by an earlier call
     else:
         if read != reference:
             return "the reader and the reference disagree"
@@ -222,7 +222,7 @@ def judge(trio: Trio, spoiled: Spoiled, tally: Tally, name: str) -> str:
 
 
 def _gateway(trio: Trio, packets: list[bytes]) -> str:
-    """The gateway believes a 101 and the 102 of the same sample behind it."""
+    """Return a misread of the gateway: it accepts a 101 followed by the 102 of the same sample."""
     pose: tuple[bytes, int] | None = None
     for chars in packets:
         packet = PacketReader().feed(chars)[0]
@@ -240,14 +240,14 @@ def _gateway(trio: Trio, packets: list[bytes]) -> str:
 
 
 def _controller(trio: Trio, packets: list[bytes]) -> str:
-    """The controller takes what its protocol's page allows."""
+    """Return a misread of the controller: it accepts packets valid by the protocol description."""
     framed = frame(trio.prefix + b"".join(packets))
     taken = [chars for _, _, _, chars in framed.packets]
     return "" if taken == list(trio.chars[: len(taken)]) else "a command that was never sent"
 
 
 def main() -> int:
-    """Spoil streams, tell how many were misread."""
+    """Corrupt streams and print the number of misreads."""
     parser = argparse.ArgumentParser(prog="python -m tests.fuzz.codec", description=__doc__)
     parser.add_argument("--cases", type=int, default=10_000_000)
     parser.add_argument("--seed", type=int, default=1)

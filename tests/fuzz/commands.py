@@ -1,8 +1,9 @@
-"""An authenticated, evil arbiter against the last check: `python -m tests.fuzz.commands`.
+"""Test of the last check with an authenticated hostile arbiter: `python -m tests.fuzz.commands`.
 
-Seeded robot commands, a million by default, go to the gateway (with a controller that obeys) and
-to the simulated robot, on a virtual clock. Nothing that leaves them may be outside the limits of
-the cell. Prints what was said, what was obeyed, how near the limits it came; 1 if one was broken.
+Random robot commands from a seed, a million by default, are sent to the gateway (with a controller
+that executes everything) and to the simulated robot, on a virtual clock. No output may be outside
+the limits of the cell. Prints the commands sent and executed, and the margins; exit code 1 if a
+limit was violated.
 """
 
 import argparse
@@ -34,11 +35,11 @@ from tests.fuzz.judges import ArmJudge, PacketJudge
 from tests.fuzz.permissive_arbiter import YesMan
 
 CELLS = File(__file__).resolve().parents[2] / "cells"
-BLOCK = 5000  # messages to one robot; the next one gets a fresh one and the next seed
+BLOCK = 5000  # messages per robot instance; the next block has a new instance and the next seed
 TICK_NS = 1_000_000
 WRENCH_MS = 4
 MOVING = {b"000001", b"000002", b"000003", b"000004", b"000013"}
-# Small, so that all of them are met often.
+# Small limits, so that all of them are reached often.
 LIMITS = {
     "limits.workspace_min_m": [-0.12, 0.36, 0.10],
     "limits.workspace_max_m": [0.12, 0.59, 0.34],
@@ -50,11 +51,11 @@ LIMITS = {
 
 @dataclass(slots=True)
 class Table:
-    """What came of it."""
+    """Results of the test."""
 
     messages: int = 0
-    obeyed: int = 0  # taken as new under a permission
-    moved_ms: int = 0  # commanded to move, or packets of motion
+    obeyed: int = 0  # commands accepted as new under a permission
+    moved_ms: int = 0  # time with commanded motion [ms], or number of motion packets
     virtual_s: float = 0.0
     kinds: Counter[str] = field(default_factory=Counter)
     holds: Counter[str] = field(default_factory=Counter)
@@ -64,7 +65,7 @@ class Table:
     most_m_s: float = 0.0
 
     def add(self, other: "Table") -> None:
-        """Count another block too."""
+        """Add the results of another block."""
         for name in ("messages", "obeyed", "moved_ms", "virtual_s"):
             setattr(self, name, getattr(self, name) + getattr(other, name))
         for name in ("kinds", "holds", "broken"):
@@ -75,10 +76,10 @@ class Table:
 
 
 class World:
-    """A robot on a virtual clock, the evil arbiter, an honest wrench, and the judge."""
+    """Robot on a virtual clock with the hostile arbiter, a correct wrench, and the judge."""
 
     def __init__(self, robot: str, seed: int) -> None:
-        """Start all of them."""
+        """Start all components."""
         name = "demo.yaml" if robot == "sim" else "demo-tcp.yaml"
         self.cell: Cell = load_cell(CELLS / name, LIMITS)
         self.clock, self.transport = ManualClock(), MemoryTransport()
@@ -121,7 +122,7 @@ class World:
         return self._arm_judge if self._robot == "sim" else self._packet_judge
 
     def run(self, messages: int) -> Table:
-        """Let the evil arbiter say so many messages."""
+        """Let the hostile arbiter send this many messages."""
         for _ in range(100):
             self._live()
         pause_ms = 0
@@ -142,7 +143,7 @@ class World:
         return table
 
     def _live(self) -> None:
-        """Let a millisecond pass."""
+        """Advance by one millisecond."""
         self.clock.advance_ns(TICK_NS)
         now_ns = self.clock.now_ns()
         if now_ns // TICK_NS % WRENCH_MS == 0:
@@ -168,7 +169,7 @@ class World:
             self._seen, self.table.obeyed = seen, self.table.obeyed + 1
 
     def _push(self) -> None:
-        """Publish an honest wrench: contact, and now and then somebody who pushes too hard."""
+        """Publish a correct wrench: contact, and occasionally a force above the ceiling."""
         if self._force_rng.random() < 0.005:
             self._push_N = float(self._force_rng.choice([0.0, 0.0, 0.0, 0.0, 5.0, 30.0, 100.0]))
         force: Vec3 = (0.0, 0.0, self._push_N)
@@ -219,7 +220,7 @@ class World:
 
 
 def lease_of(verdict: Verdict) -> tuple[int, int] | None:
-    """Return arbiter's epoch and lease of what is obeyed, None when nothing is."""
+    """Return arbiter epoch and lease in force, or None."""
     command, accepted = verdict.command, verdict.accepted
     if command is None or command.permission is None or accepted is None:
         return None
@@ -227,16 +228,16 @@ def lease_of(verdict: Verdict) -> tuple[int, int] | None:
 
 
 def is_backing_off(verdict: Verdict) -> bool:
-    """Tell whether what is obeyed is a lease that frees the arm: above the ceiling it may move."""
+    """Return whether the lease in force is a back-off: it may move above the force ceiling."""
     permission = None if verdict.command is None else verdict.command.permission
     return permission is not None and permission.purpose == "back_off"
 
 
 def fuzz(robot: str, messages: int, seed: int, *, say: bool = False) -> Table:
-    """Fuzz one robot in blocks; return what came of it.
+    """Fuzz one robot in blocks; return the results.
 
-    Whoever takes another writer's name again and again holds the arm by that alone (`two_writers`).
-    Here that is left out, so that the limits themselves are tried.
+    Repeated change of the publisher identity would hold the arm by itself (`two_writers`). It is
+    left out here, so that the limits themselves are tested.
     """
     table, began_s = Table(), time.monotonic()
     while table.messages < messages:
@@ -255,7 +256,7 @@ def report(robot: str, table: Table, took_s: float) -> None:
     rate = table.messages / took_s
     print(f"--- {robot}: {table.messages} messages in {took_s:.0f} s, {rate:.0f}/s")
     print(f"virtual time      {table.virtual_s:.0f} s")
-    print(f"obeyed            {table.obeyed}")
+    print(f"executed          {table.obeyed}")
     print(f"moved             {table.moved_ms} {'ms' if robot == 'sim' else 'packets'}")
     print(f"most in 250 ms    {table.most_m * 1e3:.1f} mm")
     print(f"fastest in 60 ms  {table.most_m_s * 1e3:.0f} mm/s")

@@ -1,7 +1,7 @@
-"""What the controller's receiver must make of a stream of bytes, said a second time.
+"""Reference implementation of the controller's receiver.
 
-Written from controller/README.md, without a look at the program's way of doing it, and without the
-gateway's reader: the fuzzer compares three opinions.
+Written from controller/README.md, independently of the AS program and of the gateway's reader: the
+fuzzer compares all three.
 """
 
 from dataclasses import dataclass, field
@@ -17,32 +17,32 @@ AT_ONCE = {
     Com.FORCE_SET_POINT,
     Com.HOLD,
     Com.HEARTBEAT,
-}  # beside 7 with Param 2; all else is queued
+}  # also 7 with Param 2; all other commands are queued
 MOTIONS = {Com.MOVE_POSE, Com.MOVE_JOINTS, Com.MOVE_BY_JOINTS, Com.SET_POINT, Com.FEEDBACK}
 
 
 @dataclass(slots=True)
 class Framed:
-    """The valid beginning of a stream, and what has to follow from it."""
+    """Valid prefix of a stream, and the expected state after it."""
 
-    last_id: int = NO_ID  # of the last valid packet; none: not even the hello was
+    last_id: int = NO_ID  # of the last valid packet; NO_ID: the hello was invalid
     greeted_id: int = NO_ID  # of the hello
-    answered: bool = False  # the hello gets one back
-    closed: bool = False  # something was wrong: hold, and close
+    answered: bool = False  # the hello was answered
+    closed: bool = False  # protocol error: hold, and close
     packets: list[tuple[int, int, tuple[int, ...], bytes]] = field(default_factory=list)
 
     def count(self, com: Com, param: int | None = None) -> int:
-        """How many packets behind the hello are of this command."""
+        """Return the number of packets of this command after the hello."""
         return sum(c == com and param in (None, p) for c, p, _, _ in self.packets)
 
     @property
     def queued(self) -> list[bytes]:
-        """Packets for the robot program."""
+        """Return the packets for the robot program."""
         return [q for c, p, _, q in self.packets if c not in AT_ONCE and (c, p) != (7, 2)]
 
     @property
     def hold_id(self) -> int:
-        """ID of the last command 8, or of the hello, which is a hold too."""
+        """ID of the last command 8, or of the hello, which also holds."""
         ids = [int(q[:6]) for c, _, _, q in self.packets if c == Com.HOLD]
         return (ids or [self.greeted_id])[-1]
 
@@ -54,12 +54,12 @@ class Framed:
 
     @property
     def may_move(self) -> bool:
-        """Whether any packet asks for a motion, or starts force feedback."""
+        """Whether any packet commands a motion, or starts force feedback."""
         return any(c in MOTIONS and (c, p) != (7, 2) for c, p, _, _ in self.packets)
 
 
 def frame(stream: bytes) -> Framed:
-    """Return what a receiver takes from a stream, up to the first thing that is wrong."""
+    """Return the packets that a receiver accepts from a stream, up to the first error."""
     framed = Framed()
     for start in range(0, len(stream) - CHARS + 1, CHARS):
         chars = stream[start : start + CHARS]
@@ -73,7 +73,7 @@ def frame(stream: bytes) -> Framed:
 
 
 def _greet(chars: bytes, framed: Framed) -> None:
-    """Take the first packet: hello with any ID; another version is told ours and sent away."""
+    """Accept the first packet: hello with any ID; a wrong version gets a reply and a close."""
     found = numbers(chars)
     framed.closed = True
     if found is None or b"-" in chars or found[1] != Com.HELLO:
@@ -84,7 +84,7 @@ def _greet(chars: bytes, framed: Framed) -> None:
 
 
 def _take(chars: bytes, framed: Framed) -> None:
-    """Take a later packet: the next ID, a known command and Param, no second hello."""
+    """Accept a later packet: the next ID, a known command and Param, no second hello."""
     found = numbers(chars)
     framed.closed = True
     if found is None or not chars.startswith(b"%06d " % next_id(framed.last_id)):
@@ -102,7 +102,7 @@ def _take(chars: bytes, framed: Framed) -> None:
 
 
 def numbers(chars: bytes) -> tuple[int, ...] | None:
-    """Return the nine numbers; None if a character, or an ID, is not where it belongs."""
+    """Return the nine numbers; None for an invalid character or a misplaced ID."""
     found = []
     for k in range(FRAMES):
         six, space = chars[7 * k : 7 * k + 6], chars[7 * k + 6 : 7 * k + 7]

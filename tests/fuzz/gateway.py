@@ -1,6 +1,6 @@
-"""Whatever the controller says: the gateway reads the valid beginning, or closes the link.
+"""Fuzz target `gateway`: for any bytes the gateway reads the valid prefix, or closes the link.
 
-However the bytes are cut, the same comes out; only RemoteProtocolError may.
+The result does not depend on the segmentation; only RemoteProtocolError may be raised.
 """
 
 from collections.abc import Iterable
@@ -21,7 +21,7 @@ LATER_NS = 1_000_000
 
 
 def check(data: bytes) -> None:
-    """Read a stream in chunks and as a whole, as packets and as what they mean."""
+    """Read a stream in chunks and as a whole, as packets and as events."""
     cut, whole = list(streams.chunks(data)), [data[1:]]
     aligned = [data[k : k + PACKET_CHARS] for k in range(1, len(data), PACKET_CHARS)]
     valid = list(takewhile(lambda found: found is not None, map(numbers, _whole_ones(aligned))))
@@ -40,7 +40,7 @@ def _whole_ones(aligned: list[bytes]) -> list[bytes]:
 
 
 def _packets(pieces: Iterable[bytes]) -> tuple[list[Packet], str]:
-    """Return what a reader reads, and why it died; once dead it stays so."""
+    """Return the packets of a reader, and its error; after an error it stays closed."""
     reader, found = PacketReader(), list[Packet]()
     for piece in pieces:
         try:
@@ -57,11 +57,11 @@ def _stays_dead(reader: PacketReader, reason: str) -> None:
     except RemoteProtocolError as error:
         assert str(error) == reason
     else:
-        raise AssertionError("a reader came back to life")
+        raise AssertionError("a reader accepted data after an error")
 
 
 def _events(pieces: Iterable[bytes]) -> tuple[list[Event], str]:
-    """Return what a dialogue makes of it, and why it gave up; it can always ask for a hold."""
+    """Return the events of a dialogue, and its error; a hold can always be requested."""
     dialogue, now_ns = Dialogue(Scales()), 0
     PacketReader().feed(dialogue.connected(now_ns))
     found, death = list[Event](), ""

@@ -1,7 +1,7 @@
-"""An arbiter that is known to the bus and wants harm: valid encodings, wild content, from a seed.
+"""Hostile arbiter: authorised publisher of validly encoded random commands, from a seed.
 
-It reads `robot/state`, so its poses start from where the arm is; it follows a plan for a while
-(run, spin, jump, shake, go to the edge, begin anew all the time), and breaks off into noise.
+It reads `robot/state`, so its poses start at the pose of the arm. It follows a pattern for a while
+(run, spin, jump, shake, approach a limit, restart repeatedly), and alternates it with noise.
 """
 
 import math
@@ -27,7 +27,7 @@ Fields = dict[str, Any]
 
 @dataclass(slots=True)
 class Saying:
-    """A message, and when the next one follows."""
+    """One message, and the delay to the next one."""
 
     data: bytes
     kind: str
@@ -36,12 +36,12 @@ class Saying:
 
 
 class Evil:
-    """Makes up one message after another."""
+    """Generator of hostile messages."""
 
     def __init__(
         self, seed: int, cell: str, boot: str, *, speed_m_s: float, speed_rad_s: float
     ) -> None:
-        """Be ready for a cell; the speeds are the limits that it wants to exceed."""
+        """Prepare for a cell; the speeds are the limits to exceed."""
         self._address = f"{cell}/{ROBOT_COMMAND.key}"
         self._rng = random.Random(seed)
         self._boot, self._speed_m_s, self._speed_rad_s = boot, speed_m_s, speed_rad_s
@@ -52,7 +52,7 @@ class Evil:
         self._way = np.zeros(3)
         self._factor = 1.0
         self._noisy = False
-        self._held = 0  # messages in a row that were answered by a hold
+        self._held = 0  # consecutive messages that caused a hold
 
     def say(self, now_ns: int, state: RobotState | None) -> Saying:
         """Return the next message."""
@@ -60,11 +60,11 @@ class Evil:
         if self._left <= 0:
             self._plan, self._left = rng.choice(PLANS), rng.randint(20, 400)
             self._factor = rng.choice((0.3, 0.9, 1.0, 1.0, 1.2, 1.5, 3.0, 30.0))
-            self._noisy = rng.random() < 0.5  # the others get farther
+            self._noisy = rng.random() < 0.5  # without noise more commands are accepted
             self._aim(state)
         self._left -= 1
         self._held = self._held + 1 if state is not None and state.hold_reason else 0
-        if self._held > PATIENCE:  # no one hears it any more: another process, from the beginning
+        if self._held > PATIENCE:  # it is ignored from now on: restart as a new process
             self._epoch, self._seq, self._lease, self._held = rng.randrange(2**62), 0, 1, 0
         if self._seldom(0.002) or (state is not None and state.hold_reason and rng.random() < 0.2):
             self._lease += 1
@@ -126,7 +126,7 @@ class Evil:
             "lease": self._lease + (rng.randrange(-5, 9) if self._seldom(0.004) else 0),
             "deadline_s": rng.choice((0.1, 0.1, 3600.0, 1e9, 1e300)),
             "turn": rng.choice((1, -1, 2**31)) if self._seldom(0.01) else 0,
-            # Of a whole lease: other limits hold for one that backs off.
+            # For a whole lease: a back-off lease has other limits.
             "purpose": random.Random(self._lease).choice(PURPOSES),
         }
         if self._seldom(0.005):
@@ -220,7 +220,7 @@ class Evil:
         return {"kind": kind, "pose": _pose(p, q)}
 
     def _spoil(self, fields: Fields) -> None:
-        """Put an odd number somewhere, or nothing."""
+        """Replace one field by an unusual number, or remove it."""
         rng, inner = self._rng, fields
         for _ in range(3):
             key = rng.choice(list(inner))
@@ -239,7 +239,7 @@ def _pose(p: np.ndarray, q: np.ndarray) -> Fields:
 
 
 def _turned(q: np.ndarray, w: np.ndarray) -> np.ndarray:
-    """Turn a quaternion x, y, z, w about the base axes by a small vector."""
+    """Rotate a quaternion x, y, z, w about the base axes by a small rotation vector."""
     angle = float(np.linalg.norm(w))
     if angle < 1e-12:
         return q

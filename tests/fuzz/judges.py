@@ -1,7 +1,7 @@
-"""What may leave a robot's last check, said a second time and without a look at how it checks.
+"""Independent reference check of the output of a robot's last check.
 
-`Path` counts what was commanded over time: way and turn in a window, and how suddenly it begins.
-A stop may be as hard as it likes; everything else has the cell's limit and the margin beside it.
+`Path` evaluates the commanded motion: travel and rotation in a time window, and acceleration.
+Deceleration is not limited; all else is checked against the cell's limits and the margins below.
 """
 
 from bisect import bisect_right
@@ -18,24 +18,24 @@ from tests.fuzz.framer import numbers
 from tests.fuzz.permissive_arbiter import MOTIONS, pose_of_vec
 
 Array = np.ndarray
-MARGIN = 1.25  # of speed: set points may come a little early
-BURST_S = 0.05  # by so much later than it was let through a set point may leave
+MARGIN = 1.25  # of speed: set points may arrive slightly early
+BURST_S = 0.05  # largest delay of a set point between check and output
 ROUNDING_M = 1e-4
 ROUNDING_RAD = 1e-3
-SLACK_M = 3e-3  # of a commanded arm beyond the workspace on the way of a move
-SLACK_RAD = radians(1.0)  # the same of its turn
-STILL_RAD = 1e-9  # in a millisecond: rounding where it comes to rest
+SLACK_M = 3e-3  # of the commanded arm beyond the workspace during a move
+SLACK_RAD = radians(1.0)  # the same for rotation
+STILL_RAD = 1e-9  # per millisecond: rounding at rest
 HALF_S = 0.06
-SUDDEN, SOON_S = 1.5, 0.02  # of acceleration, and by so much a stream may begin too early
-TURN_ROUNDING_RAD = 2e-3  # for each packet
-BACK_OFF_M, BACK_OFF_M_S = 0.020, 0.005  # of a lease that backs off: from where it began
-BRAKED_M = 0.010  # of what was under way when such a lease began
-RELEASED_S = 0.25  # after a force above the ceiling nothing moves any more
+SUDDEN, SOON_S = 1.5, 0.02  # margin of acceleration, and largest early start of a stream
+TURN_ROUNDING_RAD = 2e-3  # per packet
+BACK_OFF_M, BACK_OFF_M_S = 0.020, 0.005  # of a back-off lease: from its start
+BRAKED_M = 0.010  # braking distance of the motion active at the start of such a lease
+RELEASED_S = 0.25  # time to standstill after a force above the ceiling
 WATCHED_MOTIONS = {*MOTIONS, Com.WRENCH}
 
 
 def allowance() -> str:
-    """Return what is let pass beyond the limits of the cell, as docs/reliability.md says it."""
+    """Return the text of the tolerances beyond the cell's limits, as in docs/reliability.md."""
     return (
         f"way and turn of {MARGIN:g} times the speed limit over 250 ms and {1e3 * BURST_S:.0f} ms"
         f" beside; over {1e3 * HALF_S:.0f} ms {SUDDEN:g} times the acceleration and what"
@@ -50,30 +50,30 @@ def _angle(trace: float) -> float:
 
 
 def turned(T_from: pin.SE3, T_to: pin.SE3) -> float:
-    """Return by how much one pose is turned from another [rad]."""
+    """Return the angle between two poses [rad]."""
     return _angle(float(np.sum(T_from.rotation * T_to.rotation)))
 
 
 class Path:
-    """A commanded flange over time."""
+    """Commanded flange motion over time."""
 
     def __init__(self, cell: Cell) -> None:
-        """Begin anywhere."""
+        """Start without points."""
         limits = cell.limits
         self._speed, self._turning = limits.speed_m_s, radians(limits.speed_deg_s)
         self._accel = limits.accel_m_s2
         self._times_s: deque[float] = deque()  # of the points of the last 250 ms, oldest first
-        self._ways_m: deque[float] = deque()  # to each of them
+        self._ways_m: deque[float] = deque()  # travel up to each of them
         self._turns_rad: deque[float] = deque()
         self._last: tuple[Array, Array] | None = None
         self.most_m_s = self.most_m = self.most_m_s2 = 0.0
 
     def jump(self) -> None:
-        """The arm goes another way: the next point is a beginning."""
+        """Restart the path: the next point is its first."""
         self._last = None
 
     def add(self, at_s: float, p_m: Array, R: Array) -> list[str]:
-        """Return the limits that this point breaks."""
+        """Add a point; return the limits that it violates."""
         times_s, ways_m, turns_rad = self._times_s, self._ways_m, self._turns_rad
         way_m = turn_rad = 0.0
         if self._last is not None:
@@ -97,7 +97,7 @@ class Path:
         return broken + self._sudden(at_s)
 
     def _sudden(self, at_s: float) -> list[str]:
-        """Compare the way of the last 60 ms with that of the 60 ms before."""
+        """Compare the travel of the last 60 ms with that of the 60 ms before."""
         first, middle = (self._count_older(at_s, age_s) for age_s in (2 * HALF_S, HALF_S))
         newer = sum(islice(self._ways_m, middle, None))
         older = sum(islice(self._ways_m, first, middle))
@@ -109,15 +109,15 @@ class Path:
         return []
 
     def _count_older(self, at_s: float, age_s: float) -> int:
-        """Return how many points are at least as old as that, to the microsecond."""
+        """Return the number of points at least as old as `age_s`, to the microsecond."""
         return bisect_right(self._times_s, -age_s, key=lambda then_s: -round(at_s - then_s, 6))
 
 
 class ArmJudge:
-    """Judges the commanded joints of an arm whose geometry is known, each millisecond."""
+    """Checks the commanded joints of an arm with known kinematics, each millisecond."""
 
     def __init__(self, cell: Cell) -> None:
-        """Nothing was commanded yet."""
+        """Start without commands."""
         self.broken: Counter[str] = Counter()
         self.path = Path(cell)
         limits = cell.limits
@@ -143,7 +143,7 @@ class ArmJudge:
         lease: object,
         backs_off: bool,
     ) -> None:
-        """Judge one millisecond; `lease` is the one that the robot says it obeys, or None."""
+        """Check one millisecond; `lease` is the one in force as reported by the robot, or None."""
         note = self.broken.update
         if ((q < self._joints[0] - 1e-9) | (q > self._joints[1] + 1e-9)).any():
             note(["joint"])
@@ -170,15 +170,15 @@ class ArmJudge:
         self._q = q
 
     def force(self, at_s: float, *, above: bool) -> None:
-        """The wrench that the robot can read is above the ceiling, or is not."""
+        """Set whether the wrench available to the robot is above the ceiling."""
         self._above_s = (at_s if self._above_s is None else self._above_s) if above else None
 
 
 class PacketJudge:
-    """Judges the packets that a gateway sends."""
+    """Checks the packets sent by a gateway."""
 
     def __init__(self, cell: Cell) -> None:
-        """Nothing was sent yet."""
+        """Start without packets."""
         assert cell.gateway is not None
         self.broken: Counter[str] = Counter()
         self.coms: Counter[int] = Counter()
@@ -192,20 +192,20 @@ class PacketJudge:
         )  # fmt: skip
         self._low, self._high = np.array(limits.workspace_min_m), np.array(limits.workspace_max_m)
         self._kept: tuple[int, ...] | None = None
-        self.start: pin.SE3 | None = None  # where the arm was when the lease began
+        self.start: pin.SE3 | None = None  # pose of the arm at the start of the lease
 
     def packet(
         self, at_s: float, chars: bytes, *, kind: str, may_move: bool, T: pin.SE3, q: Array
     ) -> None:
-        """Judge one packet.
+        """Check one packet.
 
         Args:
-            at_s: When it was sent.
+            at_s: Time of sending [s].
             chars: The packet.
-            kind: What the command asked for that the gateway says it obeys.
+            kind: Kind of the command in force as reported by the gateway.
             may_move: A permitted command is fresh, and no force is above the ceiling.
-            T: Where the controller says that the flange is.
-            q: Where it says that the joints are [rad].
+            T: Flange pose reported by the controller.
+            q: Joint angles reported by the controller [rad].
         """
         found = numbers(chars)
         if found is None:
@@ -237,7 +237,7 @@ class PacketJudge:
             self._note("feedback without limits", self._kept is None)
 
     def _force(self, com: Com, vec: tuple[int, ...]) -> None:
-        """Judge a reading, or the set point of force feedback."""
+        """Check a force reading, or the set point of force feedback."""
         force_N = float(np.linalg.norm(vec[:3])) / self._scales[3]
         is_reading = com == Com.WRENCH
         most_N = self._limits.force_N if is_reading else self._cell.force.setpoint_max_N

@@ -1,6 +1,6 @@
-"""Whatever bytes the bus carries: a message of its topic or MessageError; what is read is sound.
+"""Fuzz target `messages`: any bytes on the bus decode to a valid message, or MessageError.
 
-The first byte chooses the topic or the request.
+The first byte selects the topic or the request.
 """
 
 import random
@@ -17,7 +17,7 @@ from forcemesh.requests import Reply
 from forcemesh.topics import REQUESTS, TOPICS
 from tests.fuzz.targets import seeds
 
-MAX_BYTES = 4200  # a little more than a message may have
+MAX_BYTES = 4200  # slightly more than the limit of a message
 MESSAGES: tuple[type[Message], ...] = tuple(topic.message for topic in TOPICS)
 RECORDS: tuple[type[Record], ...] = (*(request.message for request in REQUESTS), Reply)
 ODD: tuple[Any, ...] = (
@@ -27,9 +27,10 @@ ODD: tuple[Any, ...] = (
 
 
 def mutate(data: bytes, max_size: int, seed: int, plain: Callable[[bytes, int], bytes]) -> bytes:
-    """Change fields as fields, now and then bytes as bytes.
+    """Mutate at field level, occasionally at byte level.
 
-    The fuzzer cannot see into msgpack and pydantic and forgets long inputs: most begin at a seed.
+    The fuzzer has no coverage of msgpack and pydantic and discards long inputs: most mutations
+    start from a seed.
     """
     rng = random.Random(seed)
     if rng.random() < 0.8:
@@ -56,7 +57,7 @@ def _starts() -> tuple[bytes, ...]:
 
 
 def _change(fields: dict[Any, Any], rng: random.Random) -> None:
-    """Put another value into a field, or into one inside it; rename, drop or add one."""
+    """Change the value of a field or nested field; rename, drop or add one."""
     key = rng.choice(list(fields)) if fields else "v"
     inner = fields.get(key)
     if isinstance(inner, dict) and rng.random() < 0.6:
@@ -74,7 +75,7 @@ def _change(fields: dict[Any, Any], rng: random.Random) -> None:
 
 
 def check(data: bytes) -> None:
-    """Decode; what decodes can be encoded and decodes into the same."""
+    """Decode bytes; a decoded message must round-trip."""
     if not data:
         return
     choice, body = data[0] % (len(MESSAGES) + len(RECORDS)), data[1:]

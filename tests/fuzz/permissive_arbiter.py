@@ -1,7 +1,7 @@
-"""A controller that does what it is told, in memory: the gateway's wire for the evil arbiter.
+"""Permissive in-memory controller: executes every command; gateway link of the hostile arbiter.
 
-It frames and takes everything at once, moves straight to each pose at the speed it was given, and
-keeps every packet for the judge. It has no geometry: joints are numbers of their own.
+It accepts every packet at once, moves linearly to each pose at the commanded speed, and stores all
+packets for the judge. It has no kinematics: joints are independent numbers.
 """
 
 from math import radians
@@ -20,10 +20,10 @@ MOTIONS = (Com.MOVE_POSE, Com.MOVE_JOINTS, Com.MOVE_BY_JOINTS, Com.SET_POINT)
 
 
 class YesMan:
-    """What the gateway calls a wire; `sent` is what it has said since it was emptied last."""
+    """Link of the gateway; `sent` holds the packets since it was last cleared."""
 
     def __init__(self, joint_rad: tuple[float, ...]) -> None:
-        """Stand at the demo's home."""
+        """Start at the demo's home pose."""
         self.connections, self.last_fault = 0, ""
         self.sent: list[bytes] = []
         self.T = pin.SE3(np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.475, 0.377]))
@@ -36,7 +36,7 @@ class YesMan:
         self._outbox, self._open, self._speed_m_s = b"", False, 0.0
 
     def poll(self, now_ns: int) -> News:
-        """Live up to now."""
+        """Advance to `now_ns`; return the events."""
         opened, self._open = not self._open, True
         self.connections += opened
         self._move((now_ns - self._now_ns) * 1e-9)
@@ -48,17 +48,17 @@ class YesMan:
         return News(opened, data, "")
 
     def send(self, data: bytes, now_ns: int) -> bool:
-        """Take packets."""
+        """Receive packets."""
         for packet in self._reader.feed(data):
             self._take(packet)
         self.sent += [data[at : at + 63] for at in range(0, len(data), 63)]
         return True
 
     def greeted(self) -> None:
-        """Nothing to note."""
+        """Do nothing."""
 
     def close(self, reason: str, now_ns: int) -> None:
-        """Never on a whole line."""
+        """Do nothing: this link does not fail."""
         raise AssertionError(reason)
 
     def _take(self, packet: Packet) -> None:
@@ -108,6 +108,6 @@ class YesMan:
 
 
 def pose_of_vec(vec: tuple[int, ...], scales: tuple[int, ...]) -> pin.SE3:
-    """Return the flange that six packet units mean."""
+    """Return the flange pose of six packet units."""
     oat = Oat(*(radians(units / scales[1]) for units in vec[3:]))
     return pin.SE3(R_from_oat(oat), np.array(vec[:3]) / scales[0] * 1e-3)

@@ -1,7 +1,7 @@
-"""Whatever bytes come: the shipped program frames exactly the valid beginning, and nothing moves.
+"""Fuzz target `receiver`: the shipped AS program frames exactly the valid prefix of any bytes.
 
-The emulated controller lives on from one input to the next; each input is a new connection. It
-runs at 1 % monitor speed, so that a fuzzed motion goes nowhere.
+There is no uncommanded motion. The emulated controller keeps running between inputs; each input is
+a new connection. It runs at 1 % monitor speed, so fuzzed motions are negligible.
 """
 
 from contextlib import suppress
@@ -22,17 +22,17 @@ from tests.fuzz.framer import Framed, frame
 
 PROGRAM = Path(__file__).resolve().parents[2] / "controller" / "forcemesh.as"
 PORT = 49152
-MAX_BYTES = 1 + 30 * PACKET_CHARS  # less than the ring holds
+MAX_BYTES = 1 + 30 * PACKET_CHARS  # less than the capacity of the ring buffer
 TICK_NS = 1_000_000
 SETTLE_MS = 8000
-BEATS, BEAT_MS = 20, 20  # so long the brake of a hello lasts, and then a motion begins
-# A straight way between two poses in reach may leave the reach: AS stops the program there.
+BEATS, BEAT_MS = 20, 20  # covers the brake of a hello, after which a motion begins
+# A linear path between two reachable poses may be unreachable in between: AS then stops.
 TOLERATED = {"E6007", "E6008", "E6016"}
 mutate = streams.mutate
 
 
 class Controller:
-    """The emulated controller with the shipped program in it, and one client after another."""
+    """Emulated controller with the shipped program, and consecutive clients."""
 
     def __init__(self) -> None:
         """Power on, start, and wait until the program listens."""
@@ -47,23 +47,23 @@ class Controller:
         self.settle()
 
     def real(self, name: str) -> float:
-        """A number of the program."""
+        """Return a real variable of the program."""
         value = self.machine.memory.read(name)
         assert isinstance(value, float)
         return value
 
     def element(self, name: str, *index: int) -> object:
-        """An element of an array of the program."""
+        """Return an array element of the program."""
         return self.machine.memory.read(f"{name}[{','.join(map(str, index))}]")
 
     def pass_ms(self, most: int = 1) -> None:
-        """Let time pass, and read what the program says: whole packets of known reports."""
+        """Advance time, and read the program's output: whole packets of known reports."""
         for _ in range(most):
             self.machine.advance(self.machine.now_ns + TICK_NS)
             self.listen()
 
     def listen(self) -> None:
-        """Read what has come back; anything but a report is a fault of the program."""
+        """Read the output; anything but a report is a fault of the program."""
         try:
             data = self.stream.receive(16_384) if self.stream is not None else None
         except ConnectionResetError:
@@ -78,7 +78,7 @@ class Controller:
         return self.stream
 
     def settle(self) -> None:
-        """Wait until the program listens again, has drained its ring, and the arm stands."""
+        """Wait until the program listens, its ring buffer is empty, and the arm is at rest."""
         for _ in range(SETTLE_MS):
             self.pass_ms()
             if PORT in self.network.listeners and self._quiet():
@@ -94,20 +94,20 @@ _running: list[Controller] = []
 
 
 def controller() -> Controller:
-    """Return the controller that runs, or start one."""
+    """Return the running controller, or start one."""
     if not _running:
         _running.append(Controller())
     return _running[0]
 
 
 def check(data: bytes) -> None:
-    """Feed one connection, compare with the reference, and wait until all is quiet again."""
+    """Feed one connection, compare with the reference, and wait for the idle state."""
     expected = frame(data[1:])
     device = controller()
     try:
         _converse(device, data, expected)
     except BaseException:
-        _running.clear()  # the next input starts with a fresh one
+        _running.clear()  # the next input starts a new controller
         raise
     if device.machine.stops:
         _running.clear()
@@ -143,7 +143,7 @@ def _converse(device: Controller, data: bytes, expected: Framed) -> None:
 
 
 def _linger(device: Controller, stream: MemoryStream, id_: int) -> None:
-    """Keep the connection alive until what was asked for has begun."""
+    """Keep the connection alive until the commanded motion has begun."""
     for _ in range(BEATS):
         id_ = next_id(id_)
         with suppress(ConnectionResetError):
@@ -152,7 +152,7 @@ def _linger(device: Controller, stream: MemoryStream, id_: int) -> None:
 
 
 def _wait_for(device: Controller, expected: Framed) -> None:
-    """Wait until the program has read all, and a little longer: it may take too much."""
+    """Wait until the program has read all, and longer to detect that it accepts too much."""
     for _ in range(200):
         if (device.real("fm.sock") == 0) == expected.closed and (
             not expected.last_id or device.real("fm.framed") == expected.last_id
@@ -163,7 +163,7 @@ def _wait_for(device: Controller, expected: Framed) -> None:
 
 
 def _compare(device: Controller, expected: Framed, before: dict[str, float]) -> None:
-    """Compare what the program holds with what the reference says."""
+    """Compare the state of the program with the reference."""
     assert device.real("fm.conn") == before["conn"] + 1
     if expected.last_id:
         assert device.real("fm.framed") == expected.last_id

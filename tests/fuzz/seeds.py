@@ -1,4 +1,4 @@
-"""Write the hand-made seeds of the packet targets anew: `python -m tests.fuzz.seeds`."""
+"""Generator of the hand-made seeds of the packet targets: `python -m tests.fuzz.seeds`."""
 
 from pathlib import Path
 
@@ -9,9 +9,9 @@ from tests.fuzz.framer import ARM
 FOLDER = Path(__file__).parent / "seeds"
 SCALES = (50, 500, 250, 100, 1000, 10)
 NUMBERS = (1000, -2000, 3000, -4000, 5000, 6000)
-NEAR = (500, 23750, 18850, 0, 90000, 0)  # 10 mm aside of home
+NEAR = (500, 23750, 18850, 0, 90000, 0)  # 10 mm beside home
 MOVES = ((1, 0, NEAR), (2, 0, NUMBERS), (3, 0, (5, -5, 5, -5, 5, -5)))
-# Without these nothing moves: the banks of command 10, and command 11.
+# Required for motion: the banks of command 10, and command 11.
 SET_UP = (
     (10, 0, (50, 250, 100, 1000, 5000, 250)), (10, 1, (70000, 10000, 1000, 3000, 2500, 0)),
     (10, 2, (-50000, 0, -10000, 0, 0, 0)), (10, 3, (50000, 60000, 60000, 0, 0, 0)),
@@ -24,7 +24,7 @@ SETTINGS = (
 FEEDBACK = (
     (7, 0, (0,) * 6), (14, 0, SCALES), (4, 0, NUMBERS), (4, 0, SCALES), (7, 2, (0,) * 6),
 )  # fmt: skip
-# What AS's SPEED takes is less than what a packet can say.
+# The range of AS's SPEED is smaller than that of a packet.
 SPEEDS = {
     "slow": ((5, 0, (100, 100, 100, 1, 0, 0)),),
     "fast": ((10, 0, (50, 250, 499_999, 1000, 5000, 250)),),
@@ -63,7 +63,7 @@ def conversation(
 
 
 def receiver_seeds() -> dict[str, bytes]:
-    """Return streams for the receiver, by name; the first byte says how they are cut."""
+    """Return streams for the receiver, by name; the first byte selects their segmentation."""
     seeds = {name: b"\x03" + conversation(said) for name, said in CONVERSATIONS.items()}
     good = conversation(CONVERSATIONS["feedback"])
     return seeds | {
@@ -107,7 +107,7 @@ def gateway_seeds() -> dict[str, bytes]:
 
 
 def main() -> None:
-    """Write them."""
+    """Write all seeds."""
     for target, seeds in (("receiver", receiver_seeds()), ("gateway", gateway_seeds())):
         (FOLDER / target).mkdir(parents=True, exist_ok=True)
         for name, data in seeds.items():

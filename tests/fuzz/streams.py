@@ -1,6 +1,6 @@
-"""Streams of packets as fuzzer's input: how they are cut, and how they are changed with sense.
+"""Packet streams as fuzzer input: segmentation and packet-level mutation.
 
-The first byte says how the rest is cut into chunks; so a seed is a plain file.
+The first byte selects how the rest is cut into chunks, so a seed is a plain file.
 """
 
 import random
@@ -34,12 +34,12 @@ BODIES = tuple(
 
 
 def chunks(data: bytes) -> Iterator[bytes]:
-    """Cut a stream as its first byte says."""
+    """Cut a stream into chunks as selected by its first byte."""
     if not data:
         return
     rng, rest = random.Random(data[0]), data[1:]
     longest = rng.choice((1, 7, 62, 63, 64, LONGEST_CHUNK))
-    longest = max(longest, len(rest) // 40)  # time in which the watchdog would wake up
+    longest = max(longest, len(rest) // 40)  # limits the duration below the watchdog time
     while rest:
         size = rng.randint(1, longest)
         yield rest[:size]
@@ -47,7 +47,7 @@ def chunks(data: bytes) -> Iterator[bytes]:
 
 
 def mutate(data: bytes, max_size: int, seed: int, plain: Callable[[bytes, int], bytes]) -> bytes:
-    """Change packets as packets, now and then bytes as bytes; IDs are mostly made right again."""
+    """Mutate at packet level, occasionally at byte level; IDs are mostly made valid again."""
     rng = random.Random(seed)
     if len(data) < 1 + PACKET_CHARS or rng.random() < 0.2:
         return plain(data, max_size)
@@ -88,7 +88,7 @@ def _odd(packets: list[bytes], rng: random.Random) -> None:
 
 
 def _number(packets: list[bytes]) -> None:
-    """Make the IDs consecutive again, from what the first packet says."""
+    """Renumber the IDs consecutively from that of the first packet."""
     first = packets[0][:6]
     id_ = int(first) if first.isdigit() else ID_LAST
     for k in range(1, len(packets)):

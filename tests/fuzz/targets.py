@@ -1,9 +1,9 @@
-"""The fuzz targets by name, and their seeds."""
+"""Fuzz targets by name, and their seeds."""
 
 from pathlib import Path
 
 SEEDS = Path(__file__).parent / "seeds"
-AS_CORPUS = SEEDS.parents[1] / "tests" / "corpus" / "as"  # replayed by a test of its own
+AS_CORPUS = SEEDS.parents[1] / "tests" / "corpus" / "as"  # replayed by a separate test
 # Name of the target: the packages whose branches guide the fuzzer.
 TARGETS = {
     "as_text": ("sim.controller",),
@@ -15,5 +15,5 @@ TARGETS = {
 
 
 def seeds(target: str) -> list[Path]:
-    """Return the committed seeds of a target; those that once broke something are among them."""
+    """Return the committed seeds of a target, including inputs that caused failures."""
     return sorted((SEEDS / target).iterdir())

@@ -86,7 +86,7 @@ def test_a_hold_within_the_bounds_is_no_mistake():
         ({"bites": 0}, 200, "did not bite"),
         ({"held": False}, 200, "was not held"),
         ({"causes": ""}, 200, "no cause"),
-        ({"accepted_ns": BEGAN_NS + 151 * MS}, 200, "obeyed too late"),
+        ({"accepted_ns": BEGAN_NS + 151 * MS}, 200, "executed too late"),
         ({"accepted_ns": None}, 200, "no command is known"),
         ({"accepted_ns": HEALED_NS + MS}, 200, "after the heal"),
         ({"ends": "went on"}, 200, "held without need"),

@@ -62,7 +62,7 @@ def test_a_pose_out_of_reach_is_refused_by_the_robot_with_its_reason(lab: Lab) -
     assert lab.ask(topics.MOVE, MoveRequest(kind="pose", pose=far)).accepted
     lab.seconds_until(lambda: lab.state.goal.state == "refused", 0.1)
     reason = lab.state.goal.reason
-    assert "of the way: " in reason
+    assert "of the path: " in reason
     lab.assert_still(0.3)
     assert lab.status.state == "ARMED"
     (trip,) = lab.status.trips

@@ -179,7 +179,7 @@ def test_a_new_goal_is_refused_while_one_is_on_its_way():
     ("move", "words"),
     [
         ((0.0, 0.9, 0.0), "out of reach"),
-        ((0.0, -0.35, -0.377), "way"),
+        ((0.0, -0.35, -0.377), "path"),
         ((math.nan, 0, 0), "finite"),
     ],
 )

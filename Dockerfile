@@ -22,7 +22,7 @@ COPY sim sim
 COPY tuning tuning
 # The file system is read-only at run time, so byte code is written now.
 RUN /venv/bin/pip install -q --no-deps --no-build-isolation -e . \
-    && /venv/bin/python -m compileall -q cli common services sim
+    && /venv/bin/python -m compileall -q cli common controller forcemesh identification launch services sim tuning
 
 FROM python:3.11-slim-bookworm
 # pin's libraries want OpenMP, which the slim base does not have.

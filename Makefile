@@ -29,7 +29,7 @@ NO_NEW_BRANCH := mistake_is_found or no_way_through or dead_end or every_fault_o
   or stall_at_first_touch or stall_while_holding or number_survives_the_dump or verbs_open
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-long test-browser test-subscribers coverage check format readme bench bench-tcp bench-payload bench-force chaos chaos-full chaos-network chaos-flood chaos-clocks soak soak-sensor flips whole-runs mutate mutate-program fuzz fuzz-codec fuzz-commands hostile pki up down sbom compose-test lock clean
+.PHONY: help setup demo test test-long test-browser test-subscribers coverage check format readme bench bench-tcp bench-payload bench-force chaos chaos-full chaos-network chaos-flood chaos-clocks soak soak-sensor flips whole-runs mutate mutate-program fuzz fuzz-codec fuzz-commands hostile pki up down sbom compose-test wheel lock clean
 
 help: ## list these targets
 	@grep -hE '^[a-z-]+:.*##' Makefile | sed -E 's/:[^#]*## */\t/' | expand -t 10
@@ -71,14 +71,14 @@ format: setup ## let ruff format and fix what it can
 	@$(BIN)/ruff format $(CODE)
 	@$(BIN)/ruff check --fix $(CODE)
 
-readme: setup ## write what is made from the code: the bus table in README.md, and pages in docs
+readme: setup ## write the pages that are generated from the code: docs/bus.md and others
 	@$(BIN)/python -m tools.bus_page
 	@$(BIN)/python -m tools.faults_page
 	@$(BIN)/python -m tools.arbitration_page
 	@$(BIN)/python -m tools.schema_page
 	@$(BIN)/python -m tools.cli_page
 
-bench: setup ## measure what the README states
+bench: setup ## measure the figures of docs/demo.md
 	@$(BIN)/python -m bench $(ARGS)
 
 bench-tcp: setup ## play the demo over TCP in every combination: ARGS=--write makes docs/over-tcp.md
@@ -131,6 +131,9 @@ mutate: setup ## change single expressions of what decides about motion; no test
 
 mutate-program: setup ## the same with steps of the controller's program: ARGS="--count 200 --seed 2"
 	@$(BIN)/python -m tests.mutate_program $(ARGS)
+
+wheel: setup ## build the library that `pip install forcemesh` takes: out/forcemesh-*.whl
+	@mkdir -p out && cd forcemesh && ../$(BIN)/python -m hatchling build -t wheel -d ../out
 
 fuzz-codec: setup ## spoil ten million streams of packets, none may be believed: ARGS="--cases 100000"
 	@$(BIN)/python -m tests.fuzz.codec $(ARGS)

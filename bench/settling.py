@@ -83,12 +83,12 @@ def lines(table: list[list[str]]) -> list[str]:
 
 
 def write() -> None:
-    """Measure, and put the table into README.md."""
+    """Measure and write the table into docs/demo.md."""
     found = results()
     head = ["settling time, in tau, overshoot", *(f"delay {delay_ms} ms" for delay_ms in DELAYS_MS)]
     shown = [head, ["---", *("---:" for _ in DELAYS_MS)], *rows(found)]
     text = "\n".join(lines(shown))
-    put(ROOT / "README.md", "settling", text, 'make bench ARGS="settling --write"')
+    put(ROOT / "docs" / "demo.md", "settling", text, 'make bench ARGS="settling --write"')
 
 
 def _cell(result: Result) -> str:

@@ -79,9 +79,9 @@ app.add_typer(bench, name="bench", rich_help_panel=RUN)
 
 def _print_version(wanted: bool) -> None:
     if wanted:
-        from common.runtime.version import forcemesh_version
+        from forcemesh.version import __version__
 
-        typer.echo(f"forcemesh {forcemesh_version()}")
+        typer.echo(f"forcemesh {__version__}")
         raise typer.Exit
 
 

@@ -3,7 +3,7 @@
 import math
 import sys
 
-from forcemesh.client import Cell, ForcemeshError, NotReachedError
+from forcemesh import Cell, ForcemeshError, NotReachedError
 from forcemesh.client.rotations import inverse, times, unit
 
 FORCE_N = 10.0

@@ -2,7 +2,7 @@
 
 import sys
 
-from forcemesh.client import Cell, ForcemeshError, NotReachedError
+from forcemesh import Cell, ForcemeshError, NotReachedError
 from forcemesh.client.rotations import plus, turned, unit
 from forcemesh.messages import Vec3
 from forcemesh.requests import ForceStartRequest

@@ -7,7 +7,7 @@ is not a safety function: keep a hand at the emergency stop.
 import math
 import sys
 
-from forcemesh.client import ArmStoppedError, Cell, ForcemeshError
+from forcemesh import ArmStoppedError, Cell, ForcemeshError
 from forcemesh.messages import PoseRecord
 
 SECONDS = 10.0

@@ -3,7 +3,7 @@
 import statistics
 import sys
 
-from forcemesh.client import Cell, ForcemeshError
+from forcemesh import Cell, ForcemeshError
 
 FORCE_N = 10.0
 HOLD_S = 2.0

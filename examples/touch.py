@@ -2,7 +2,7 @@
 
 import sys
 
-from forcemesh.client import Cell, ForcemeshError, NotReachedError
+from forcemesh import Cell, ForcemeshError, NotReachedError
 
 FORCE_N = 5.0  # the approach would go on to this, if it were not stopped at the touch
 BACK_M = 0.002

@@ -3,7 +3,7 @@
 A topic or request that is not in these tables does not exist. `<cell>/` is put before every key.
 Rates are names; the cell file says how many hertz they are. An input is stale after three of its
 periods, but never sooner than the deadline that its class has in the cell file.
-tests/unit/test_topics.py holds the laws; the table in README.md is generated from this file.
+tests/unit/test_topics.py holds the laws; tools/bus_page.py writes docs/bus.md from this file.
 """
 
 from dataclasses import dataclass

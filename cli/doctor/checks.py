@@ -4,8 +4,8 @@ from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Literal
 
 from cli.doctor.remedies import BITS, FAULTS, REMEDIES, Word
-from common.runtime.version import forcemesh_version
 from controller.packet_table import PROTOCOL_VERSION, Status
+from forcemesh.version import __version__
 
 if TYPE_CHECKING:
     from controller.packet import VecInt
@@ -225,8 +225,8 @@ def check_role(heard: RoleHeard) -> Line:
         return trouble(check, "FAIL", found, "role.silent")
     if heard.fault:
         return trouble(check, "FAIL", heard.fault, "role.fault")
-    if heard.version and heard.version != forcemesh_version():
-        found += f", version {heard.version}, this is {forcemesh_version()}"
+    if heard.version and heard.version != __version__:
+        found += f", version {heard.version}, this is {__version__}"
         return trouble(check, "FAIL", found, "role.version")
     if not heard.same_config:
         return trouble(check, "WARN", found + ", not this cell file", "role.config")

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from cli.doctor.checks import Line, passed, skipped, trouble
 from common.runtime.priority import PRIORITY
-from common.runtime.version import forcemesh_version
+from forcemesh.version import __version__
 from forcemesh.zenoh_settings import endpoint_of
 
 if TYPE_CHECKING:
@@ -136,7 +136,7 @@ def may_go_first() -> bool:
 
 
 def _versions() -> dict[str, str]:
-    found = {"forcemesh": forcemesh_version(), "Python": platform.python_version()}
+    found = {"forcemesh": __version__, "Python": platform.python_version()}
     for name in PACKAGES:
         try:
             found[name] = version(name)

@@ -28,13 +28,13 @@ from common.runtime.priority import (
     has_realtime_priority,
     take_realtime_priority,
 )
-from common.runtime.version import forcemesh_version
 from forcemesh.bus import Bus, Publisher, Reader
 from forcemesh.clock import NS_PER_S, Clock
 from forcemesh.errors import ConfigError, ForcemeshError
 from forcemesh.faults import clipped, tripped
 from forcemesh.messages import Health, Trip
 from forcemesh.topics import EVERY_HEALTH
+from forcemesh.version import __version__
 
 LONGEST_PAUSE_S = 0.05  # a process that waits longer would be slow to stop
 PATIENCE_PERIODS = 1.5  # a triggered service that hears nothing steps after this many periods
@@ -113,7 +113,7 @@ class HealthReporter:
         self._since_ns = bus.clock.now_ns()
         self._lateness_s: deque[float] = deque(maxlen=LATENESS_WINDOW)
         self._overruns = Overruns(allowed_gap_s(cell, bus.role))
-        self._version, self._config_hash = forcemesh_version(), cell_hash(cell)
+        self._version, self._config_hash = __version__, cell_hash(cell)
         self._breakdown = ""
 
     def stepped(

@@ -12,6 +12,7 @@ from forcemesh.client.moves import Move, Moves
 from forcemesh.errors import (
     ArmStoppedError,
     BusError,
+    ConfigError,
     DataError,
     ForcemeshError,
     LostError,
@@ -24,6 +25,7 @@ __all__ = [
     "ArmStoppedError",
     "BusError",
     "Cell",
+    "ConfigError",
     "DataError",
     "Feed",
     "Force",

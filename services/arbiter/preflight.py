@@ -16,9 +16,9 @@ from common.config.cell import Cell
 from common.config.load import cell_hash
 from common.motion.convert import vec3
 from common.motion.limits import Limits
-from common.runtime.version import forcemesh_version
 from forcemesh.faults import tripped
 from forcemesh.messages import Purpose, Trip, Vec3
+from forcemesh.version import __version__
 from services.arbiter.inputs import Inputs, limit_trip, missing, robot_complaints, strangers
 
 PREFLIGHT_S = 1.0  # inputs must have been good for so long
@@ -42,7 +42,7 @@ class Terms:
         """Take the terms out of a cell file."""
         return cls(
             config_hash=cell_hash(cell),
-            version=forcemesh_version(),
+            version=__version__,
             limits=Limits.of(cell),
             p_flange_tcp_m=vec3(np.asarray(cell.tool.T_flange_tcp.pose.translation)),
             approach_m_s=cell.force.approach_m_s,

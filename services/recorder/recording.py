@@ -7,11 +7,11 @@ from typing import Any
 from common.config.cell import Cell
 from common.config.cell_panel import PanelSection
 from common.config.load import cell_hash, dump_cell
-from common.runtime.version import forcemesh_version
 from forcemesh.clock import NS_PER_S
 from forcemesh.codec import Header
 from forcemesh.errors import MessageError
 from forcemesh.topics import TOPICS
+from forcemesh.version import __version__
 from services.recorder import protobuf
 from services.recorder.folder import new_file
 from services.recorder.frames import HEAD, Frame
@@ -181,7 +181,7 @@ class Recording:
     def _next_file(self, now_ns: int) -> RecordingFile:
         about = {
             "cell": self._cell.cell,
-            "version": forcemesh_version(),
+            "version": __version__,
             "config_hash": cell_hash(self._cell),
             "cause": self.cause,
             "clock": self._wall.boot,

@@ -16,7 +16,6 @@ import pinocchio as pin
 from common.config.load import cell_from_tree, cell_hash
 from common.motion.convert import record_of
 from common.motion.permission import NO_COMMAND_YET, CommandGate, Verdict
-from common.runtime.version import forcemesh_version
 from forcemesh.bus import Reading
 from forcemesh.clock import NS_PER_S
 from forcemesh.codec import Header
@@ -39,6 +38,7 @@ from forcemesh.messages import (
     WrenchAtTcp,
 )
 from forcemesh.requests import Reply
+from forcemesh.version import __version__
 from services.arbiter.core import Arbiter
 from services.arbiter.inputs import Inputs, Watched
 from tests.fakes.arbiter_world import CELL, FIT, STOPPED, T_START, shifted
@@ -53,7 +53,7 @@ WALKED = cell_from_tree(
 DEADLINE_S = 4.0
 PERIOD_S = 0.004
 FORCE_N = WALKED.limits.force_N
-HEALTH = Health(config_hash=cell_hash(WALKED), version=forcemesh_version())
+HEALTH = Health(config_hash=cell_hash(WALKED), version=__version__)
 ALWAYS_SAID: dict[str, Message] = {"sensor": SensorWrench(), "wrench": FREE, "health": HEALTH}
 FIT_AND_MOVING = FIT.model_copy(update={"moving": True})
 START = record_of(T_START)

@@ -12,7 +12,6 @@ from common.config.cell import Cell
 from common.config.load import cell_hash, load_cell
 from common.motion.convert import pose_of, record_of
 from common.motion.frames import Oat, R_from_oat
-from common.runtime.version import forcemesh_version
 from forcemesh.bus import Reading
 from forcemesh.codec import Header
 from forcemesh.messages import (
@@ -27,6 +26,7 @@ from forcemesh.messages import (
     WrenchAtTcp,
 )
 from forcemesh.requests import MoveRequest
+from forcemesh.version import __version__
 from services.arbiter.core import Arbiter
 from services.arbiter.inputs import Inputs
 from services.arbiter.watch import Watch
@@ -49,7 +49,7 @@ def good_messages(cell: Cell) -> dict[str, Message]:
     robot = RobotState(
         position_m=start.position_m, orientation_xyzw=start.orientation_xyzw, status=FIT
     )
-    health = Health(config_hash=cell_hash(cell), version=forcemesh_version())
+    health = Health(config_hash=cell_hash(cell), version=__version__)
     messages: dict[str, Message] = {
         "robot": robot, "sensor": SensorWrench(), "wrench": FREE, "target": STOPPED
     }  # fmt: skip

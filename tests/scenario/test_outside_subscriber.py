@@ -1,4 +1,4 @@
-"""Somebody who knows nothing of ours but Zenoh and MessagePack reads the bus."""
+"""The subscriber of docs/bus.md reads the bus with Zenoh and MessagePack alone."""
 
 import ast
 import json
@@ -9,21 +9,21 @@ import pytest
 
 from common.config.load import load_cell
 
-README = Path(__file__).parents[2] / "README.md"
+PAGE = Path(__file__).parents[2] / "docs" / "bus.md"
 
 pytestmark = pytest.mark.processes
 
 
 def snippet(cell_file: Path) -> str:
-    """Return the README's subscriber, for the cell of this test."""
+    """Return the subscriber of the bus page, for the cell of this test."""
     cell = load_cell(cell_file)
-    code = re.search(r"```python\n(.*?)```", README.read_text(encoding="utf-8"), re.DOTALL)
+    code = re.search(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
     assert code is not None
     text = code.group(1).replace("tcp/127.0.0.1:7447", cell.bus.endpoint)
     return text.replace("demo/wrench", f"{cell.cell}/wrench").replace("print(", "print(*", 1)
 
 
-def test_the_subscriber_of_the_readme_reads_the_wrench(cell_file, start):
+def test_the_subscriber_of_the_bus_page_reads_the_wrench(cell_file, start):
     """Nothing but zenoh and msgpack is imported, and force comes out, newton by newton."""
     code = snippet(cell_file).replace("])", "], flush=True)")
     imports = [node for node in ast.walk(ast.parse(code)) if isinstance(node, ast.Import)]

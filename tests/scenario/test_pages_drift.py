@@ -20,7 +20,7 @@ def rows_of(page: str, name: str) -> list[str]:
 @pytest.mark.parametrize("mode", settling.MODES)
 def test_the_settling_table_is_what_make_bench_prints(mode) -> None:
     """Settling, tau and overshoot of one mode, in every place."""
-    stated = [row for row in rows_of("README.md", "settling") if row.startswith(f"| {mode},")]
+    stated = [row for row in rows_of("docs/demo.md", "settling") if row.startswith(f"| {mode},")]
     places = product(settling.STIFFNESSES_N_M, settling.DELAYS_MS)
     found = {case: settling.run(case) for case in (settling.Case(mode, *place) for place in places)}
     assert stated == settling.lines(settling.rows(found, (mode,)))

@@ -1,4 +1,4 @@
-"""Measuring, playing back, and the README's way to a press, on a cell in real processes."""
+"""Measuring, playing back, and the calibrated press of docs/demo.md, in real processes."""
 
 import json
 import subprocess
@@ -66,10 +66,11 @@ def test_a_way_that_was_recorded_is_gone_again(say, cell_file):
     assert reached_mm == pytest.approx([x_mm + ASIDE_MM, y_mm, z_mm + UP_MM], abs=0.3)
 
 
-def test_from_nothing_to_a_calibrated_press_in_the_words_of_the_readme(cell_file, start):
+def test_from_nothing_to_a_calibrated_press_by_the_commands_of_the_page(cell_file, start):
     """Four commands, one after the other, as they stand there; poses are fewer and faster here."""
     cell_file.write_text(dump_cell(load_cell(cell_file, {"limits.speed_m_s": 1.0})))
-    _, after = (ROOT / "README.md").read_text().split("From nothing to a calibrated press", 1)
+    page = (ROOT / "docs" / "demo.md").read_text()
+    _, after = page.split("From nothing to a calibrated press", 1)
     lines = [line.split("#")[0].split() for line in after.split("```")[1].strip().splitlines()]
     verbs = [words for program, *words in lines if program == ".venv/bin/forcemesh"]
     assert len(verbs) == len(lines) <= 8

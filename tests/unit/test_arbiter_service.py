@@ -5,7 +5,6 @@ import pytest
 
 from common.bus.memory_bus import MemoryCall
 from common.config.load import cell_hash
-from common.runtime.version import forcemesh_version
 from forcemesh import topics
 from forcemesh.bus import Origin
 from forcemesh.codec import decode_record, encode_record, pack
@@ -17,6 +16,7 @@ from forcemesh.messages import (
     WrenchAtTcp,
 )
 from forcemesh.requests import ArmRequest, Empty, HoldRequest, MoveRequest, Reply
+from forcemesh.version import __version__
 from tests.fakes.arbiter_world import MOVE_DOWN, good_messages, shifted
 from tests.fakes.bench import CELL
 from tests.fakes.cellmates import Cellmates, topic_of
@@ -191,9 +191,7 @@ def test_a_regulator_is_let_through_with_its_own_poses(cell: Cellmates) -> None:
 
 def test_a_process_with_another_cell_file_is_named(cell: Cellmates) -> None:
     """By its health; the hash of the own file is told beside it."""
-    cell.messages["regulator/health"] = Health(
-        config_hash="0123456789ab", version=forcemesh_version()
-    )
+    cell.messages["regulator/health"] = Health(config_hash="0123456789ab", version=__version__)
     cell.pass_s(1.1)
     reply = cell.ask(topics.ARM, Empty())
     assert reply.code == "config"

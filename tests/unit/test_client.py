@@ -59,13 +59,14 @@ def up(cell: ConfiguredCell) -> MoveRequest:
 
 def test_the_example_of_the_readme_presses(lab: Lab) -> None:
     """Word for word, but for the cell: this one lives in virtual time."""
-    example = re.findall(r"```python\n(.*?)```", README.read_text(encoding="utf-8"), re.DOTALL)[1]
+    example = re.findall(r"```python\n(.*?)```", README.read_text(encoding="utf-8"), re.DOTALL)[0]
     here = 'Cell("cells/demo.yaml")'
     assert example.count(here) == 1
     printed: list[float] = []
     code = example.replace(here, "Cell(config, bus=bus)")
     exec(code, {"config": lab.cell.cell, "bus": lab.cell.client, "print": printed.append})  # noqa: S102
     assert printed == [pytest.approx(15.0, abs=1.0)]
+    assert lab.force_N == pytest.approx(8.0, abs=1.0)
 
 
 def test_every_verb_waits_until_it_is_so(lab: Lab, cell: ConfiguredCell) -> None:

@@ -1,28 +1,61 @@
-"""The front page says what the code says."""
+"""README and the hand-written reference pages: short, and true to the repository."""
 
 import re
-from pathlib import Path
 
-from tools.bus_page import README, ROOT, bus_table
+import pytest
+
+from tools.bus_page import ROOT
+
+README = ROOT / "README.md"
+CONTRIBUTING = ROOT / "CONTRIBUTING.md"
+REFERENCE = ("bus", "demo", "glossary", "stops")
+PAGES = ("README.md", "CONTRIBUTING.md", *(f"docs/{name}.md" for name in REFERENCE))
+LONGEST_LINES = 120
+NUMBER = re.compile(r"\d+(?:\.\d+)?")
 
 
-def test_the_bus_table_is_the_one_in_the_code():
-    """`make readme` writes it from forcemesh/topics.py; nobody edits it by hand."""
-    assert bus_table() in README.read_text(encoding="utf-8")
+def anchor(heading: str) -> str:
+    """Return the anchor that Markdown viewers give to a heading."""
+    return re.sub(r"[^\w -]", "", heading.lower()).replace(" ", "-")
 
 
-def test_every_link_and_picture_is_there():
-    """A relative link that leads nowhere is a promise that was not kept."""
-    text = README.read_text(encoding="utf-8")
-    targets = [target for target in re.findall(r"\]\(([^)]+)\)", text) if "://" not in target]
-
+@pytest.mark.parametrize("name", PAGES)
+def test_every_link_and_picture_is_there(name: str) -> None:
+    """A relative link leads to a file of the repository, and to a heading where it names one."""
+    page = ROOT / name
+    found = re.findall(r"\]\(([^)]+)\)", page.read_text(encoding="utf-8"))
+    targets = [target for target in found if "://" not in target]
     assert targets
-    assert [target for target in targets if not (ROOT / target).exists()] == []
+    for target in targets:
+        path, _, heading = target.partition("#")
+        place = page.parent / path if path else page
+        assert place.exists(), target
+        if heading:
+            heads = re.findall(r"^#+ (.+)$", place.read_text(encoding="utf-8"), re.MULTILINE)
+            assert heading in map(anchor, heads), target
 
 
-def test_every_folder_of_the_map_exists():
-    """The map names what is there, and nothing that is only planned."""
-    folders = re.findall(r"^\| `([a-z]+)/` \|", README.read_text(encoding="utf-8"), re.MULTILINE)
+def test_the_front_page_is_short() -> None:
+    """At most 120 lines."""
+    assert len(README.read_text(encoding="utf-8").splitlines()) <= LONGEST_LINES
 
+
+def test_each_of_the_three_numbers_is_on_the_page_that_its_row_links() -> None:
+    """A page that was measured again changes the front page as well."""
+    section = README.read_text(encoding="utf-8").split("## Three numbers")[1].split("\n## ")[0]
+    rows = [line for line in section.splitlines() if line.startswith("| ")][1:]
+    assert len(rows) == 3
+    for row in rows:
+        text, target = row.rsplit("](", 1)
+        page = (ROOT / target.partition("#")[0].rstrip(") |")).read_text(encoding="utf-8")
+        stated = NUMBER.findall(text.replace("Axia80", ""))
+        assert stated
+        assert [number for number in stated if number not in NUMBER.findall(page)] == []
+
+
+def test_every_folder_of_the_map_exists() -> None:
+    """The map in CONTRIBUTING names the folders that are there."""
+    page = CONTRIBUTING.read_text(encoding="utf-8")
+    folders = re.findall(r"^\| `([a-z]+)/` \|", page, re.MULTILINE)
     assert len(folders) > 5
-    assert all(Path(ROOT / folder).is_dir() for folder in folders)
+    assert all((ROOT / folder).is_dir() for folder in folders)

@@ -1,4 +1,4 @@
-"""Lay the tool's face flat: press with 10 N and turn about the TCP until no torque is left."""
+"""Face alignment: press with 10 N and rotate about the TCP until the torque is zero."""
 
 import math
 import sys
@@ -13,7 +13,7 @@ WITHIN_S = 30.0
 
 
 def main(cell: Cell) -> float:
-    """Align, stop; return the angle that the tool has turned by [degrees]."""
+    """Align and stop; return the rotation of the tool [degrees]."""
     before = unit(cell.state().orientation_xyzw)
     cell.force.start(FORCE_N, mode="both")
     flat_since_s = math.inf
@@ -27,12 +27,12 @@ def main(cell: Cell) -> float:
             if heard.stamp_s - flat_since_s >= STEADY_S:
                 break
         else:
-            raise NotReachedError(f"a torque was left after {WITHIN_S:g} s")
+            raise NotReachedError(f"the torque was not zero after {WITHIN_S:g} s")
     finally:
         cell.force.stop()
     x, y, z, w = times(unit(cell.state().orientation_xyzw), inverse(before))
     turned_deg = 2.0 * math.degrees(math.atan2(math.hypot(x, y, z), abs(w)))
-    print(f"lies flat, turned by {turned_deg:.2f} degrees")
+    print(f"aligned, rotated by {turned_deg:.2f} degrees")
     return turned_deg
 
 
@@ -40,5 +40,5 @@ if __name__ == "__main__":
     try:
         with Cell(sys.argv[1] if len(sys.argv) > 1 else "cells/demo.yaml") as the_cell:
             main(the_cell)
-    except ForcemeshError as error:  # one sentence that says what is wrong and what to do
+    except ForcemeshError as error:  # one sentence: the error and the remedy
         sys.exit(str(error))

@@ -1,4 +1,4 @@
-"""Hold 8 N along a square: the force works along the tool's axis, the path goes across it."""
+"""Path with force: hold 8 N along the tool's axis while moving along a square across it."""
 
 import sys
 
@@ -14,13 +14,13 @@ ALONG_TOOL = (False, False, True, False, False, False)
 
 
 def tcp(cell: Cell) -> Vec3:
-    """Return where the TCP is, in base [m]."""
+    """Return the position of the TCP in base [m]."""
     state, lever = cell.state(), cell.info.T_flange_tcp.position_m
     return plus(state.position_m, turned(unit(state.orientation_xyzw), lever))
 
 
 def square(cell: Cell, side_m: float) -> tuple[Vec3, ...]:
-    """Return the corners in the tool's plane, beginning and ending where the tool is."""
+    """Return the corners in the tool's plane, starting and ending at the present position."""
     q_flange_tool = cell.info.T_flange_tcp.orientation_xyzw
     start, q_base_flange = tcp(cell), unit(cell.state().orientation_xyzw)
     corners = ((side_m, 0.0, 0.0), (side_m, side_m, 0.0), (0.0, side_m, 0.0), (0.0, 0.0, 0.0))
@@ -30,7 +30,7 @@ def square(cell: Cell, side_m: float) -> tuple[Vec3, ...]:
 
 
 def main(cell: Cell, side_m: float = SIDE_M) -> float:
-    """Press, go round, stop; return the largest error of the force on the way [N]."""
+    """Press, follow the square, stop; return the largest force error on the path [N]."""
     wanted = ForceStartRequest(
         mode="position", setpoint_N=FORCE_N, law="adaptive", axes=ALONG_TOOL, frame="tool"
     )
@@ -49,7 +49,7 @@ def main(cell: Cell, side_m: float = SIDE_M) -> float:
                 break
     finally:
         cell.force.stop()
-    print(f"{4e3 * side_m:.0f} mm with {FORCE_N:g} N, off by {worst_N:.2f} N at most")
+    print(f"{4e3 * side_m:.0f} mm with {FORCE_N:g} N, force error at most {worst_N:.2f} N")
     return worst_N
 
 
@@ -57,5 +57,5 @@ if __name__ == "__main__":
     try:
         with Cell(sys.argv[1] if len(sys.argv) > 1 else "cells/demo.yaml") as the_cell:
             main(the_cell)
-    except ForcemeshError as error:  # one sentence that says what is wrong and what to do
+    except ForcemeshError as error:  # one sentence: the error and the remedy
         sys.exit(str(error))

@@ -1,7 +1,7 @@
-"""Follow a hand for ten seconds, then go the way back, from place to place.
+"""Hand guiding for ten seconds, then the return path through the recorded positions.
 
-Lead the tool by hand: it gives way to a push, and stays where it is left. Begin in free air. This
-is not a safety function: keep a hand at the emergency stop.
+Guide the tool by hand: it yields to a push, and stays where it is released. Start in free space.
+This is not a safety function: keep a hand on the emergency stop.
 """
 
 import math
@@ -11,11 +11,11 @@ from forcemesh import ArmStoppedError, Cell, ForcemeshError
 from forcemesh.messages import PoseRecord
 
 SECONDS = 10.0
-EVERY_M = 0.01  # apart: the places that are remembered
+EVERY_M = 0.01  # distance between recorded positions
 
 
 def lead(cell: Cell, seconds: float) -> list[PoseRecord]:
-    """Give way to a hand for a while; return where the flange has been."""
+    """Run hand guiding for a time; return the recorded poses of the flange."""
     places = [here(cell)]
     cell.force.start(law="guide")
     try:
@@ -30,16 +30,16 @@ def lead(cell: Cell, seconds: float) -> list[PoseRecord]:
 
 
 def here(cell: Cell) -> PoseRecord:
-    """Return where the flange is, in base."""
+    """Return the pose of the flange in base."""
     state = cell.state()
     return PoseRecord(position_m=state.position_m, orientation_xyzw=state.orientation_xyzw)
 
 
 def main(cell: Cell, seconds: float = SECONDS) -> int:
-    """Be led, go back; return how many places were gone to."""
-    print(f"lead the tool by hand, {seconds:g} s")
+    """Guide, then return; return the number of recorded poses."""
+    print(f"guide the tool by hand, {seconds:g} s")
     places = lead(cell, seconds)
-    print(f"going back along {len(places)} places")
+    print(f"returning through {len(places)} positions")
     for place in reversed(places):
         cell.move.to(place.position_m, place.orientation_xyzw, speed_m_s=0.05)
     return len(places)
@@ -49,5 +49,5 @@ if __name__ == "__main__":
     try:
         with Cell(sys.argv[1] if len(sys.argv) > 1 else "cells/demo.yaml") as the_cell:
             main(the_cell)
-    except ForcemeshError as error:  # one sentence that says what is wrong and what to do
+    except ForcemeshError as error:  # one sentence: the error and the remedy
         sys.exit(str(error))

@@ -1,4 +1,4 @@
-"""Turns the unknowns of a fit into the payload that people know, each with its uncertainty."""
+"""Payload parameters of a fit, each with its standard deviation."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -10,13 +10,13 @@ from common.motion.frames import Array, vector_from_rotation
 from identification.least_squares import Solution
 from identification.payload_model import USUAL
 
-HARDLY = 0.7  # a share of the usual size: the recording has halved the variance at most
-END = (0.5, 2.0 / 3.0)  # the shapes of the drift at the end of the recording
+HARDLY = 0.7  # share of the prior deviation: above it the variance is not even halved
+END = (0.5, 2.0 / 3.0)  # basis functions of the drift at the end of the recording
 
 
 @dataclass(frozen=True, slots=True)
 class Deviations:
-    """Standard deviation of each parameter, named as in Payload; None: it was not fitted."""
+    """Standard deviation of each parameter, named as in Payload; None: not fitted."""
 
     mass_kg: float
     com_m: Vector
@@ -32,10 +32,9 @@ class Deviations:
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """One number of a fit. `amplified`: how many times the others make it less sure than alone.
+    """One parameter of a fit. `amplified`: factor on its deviation from fitting the others too.
 
-    `usual` is the standard deviation that was expected before the recording, endless when nothing
-    was.
+    `usual` is the prior standard deviation, infinite without a prior.
     """
 
     name: str
@@ -46,12 +45,12 @@ class Parameter:
 
     @property
     def told(self) -> bool:
-        """Whether the recording says more than what is usual anyway."""
+        """Return whether the recording improves on the prior."""
         return self.std <= HARDLY * self.usual
 
 
 def payload_of(solution: Solution, time_s: Array | None) -> Payload:
-    """Return the payload, its bias that at the end of the recording."""
+    """Return the payload, with the bias at the end of the recording."""
     state = solution.state
     m, h = float(state.linear[0]), state.linear[1:4]
     d_F, d_M = np.tensordot(END, state.drift, axes=1)
@@ -74,7 +73,7 @@ def payload_of(solution: Solution, time_s: Array | None) -> Payload:
 
 
 def deviations(solution: Solution) -> Deviations:
-    """Return the standard deviations, those of centre of mass and final bias carried over."""
+    """Return the standard deviations, propagated to centre of mass and final bias."""
     model, covariance = solution.model, solution.covariance
     places = model.places
     std = np.sqrt(np.diag(covariance))
@@ -109,7 +108,7 @@ def deviations(solution: Solution) -> Deviations:
 
 
 def parameters(payload: Payload, std: Deviations, solution: Solution) -> tuple[Parameter, ...]:
-    """Return every fitted number with its uncertainty, vectors as x, y and z."""
+    """Return every fitted parameter with its uncertainty, vectors as x, y and z."""
     places = _places(solution)
     tilt_rad = np.arccos(min(1.0, abs(payload.gravity_direction_in_base[2])))
     drift = payload.drift

@@ -1,4 +1,4 @@
-"""Finds payload and sensor bias from a recording, and says how far to trust them."""
+"""Payload identification: mass, centre of mass and sensor bias of a recording, with deviations."""
 
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -26,18 +26,18 @@ from identification.screening import Rejected, screen
 from identification.static_poses import check_poses
 
 BOTH_AXES: tuple[WrenchAxes, WrenchAxes] = ("sensor", "base")
-CLEARLY = 2.0  # one reading of the axes must leave residuals this much smaller than the other
+CLEARLY = 2.0  # ratio of residuals at which one choice of axes is clear
 POOR_CONDITIONING = 10.0
 LEAST_MASS_KG = 1e-4
-# Standard deviations beyond which a parameter is called unsure: what a person would notice.
+# Standard deviations beyond which a parameter is reported as uncertain.
 UNSURE = {"mass_kg": 0.1, "com_m": 0.01, "bias_force_N": 1.0, "bias_torque_Nm": 0.1}
 
 
 @dataclass(frozen=True, slots=True)
 class Identification:
-    """A fitted payload with the evidence. Residuals are per pose, shape (n, 3), sensor axes.
+    """Fitted payload with its evidence. Residuals are per pose, shape (n, 3), sensor axes.
 
-    `untold` names what the recording could not tell; `rejected` the rows that were left out.
+    `untold` names what the recording does not identify; `rejected` the rows that were left out.
     """
 
     payload: Payload
@@ -56,7 +56,7 @@ class Identification:
 
 
 class AxesFit(NamedTuple):
-    """A fit, the axes in which it took the recorded wrench, and why when it chose them itself."""
+    """Fit, the axes assumed for the recorded wrench, and the reason if they were chosen here."""
 
     axes: WrenchAxes
     identification: Identification
@@ -64,9 +64,9 @@ class AxesFit(NamedTuple):
 
 
 def identify(samples: Samples) -> Identification:
-    """Fit payload and bias; the model grows beyond them only where the data ask for it.
+    """Fit payload and bias; further parameters are added by model selection.
 
-    Raises DataError when the poses are too few or too alike, or when they show no weight.
+    Raises DataError when the poses are too few or too similar, or show no weight.
 
     Args:
         samples: Static readings in many attitudes, free of contact, in sensor axes.
@@ -112,9 +112,9 @@ def identify(samples: Samples) -> Identification:
 
 
 def identify_recording(recording: Recording, wrench_axes: WrenchAxes | None) -> AxesFit:
-    """Fit a recording whose wrench is in the given axes; with None, in those that explain it.
+    """Fit a recording with its wrench in the given axes; with None, in those that fit better.
 
-    Raises DataError when the recording cannot be fitted, or when both axes explain it alike.
+    Raises DataError when the recording cannot be fitted, or when both axes fit equally well.
     """
     fits: dict[WrenchAxes, Identification] = {}
     problems: dict[WrenchAxes, DataError] = {}
@@ -133,16 +133,16 @@ def identify_recording(recording: Recording, wrench_axes: WrenchAxes | None) -> 
     best = min(fits, key=lambda axes: fits[axes].chosen.score)
     if len(fits) == 2 and _times_better(fits["sensor"], fits["base"]) < CLEARLY:
         raise DataError(
-            f"{recording.source}: the axes of the wrench cannot be told (rms residual {found}); "
-            "say --wrench-axes sensor or base"
+            f"{recording.source}: the axes of the wrench are ambiguous (rms residual {found}); "
+            "use --wrench-axes sensor or base"
         )
     return AxesFit(best, fits[best], f"wrench taken to be in {best} axes: rms residual {found}")
 
 
 def axes_of(recording: Recording, payload: Payload) -> tuple[WrenchAxes, str]:
-    """Return the axes in which a payload explains a recording, and why it is these.
+    """Return the axes in which a payload explains a recording, and the reason.
 
-    Where the payload does not tell (another payload, another bias), the recording itself may.
+    If the payload does not decide (another payload, another bias), a fit of the recording may.
     Raises DataError when neither is clear.
     """
     sizes = {axes: _unexplained(recording.samples(axes), payload) for axes in BOTH_AXES}
@@ -156,8 +156,8 @@ def axes_of(recording: Recording, payload: Payload) -> tuple[WrenchAxes, str]:
         fit = identify_recording(recording, None)
     except DataError as error:
         raise DataError(
-            f"{recording.source}: the axes of the wrench cannot be told from this payload; "
-            "say --wrench-axes sensor or base"
+            f"{recording.source}: the axes of the wrench do not follow from this payload; "
+            "use --wrench-axes sensor or base"
         ) from error
     return fit.axes, f"{fit.reason} when fitted by itself"
 
@@ -172,7 +172,7 @@ def _unexplained(samples: Samples, payload: Payload) -> tuple[float, float]:
 
 
 def _compared(fits: dict[WrenchAxes, Identification], taken: WrenchAxes) -> Identification:
-    """Return the fit in the axes taken, with a warning when the other ones are far better."""
+    """Return the fit in the given axes, with a warning when the other ones fit far better."""
     fit = fits[taken]
     for other, rival in fits.items():
         if rival.chosen.score < fit.chosen.score and _times_better(fit, rival) >= CLEARLY:
@@ -185,7 +185,7 @@ def _compared(fits: dict[WrenchAxes, Identification], taken: WrenchAxes) -> Iden
 
 
 def _times_better(a: Identification, b: Identification) -> float:
-    """Return how many times larger the residuals of the worse fit are (geometric mean)."""
+    """Return the ratio of the residuals of worse and better fit (geometric mean)."""
     small, large = sorted((a.chosen.score, b.chosen.score))
     return float(np.sqrt(large / small))
 
@@ -203,9 +203,9 @@ def _unsure(std: Deviations) -> tuple[str, ...]:
 
 
 def _untold(found: tuple[Parameter, ...], candidates: tuple[Candidate, ...]) -> tuple[str, ...]:
-    """Return what stays as unsure as it was: numbers of the model used, and errors not in it."""
+    """Return the parameters that the recording does not identify, in the model used or not."""
     lines = [
-        f"{p.name}: {p.std:.2g}, and {p.usual:.2g} without the recording"
+        f"{p.name}: {p.std:.2g}, but {p.usual:.2g} without the recording"
         for p in found
         if not p.told
     ]
@@ -214,7 +214,7 @@ def _untold(found: tuple[Parameter, ...], candidates: tuple[Candidate, ...]) -> 
     std = np.sqrt(np.diag(richest.covariance))
     for name, place in richest.model.places.items():
         if name not in chosen and np.min(std[place]) > HARDLY * USUAL[name]:
-            lines.append(f"{NAMES[name]}: nothing, with all errors fitted at once")
+            lines.append(f"{NAMES[name]}: not identified, with all errors fitted at once")
     return tuple(lines)
 
 
@@ -224,11 +224,11 @@ def _warnings(payload: Payload, plain: Candidate) -> tuple[str, ...]:
         warnings.append(
             "gravity points up in base: either the arm hangs from the ceiling, or this sensor "
             "reports the tool's reaction. Push the tool by hand: unless the force reads along "
-            "the push, turn the sign of all six readings before closing a force loop on them"
+            "the push, reverse the sign of all six readings before closing a force loop on them"
         )
     if plain.solution.conditioning > POOR_CONDITIONING:
         warnings.append(
             f"condition number {plain.solution.conditioning:.1f} (fair: 10): the poses differ "
-            "little, the parameters are less sure than the residuals"
+            "little, the parameters are less certain than the residuals suggest"
         )
     return tuple(warnings)

@@ -1,8 +1,8 @@
 """Weighted least squares of the payload model with priors: one chosen model, one set of readings.
 
-Gauss-Newton on the posterior. The noise of force and of torque, and how well the model explains
-the readings at all, come from the evidence: the probability of the readings under the model with
-its unknowns averaged out (MacKay: Bayesian interpolation, Neural Computation 1992).
+Gauss-Newton on the posterior. The noise of force and of torque and the quality of the model come
+from the evidence: the probability of the readings under the model with its unknowns marginalised
+(MacKay: Bayesian interpolation, Neural Computation 1992).
 """
 
 from dataclasses import dataclass, replace
@@ -25,11 +25,11 @@ from identification.payload_model import (
 )
 from identification.recording import Samples
 
-# Noise-free data must not divide by zero: what one reading of a very good sensor still errs.
+# Lower limit of the noise, so that noise-free data do not divide by zero.
 FORCE_FLOOR_N, TORQUE_FLOOR_NM = 1e-6, 1e-8
 FLOOR = np.array([FORCE_FLOOR_N, TORQUE_FLOOR_NM])
-# Six poses with thirty unknowns leave little to tell the noise from: it counts as one equation
-# more, in which a good sensor errs by so much.
+# Six poses with thirty unknowns hardly determine the noise: one pseudo-observation with the noise
+# of a good sensor regularises it.
 QUIET = np.array([2e-3, 1e-4])
 QUIET_EQUATIONS = 1.0
 ITERATIONS = 60
@@ -48,12 +48,12 @@ class Noise:
 
 @dataclass(frozen=True, slots=True)
 class Solution:
-    """What the fit found. `covariance` and `amplified` are in the order of the model's unknowns.
+    """Result of a fit. `covariance` and `amplified` are in the order of the model's unknowns.
 
-    `conditioning` is that of all unknowns with their priors; `amplified` tells of each unknown how
-    many times the others make it less sure than it were alone. `evidence` is a logarithm, of which
-    only differences mean something. `left_out` has shape (2, n, 3): the residual of each pose
-    under a fit without it.
+    `conditioning` is that of all unknowns with their priors; `amplified` is the factor on the
+    deviation of each unknown from fitting the others too. `evidence` is a logarithm, of which only
+    differences are meaningful. `left_out` has shape (2, n, 3): the leave-one-out residual of each
+    pose.
     """
 
     model: Model
@@ -70,7 +70,7 @@ class Solution:
 
 @dataclass(frozen=True, slots=True)
 class _Task:
-    """What is fitted to what."""
+    """Model with the readings that it is fitted to."""
 
     samples: Samples
     weight: Array
@@ -79,7 +79,7 @@ class _Task:
 
 @dataclass(frozen=True, slots=True)
 class _Normal:
-    """The normal equations at one state; the covariance is half @ half.T.
+    """Normal equations at one state; the covariance is half @ half.T.
 
     `scale` is one over the noise of each reading, shape (2, n, 1); `rows` are the derivatives in
     units of that noise, shape (2, n, 3, unknowns).
@@ -99,12 +99,12 @@ class _Normal:
 
 
 def solve(samples: Samples, weight: Array, model: Model, start: State) -> Solution:
-    """Fit one model, from the directions of `start`.
+    """Fit one model, starting from the directions of `start`.
 
     Args:
         samples: Readings in sensor axes.
         weight: Weight of each reading. Shape (n,).
-        model: What is fitted.
+        model: Parameters to fit.
         start: Directions to start from.
     """
     task = _Task(samples, weight, model)
@@ -122,7 +122,7 @@ def solve(samples: Samples, weight: Array, model: Model, start: State) -> Soluti
         widths = _widened(state, model)
         borne = [float(np.sum(covariance * square)) for square in normal.squares]
         before, noise = noise, _noise(left, weight, np.array(borne))
-        # The noise is only waited for roughly: signs and turns settle long before it.
+        # A rough convergence of the noise is enough: the directions converge long before it.
         settled = bool(np.all(np.abs(np.log(noise / before)) < 1e-2))
         if settled and np.linalg.norm(step) < CONVERGED * (1.0 + np.linalg.norm(state.linear)):
             converged = True
@@ -145,10 +145,10 @@ def solve(samples: Samples, weight: Array, model: Model, start: State) -> Soluti
 
 
 def plain_conditioning(samples: Samples, weight: Array) -> float:
-    """Return the conditioning of the plain fit, which the attitudes and their weights alone make.
+    """Return the conditioning of the plain fit, which depends on attitudes and weights alone.
 
-    Force and torque share no unknown there, so the noise of neither changes it, nor do the
-    readings: nothing needs to be solved.
+    Force and torque share no unknown there, so neither their noise nor the readings change it, and
+    no fit is needed.
 
     Args:
         samples: Readings in sensor axes.
@@ -158,7 +158,7 @@ def plain_conditioning(samples: Samples, weight: Array) -> float:
 
 
 def _variances(model: Model, widths: dict[str, float]) -> Array:
-    """Return the variance of each unknown before the recording: endless for the linear ones."""
+    """Return the prior variance of each unknown: infinite for the linear ones."""
     variances = np.full(model.size, np.inf)
     for name, place in model.places.items():
         variances[place] = widths[name] ** 2
@@ -166,7 +166,7 @@ def _variances(model: Model, widths: dict[str, float]) -> Array:
 
 
 def _widened(state: State, model: Model) -> dict[str, float]:
-    """Return the usual size of each group, or its rms where the recording shows more."""
+    """Return the prior deviation of each group, or its rms if the recording shows more."""
     found = {n: float(np.sqrt(np.mean(v**2))) for n, v in extras(state, model).items()}
     return {name: max(USUAL[name], size) for name, size in found.items()}
 
@@ -174,7 +174,7 @@ def _widened(state: State, model: Model) -> dict[str, float]:
 def _normal(
     state: State, task: _Task, noise: Array, widths: dict[str, float], *, left: Array
 ) -> _Normal:
-    """Set up and factorise the equations; `left` are the residuals at this state."""
+    """Build and factorise the normal equations; `left` are the residuals at this state."""
     samples, model = task.samples, task.model
     scale = np.sqrt(task.weight)[None, :, None] / noise[:, None, None]
     rows = jacobian(state, samples, model) * scale[..., None]
@@ -218,10 +218,10 @@ def _evidence(
 
 
 def _left_out(normal: _Normal, left: Array) -> Array:
-    """Return the residuals of poses under fits without them, by the hat matrix.
+    """Return the leave-out residuals of the poses, by the hat matrix.
 
-    Exact for linear models, and close for small turns. Each pose is left out alone; in long
-    recordings whole stretches are, as neighbours are alike. Infinite where there is no fit.
+    Exact for linear models, close for small rotations. Each pose is left out alone; in long
+    recordings blocks are, as neighbours are correlated. Infinite where there is no fit.
     """
     left_out = np.full_like(left, np.inf)
     errors = left * normal.scale
@@ -229,7 +229,7 @@ def _left_out(normal: _Normal, left: Array) -> Array:
         count, each = folds.shape
         rows = normal.rows[:, folds].swapaxes(0, 1).reshape(count, 6 * each, -1) @ normal.half
         error = errors[:, folds].swapaxes(0, 1).reshape(count, 6 * each, 1)
-        # (I - B B^T)^-1 = I + B (I - B^T B)^-1 B^T keeps it small for long recordings.
+        # (I - B B^T)^-1 = I + B (I - B^T B)^-1 B^T keeps the matrix small for long recordings.
         kept = np.eye(rows.shape[2]) - rows.swapaxes(1, 2) @ rows
         fits = np.linalg.eigvalsh(kept)[:, 0] > 1e-9
         rows, error, kept = rows[fits], error[fits], kept[fits]
@@ -261,7 +261,7 @@ def _plain_normal(task: _Task, state: State) -> _Normal:
 
 
 def _noise(residual: Array, weight: Array, borne: Array) -> Array:
-    """Return the noise of force and torque; `borne` are the unknowns that each block bears."""
+    """Return the noise of force and torque; `borne` is the number of unknowns of each block."""
     squares = (weight[:, None] * residual**2).sum(axis=(1, 2)) + QUIET_EQUATIONS * QUIET**2
     equations = 3.0 * len(weight) + QUIET_EQUATIONS
     return np.asarray(np.maximum(np.sqrt(squares / np.maximum(equations - borne, 1.0)), FLOOR))

@@ -1,4 +1,4 @@
-"""Chooses how rich a payload model the data carry: simplest first, more only when it is earned."""
+"""Model selection for the payload fit, by evidence and leave-one-out error, simplest first."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -12,19 +12,19 @@ from identification.payload_model import DOWN, Model, State, residuals, start_st
 from identification.static_poses import Poses
 
 PLAIN = Model()
-LEAST_POSES = 6  # two more than those that the plain model needs
-PRICE = 3.0  # of the evidence, for each further error: three times out of four there is none
-SCORE_GAIN = 0.9  # left-out poses must be predicted this much closer, force and torque together,
-NOT_WORSE = 1.1  # and neither clearly worse: a true tilt or mounting turns both
-FAR_RAD = np.radians(10.0)  # a sensor turned further is not found from an unturned start
+LEAST_POSES = 6  # two more than the plain model needs
+PRICE = 3.0  # penalty on the evidence for each further error: absent in three recordings of four
+SCORE_GAIN = 0.9  # required ratio of leave-one-out errors, force and torque together,
+NOT_WORSE = 1.1  # and neither clearly worse: a true tilt or mounting rotates both
+FAR_RAD = np.radians(10.0)  # a larger rotation of the sensor is not found from an unrotated start
 
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """One model, fitted and judged. `loo` is the error on poses that the fit has not seen.
+    """One model, fitted and evaluated. `loo` is the error on poses left out of the fit.
 
-    Rms values are over the norms of the poses' residuals; loo is infinite where leaving poses out
-    makes the rest insufficient. `evidence` is a logarithm, the price of the model subtracted.
+    Rms values are over the norms of the poses' residuals; loo is infinite if leaving poses out
+    makes the rest insufficient. `evidence` is a logarithm with the model's penalty subtracted.
     """
 
     model: Model
@@ -39,23 +39,23 @@ class Candidate:
 
     @property
     def score(self) -> float:
-        """Product of force and torque error on unseen poses: neither unit outweighs the other."""
+        """Return the product of force and torque error on left-out poses, independent of units."""
         seen = max(self.rms_force_N, FORCE_FLOOR_N) * max(self.rms_torque_Nm, TORQUE_FLOOR_NM)
         unseen = max(self.loo_force_N, FORCE_FLOOR_N) * max(self.loo_torque_Nm, TORQUE_FLOOR_NM)
         return unseen if np.isfinite(unseen) else seen
 
     @property
     def weighs(self) -> bool:
-        """Whether it finds a mass that is more than its own uncertainty."""
+        """Return whether its mass exceeds three standard deviations."""
         deviation = np.sqrt(self.solution.covariance[0, 0])
         return bool(self.solution.state.linear[0] >= 3.0 * deviation)
 
 
 def choose(poses: Poses) -> tuple[Candidate, ...]:
-    """Fit every model that the poses can carry; mark the one to use. The plain one comes first.
+    """Fit every model that the poses support; mark the one to use. The plain one comes first.
 
-    The one with the most evidence is used, if it also predicts left-out poses better than the
-    plain one.
+    The model with the highest evidence is used, if it also predicts left-out poses better than
+    the plain one.
     """
     starts = _starts(poses)
     plain = _fitted(poses, PLAIN, [start_state()])
@@ -64,13 +64,13 @@ def choose(poses: Poses) -> tuple[Candidate, ...]:
     models = [Model(*m) for m in product((False, True), (False, True), (False, True), orders)]
     richer = [_judged(poses, model, starts, plain) for model in models if model != PLAIN]
     best = _best([plain, *richer])
-    if len(orders) > 1:  # a bend is only tried on top of what else there is
+    if len(orders) > 1:  # quadratic drift is tried only on top of the best model
         richer.append(_judged(poses, replace(best.model, drift=2), starts, plain))
         best = _best([plain, *richer])
     return tuple(
         replace(c, chosen=True, verdict="used")
         if c is best
-        else replace(c, verdict=c.verdict or "another explains more")
+        else replace(c, verdict=c.verdict or "another has more evidence")
         for c in (plain, *richer)
     )
 
@@ -82,7 +82,7 @@ def _best(candidates: Sequence[Candidate]) -> Candidate:
 
 def _judged(poses: Poses, model: Model, starts: Sequence[State], plain: Candidate) -> Candidate:
     allowed = [_allowed(start, model) for start in starts]
-    # Without what tells the starts apart they are one start, and one fit.
+    # Starts that differ only in directions that the model does not correct are one start.
     if all(_same_directions(start, allowed[0]) for start in allowed):
         allowed = allowed[:1]
     candidate = _fitted(poses, model, allowed)
@@ -90,7 +90,7 @@ def _judged(poses: Poses, model: Model, starts: Sequence[State], plain: Candidat
 
 
 def _allowed(start: State, model: Model) -> State:
-    """Take out of a start what its model does not correct."""
+    """Return a start without the directions that its model does not correct."""
     return replace(
         start,
         down_in_base=start.down_in_base if model.tilt else DOWN,
@@ -103,15 +103,15 @@ def _same_directions(a: State, b: State) -> bool:
 
 
 def _objection(candidate: Candidate, plain: Candidate, poses: int) -> str:
-    """Return why a richer candidate is not to replace the plain one; empty when it may."""
+    """Return why a richer candidate must not replace the plain one; empty when it may."""
     if poses < LEAST_POSES:
-        return f"too few poses to tell ({poses}, at least {LEAST_POSES})"
+        return f"too few poses to decide ({poses}, at least {LEAST_POSES})"
     if not candidate.solution.converged:
-        return "the fit does not settle"
+        return "the fit does not converge"
     if not np.isfinite(candidate.loo_force_N):
-        return "it hangs on a single pose"
+        return "it depends on a single pose"
     if not candidate.weighs:
-        return "it leaves no weight"
+        return "it finds no weight"
     if not plain.weighs:
         return ""
     if candidate.evidence <= plain.evidence:
@@ -144,7 +144,7 @@ def _fitted(poses: Poses, model: Model, starts: Sequence[State]) -> Candidate:
 
 
 def _starts(poses: Poses) -> list[State]:
-    """Return directions to start from: none corrected, and, where it is far, a turned sensor.
+    """Return start directions: none corrected, and a rotated sensor if it is far off.
 
     F = A u + b is linear in A = m R_mount^T, whose nearest rotation comes from its singular
     vectors; det A < 0 is gravity pointing up.

@@ -1,4 +1,4 @@
-"""Tells which pose would teach the most: the attitude that makes the worst-known number surer."""
+"""Optimal experiment design: next attitude that most reduces the largest deviation."""
 
 from dataclasses import dataclass
 
@@ -11,14 +11,14 @@ from identification.payload_model import LINEAR, NAMES, USUAL, Model, jacobian
 from identification.recording import Samples
 
 ATTITUDES = 200
-TEACHES = 0.05  # of the variance, at least, is what a new pose should take away
-# What a person would call unsure: mass [kg], com [m], bias [N], [Nm].
+TEACHES = 0.05  # smallest share of the variance that a new pose should remove
+# Reference deviations: mass [kg], com [m], bias [N], [Nm].
 LINEAR_SIZES = (0.1, 0.01, 1.0, 0.1)
 
 
 @dataclass(frozen=True, slots=True)
 class NextPose:
-    """An attitude of the sensor in base, and what it does for the number that is known worst."""
+    """Attitude of the sensor in base, and its effect on the least certain parameter."""
 
     quaternion: tuple[float, float, float, float]
     down_in_sensor: tuple[float, float, float]
@@ -28,11 +28,11 @@ class NextPose:
 
 
 def next_pose(solution: Solution) -> NextPose:
-    """Return the best of many attitudes, all round: the arm may not reach it, its neighbours do.
+    """Return the best of many attitudes in all directions; the arm may only reach one near it.
 
-    The number known worst has the largest standard deviation as a share of its usual size. A
-    reading in attitude k with Jacobian J and noise S turns the covariance C into
-    C - C J^T (S + J C J^T)^-1 J C. A number that no pose makes surer is passed over.
+    The least certain parameter has the largest standard deviation relative to its reference. A
+    reading in attitude k with Jacobian J and noise S changes the covariance C to
+    C - C J^T (S + J C J^T)^-1 J C. A parameter that no pose improves is skipped.
     """
     model = solution.model
     sizes = _sizes(solution)
@@ -40,7 +40,7 @@ def next_pose(solution: Solution) -> NextPose:
     R = _attitudes()
     ones = np.zeros((ATTITUDES, 3))
     J = jacobian(solution.state, Samples(R, ones, ones), model)
-    for order in range(1, model.drift + 1):  # it would be read right after the recording
+    for order in range(1, model.drift + 1):  # the pose would be read right after the recording
         for block, of in enumerate("FM"):
             J[block, :, :, model.places[f"drift{order}_{of}"]] = END[order - 1] * np.eye(3)
     rows = J.transpose(1, 0, 2, 3).reshape(ATTITUDES, 6, model.size)
@@ -63,13 +63,13 @@ def next_pose(solution: Solution) -> NextPose:
 
 
 def _attitudes() -> Array:
-    rng = np.random.default_rng(0)  # the same every time: the advice does not change by itself
+    rng = np.random.default_rng(0)  # fixed seed: the advice is reproducible
     q = rng.normal(size=(ATTITUDES, 4))
     return np.array([R_from_quaternion(row) for row in q])
 
 
 def _sizes(solution: Solution) -> Array:
-    """Return what one calls a large error of each unknown."""
+    """Return the reference deviation of each unknown."""
     mass, com, bias_F, bias_M = LINEAR_SIZES
     model, moment = solution.model, com * float(solution.state.linear[0])
     sizes = np.empty(model.size)

@@ -1,4 +1,4 @@
-"""The payload model that is fitted: its unknowns, what it predicts, its derivatives, its priors.
+"""Payload model: its unknowns, prediction, derivatives and priors.
 
     F = (1 + e_F) * m g_s + b_F(t)        M = (1 + e_M) * (h x g_s) + b_M(t)
     g_s = (R_base_sensor R_mount)^T g     b(t) = b + d1 u/2 + d2 (u^2 - 1/3)
@@ -25,10 +25,10 @@ from common.motion.frames import (
 from identification.recording import Samples
 
 LINEAR = 10
-LARGEST_TURN_RAD = 0.5  # of one step; a longer one leaves the region where it is a step downhill
+LARGEST_TURN_RAD = 0.5  # limit of one step; a longer one leaves the region of descent
 DOWN = np.array([0.0, 0.0, -1.0])
-# How large each error usually is (standard deviation of one component). Recordings that show more
-# widen it. Force and torque of one group stand side by side.
+# Prior standard deviation of one component of each error. Recordings that show more widen it.
+# Force and torque of one group are adjacent.
 TILT_RAD, MOUNTING_RAD = np.radians(1.0), np.radians(2.0)
 GAIN = 0.03
 DRIFT_N, DRIFT_NM = 1.0, 0.03
@@ -37,7 +37,7 @@ BEND = 0.4  # of the drift
 
 @dataclass(frozen=True, slots=True)
 class Model:
-    """Which parameters beyond mass, moment and bias are fitted; drift 2 is a curved one."""
+    """Parameters that are fitted beyond mass, moment and bias; drift 2 is quadratic."""
 
     tilt: bool = False
     mounting: bool = False
@@ -46,24 +46,24 @@ class Model:
 
     @property
     def name(self) -> str:
-        """What is fitted beyond the plain model, joined by plus signs."""
+        """Return the parameters beyond the plain model, joined by plus signs."""
         names = [name for name in ("tilt", "mounting", "gain") if getattr(self, name)]
         names += [("drift", "curved drift")[self.drift - 1]] if self.drift else []
         return "+".join(names) or "plain"
 
     @property
     def groups(self) -> int:
-        """Number of errors that it corrects; a bend of the drift is one more."""
+        """Return the number of errors that it corrects; quadratic drift counts twice."""
         return self.tilt + self.mounting + self.gain + self.drift
 
     @property
     def places(self) -> Mapping[str, slice]:
-        """Where each group of unknowns stands after the linear ones."""
+        """Return the slice of each group of unknowns after the linear ones."""
         return _places(self)
 
     @property
     def size(self) -> int:
-        """Number of unknowns."""
+        """Return the number of unknowns."""
         return LINEAR + 2 * self.tilt + 3 * self.mounting + 6 * (self.gain + self.drift)
 
 
@@ -105,7 +105,7 @@ NAMES = {
 
 @dataclass(frozen=True, slots=True)
 class State:
-    """The unknowns: mass [kg], first moment h [kg m], bias force [N] and torque [Nm], errors.
+    """Unknowns: mass [kg], first moment h [kg m], bias force [N] and torque [Nm], errors.
 
     `linear` is (m, h, b_F, b_M), shape (10,), the bias in the mean of the recording;
     `down_in_base` a unit vector; `R_mount` (3, 3); `gain_error` (e_F, e_M), shape (2, 3); `drift`
@@ -125,7 +125,7 @@ def start_state() -> State:
 
 
 def shapes(samples: Samples) -> Array:
-    """Return u/2 and u^2 - 1/3 for each reading: zeros when no time passes. Shape (2, n)."""
+    """Return u/2 and u^2 - 1/3 for each reading: zeros without times. Shape (2, n)."""
     t = samples.time_s
     if t is None or np.ptp(t) == 0.0:
         return np.zeros((2, len(samples)))
@@ -178,7 +178,7 @@ def jacobian(state: State, samples: Samples, model: Model) -> Array:
 
 
 def extras(state: State, model: Model) -> dict[str, Array]:
-    """Return the value of each group beyond the linear unknowns, as the priors see it."""
+    """Return the value of each group beyond the linear unknowns, as used by the priors."""
     values = {}
     if model.tilt:
         level = DOWN if state.down_in_base[2] <= 0.0 else -DOWN
@@ -226,7 +226,7 @@ def upright(state: State) -> State:
 
 
 def across(direction: Array) -> Array:
-    """Return two unit vectors across a direction. Shape (3, 2)."""
+    """Return two unit vectors perpendicular to a direction. Shape (3, 2)."""
     turn = skew(direction)
     first = turn[:, int(np.argmin(np.abs(direction)))]
     first = first / math.sqrt(first @ first)

@@ -1,4 +1,4 @@
-"""Reads a recording of sensor poses and wrenches (CSV), and names every mistake in it."""
+"""Reader for CSV recordings of sensor poses and wrenches; errors name file, line and column."""
 
 import csv
 import math
@@ -24,7 +24,7 @@ class Samples:
     """Readings in sensor axes, about the sensor origin, with the attitude of each.
 
     R_base_sensor has shape (n, 3, 3); force_N and torque_Nm have shape (n, 3), time_s (n,);
-    without times no drift can be told.
+    without times no drift can be identified.
     """
 
     R_base_sensor: Array
@@ -37,14 +37,14 @@ class Samples:
         return len(self.force_N)
 
     def __getitem__(self, rows: npt.NDArray[np.intp]) -> "Samples":
-        """Return some of the readings, chosen by their numbers."""
+        """Return some of the readings, selected by index."""
         time_s = None if self.time_s is None else self.time_s[rows]
         return Samples(self.R_base_sensor[rows], self.force_N[rows], self.torque_Nm[rows], time_s)
 
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """A recording as it stands in the file; the axes of its wrench are not known here.
+    """Recording as stored in the file; the axes of its wrench are not known here.
 
     time_s has shape (n,), R_base_sensor (n, 3, 3), the others (n, 3). `line` is the line of the
     file that each row came from.
@@ -59,9 +59,9 @@ class Recording:
     torque_Nm: Array
 
     def samples(self, wrench_axes: WrenchAxes) -> Samples:
-        """Return the readings in sensor axes, taking the recorded ones to be in `wrench_axes`.
+        """Return the readings in sensor axes; the recorded ones are in `wrench_axes`.
 
-        A wrench recorded in base axes is about the sensor origin too: only its axes are turned.
+        A wrench recorded in base axes is about the sensor origin too: only its axes are rotated.
         """
         if wrench_axes == "sensor":
             return Samples(self.R_base_sensor, self.force_N, self.torque_Nm, self.time_s)
@@ -75,8 +75,8 @@ class Recording:
 def read_recording(path: Path) -> Recording:
     """Read a CSV recording with the columns t,x,y,z,qx,qy,qz,qw,fx,fy,fz,tx,ty,tz.
 
-    Pose of the sensor in base [m, unit quaternion x y z w], wrench [N, Nm]. The columns may stand
-    in any order, others beside them are ignored. Raises DataError naming file, line and column.
+    Pose of the sensor in base [m, unit quaternion x y z w], wrench [N, Nm]. The columns may be in
+    any order, other columns are ignored. Raises DataError naming file, line and column.
     """
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
@@ -88,7 +88,7 @@ def read_recording(path: Path) -> Recording:
             f"{path}: is not UTF-8 text (byte {error.start}); save the recording as UTF-8 CSV"
         ) from error
     if not rows:
-        raise DataError(f"{path}, line 2: holds no rows, only the header")
+        raise DataError(f"{path}, line 2: no rows after the header")
     numbers = np.array([values for _, values in rows])
     return Recording(
         source=str(path),
@@ -131,9 +131,7 @@ def _places(path: Path, header: list[str]) -> dict[str, int]:
         if name not in header:
             raise DataError(f"{path}, line 1: column {name} is missing; {_expected()}")
         if header.count(name) > 1:
-            raise DataError(
-                f"{path}, line 1: column {name} stands there {header.count(name)} times"
-            )
+            raise DataError(f"{path}, line 1: column {name} occurs {header.count(name)} times")
     return {name: header.index(name) for name in COLUMNS}
 
 

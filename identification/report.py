@@ -1,4 +1,4 @@
-"""Turns a fit, or a check, into plain numbers: what `--json` prints and the tables show."""
+"""Report of a fit or a check as plain numbers, for `--json` and the tables."""
 
 from dataclasses import asdict
 from typing import Any
@@ -13,7 +13,7 @@ from identification.recording import Recording, WrenchAxes
 
 
 def fit_report(recording: Recording, axes: WrenchAxes, fit: Identification) -> dict[str, Any]:
-    """Return everything that a fit found, in SI units and sensor axes, ready for JSON."""
+    """Return all results of a fit, in SI units and sensor axes, ready for JSON."""
     payload, chosen = fit.payload, fit.chosen
     force = np.linalg.norm(fit.residual_force_N, axis=1)
     torque = np.linalg.norm(fit.residual_torque_Nm, axis=1)
@@ -75,9 +75,9 @@ def _payload_report(fit: Identification) -> dict[str, Any]:
 
 
 def check_report(recording: Recording, axes: WrenchAxes, payload: Payload) -> dict[str, Any]:
-    """Return what a payload leaves of every row of a recording: the norms, mean and maximum.
+    """Return the residual of a payload over a recording: mean and maximum of the norms.
 
-    The drift of the fit counts where the times are near those of its recording; `drift` says so.
+    The drift of the fit applies only near the times of its recording; `drift` reports whether.
     """
     drift, time_s = payload.drift, recording.time_s
     used = drift is not None and drift.covers(time_s)
@@ -129,7 +129,7 @@ def _model_report(candidate: Candidate) -> dict[str, Any]:
 
 
 def _finite(value: float) -> float | None:
-    """Return None for infinity, which JSON cannot say."""
+    """Return None for infinity, which JSON cannot represent."""
     return value if np.isfinite(value) else None
 
 

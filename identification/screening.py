@@ -1,4 +1,4 @@
-"""Leaves out the rows of a recording that no fit may use: moving, in contact, with a stale pose."""
+"""Screening of a recording: rejects rows in motion, in contact or with a stale pose."""
 
 from dataclasses import dataclass, replace
 
@@ -14,34 +14,34 @@ from identification.static_poses import Poses, angle, carries_a_fit, sort_into_p
 MOVING = "the arm was turning"
 CONTACT = "in contact, or touched"
 STALE = "the pose is stale: the reading is that of the pose before or after"
-WINDOW_S = 0.1  # of the speed: shorter, and the noise of the pose would be a speed
+WINDOW_S = 0.1  # of the speed: in a shorter one the noise of the pose reads as motion
 SPEED_RAD_S = np.radians(1.0)
 LEAST_TURN_RAD = np.radians(0.05)
-SINGLE_RAD = np.radians(10.0)  # rows further apart are poses of their own, not a motion
-ROWS_TO_JUDGE = 10  # a shorter dwell does not tell what is usual in it
+SINGLE_RAD = np.radians(10.0)  # rows further apart are separate poses, not a motion
+ROWS_TO_JUDGE = 10  # a shorter dwell has no reliable statistics
 UNUSUAL = 8.0  # robust standard deviations
-APART_N, APART_NM = 0.5, 0.03  # less is never taken for contact
-SAME = 0.3  # a reading so much nearer to another pose belongs to that one
+APART_N, APART_NM = 0.5, 0.03  # smaller deviations are never taken for contact
+SAME = 0.3  # ratio at which a reading belongs to another pose
 POSES_TO_JUDGE = 7
-MOST_TOUCHED = 20  # more are no mishap, and searching on would take long
-OUTLYING = 60.0  # F of three components: once in a million recordings by chance
+MOST_TOUCHED = 20  # limit of the search
+OUTLYING = 60.0  # F of three components: one false alarm in a million recordings
 
 Rows = npt.NDArray[np.intp]
 
 
 @dataclass(frozen=True, slots=True)
 class Rejected:
-    """Rows that were left out, by their numbers in the recording, and why."""
+    """Rejected rows, by index in the recording, with the reason."""
 
     reason: str
     rows: tuple[int, ...]
 
 
 def screen(samples: Samples) -> tuple[Poses, tuple[Rejected, ...]]:
-    """Return the poses that can be used, and the rows that cannot, with the reason.
+    """Return the usable poses, and the rejected rows with the reason.
 
-    A recording that never rests is used as it is: slow turning does less harm than no fit. What
-    touched the tool all the time in all poses cannot be told from bias and weight.
+    A recording without rest is used as it is: slow rotation does less harm than no fit. Permanent
+    contact in all poses cannot be distinguished from bias and weight.
     """
     rows = np.arange(len(samples))
     rejected = []
@@ -65,7 +65,7 @@ def screen(samples: Samples) -> tuple[Poses, tuple[Rejected, ...]]:
 
 
 def _moving(samples: Samples) -> npt.NDArray[np.bool_]:
-    """Return the rows around which the attitude turns, in small steps of time and angle."""
+    """Return the rows during which the attitude changes, in small steps of time and angle."""
     n, t = len(samples), samples.time_s
     if t is None or n < 3 or np.any(np.diff(t) < 0.0):
         return np.zeros(n, dtype=bool)
@@ -82,7 +82,7 @@ def _moving(samples: Samples) -> npt.NDArray[np.bool_]:
 
 
 def _unusual(samples: Samples) -> dict[str, Rows]:
-    """Return the rows whose reading is far from the others of their dwell, by reason."""
+    """Return the rows whose reading is an outlier of its dwell, by reason."""
     first = sort_into_poses(samples).first_row
     dwells = np.split(np.arange(len(samples)), first[1:])
     middles = [_middle(samples, rows) for rows in dwells]
@@ -104,7 +104,7 @@ def _unusual(samples: Samples) -> dict[str, Rows]:
 
 
 def _touched(poses: Poses) -> list[int]:
-    """Return the poses that do not fit to the others, by the fall of the squares without them."""
+    """Return the outlying poses, by the decrease of the sum of squares without them."""
     left = list(range(len(poses)))
     wrong: list[int] = []
     while len(left) >= POSES_TO_JUDGE and len(wrong) < min(len(poses) // 4, MOST_TOUCHED):
@@ -124,7 +124,7 @@ def _touched(poses: Poses) -> list[int]:
 
 
 def _outlying(error: Array, left_out: Array, weight: Array, *, pose: int) -> float:
-    """Return F: how much a pose adds to the squares, in units of what the others leave."""
+    """Return the F statistic of a pose: its share of the sum of squares over the residual."""
     largest = 0.0
     for block, (unknowns, apart) in enumerate(((4.0, APART_N), (6.0, APART_NM))):
         total = float((weight[:, None] * error[block] ** 2).sum())

@@ -1,4 +1,4 @@
-"""Sorts the rows of a recording into poses, and tells whether these can carry a fit."""
+"""Poses of a recording: grouping of its rows, and the conditioning of a fit to them."""
 
 from dataclasses import dataclass
 
@@ -11,17 +11,17 @@ from identification.least_squares import plain_conditioning, solve
 from identification.payload_model import Model, start_state
 from identification.recording import Samples
 
-SAME_POSE_RAD = np.radians(0.5)  # rows this close follow one another in one pose
-DISTINCT_RAD = np.radians(3.0)  # attitudes closer than this teach nothing new
+SAME_POSE_RAD = np.radians(0.5)  # consecutive rows this close belong to one pose
+DISTINCT_RAD = np.radians(3.0)  # attitudes closer than this add no information
 ROWS_AT_MOST = 10.0
 LEAST_POSES = 4
-WORST_CONDITIONING = 30.0  # noise is amplified as often; 10 is fair, 1 is ideal
+WORST_CONDITIONING = 30.0  # amplification of the noise; 10 is fair, 1 is ideal
 ADVICE = "turn the wrist by at least 60 degrees about two axes"
 
 
 @dataclass(frozen=True, slots=True)
 class Poses:
-    """The mean reading of each pose, in recorded order, with its weight.
+    """Mean reading of each pose, in recorded order, with its weight.
 
     `first_row` has shape (n,): the row of the recording at which each pose begins.
     """
@@ -36,10 +36,10 @@ class Poses:
 
 
 def sort_into_poses(samples: Samples) -> Poses:
-    """Average the rows of each dwell: rows in a row within half a degree of its first one.
+    """Average the rows of each dwell: consecutive rows within half a degree of its first one.
 
     Errors of attitude and calibration are common to a dwell, so its weight grows more slowly than
-    its number of rows and ends at ten rows (as with an intra-dwell correlation of 0.1).
+    its number of rows and saturates at ten rows (as with an intra-dwell correlation of 0.1).
     """
     first = _starts(samples.R_base_sensor)
     count = np.diff(np.append(first, len(samples)))
@@ -55,7 +55,7 @@ def sort_into_poses(samples: Samples) -> Poses:
 
 
 def check_poses(poses: Poses) -> None:
-    """Raise DataError, saying what is missing, when the poses cannot carry even the plain fit."""
+    """Raise DataError with the reason when the poses do not determine the plain model."""
     attitudes = _distinct(poses.means.R_base_sensor)
     if attitudes < LEAST_POSES:
         raise DataError(
@@ -67,7 +67,7 @@ def check_poses(poses: Poses) -> None:
     plain = solve(poses.means, poses.weight, Model(), start_state())
     along, across = _extent_deg(poses.means.R_base_sensor)
     if along < 1.0:
-        problem = "the poses differ only by turns about the vertical, which leave gravity as it is"
+        problem = "the poses differ only by turns about the vertical, which do not change gravity"
     elif along < 60.0:
         problem = f"the poses differ by only {along:.0f} degrees"
     else:
@@ -79,7 +79,7 @@ def check_poses(poses: Poses) -> None:
 
 
 def carries_a_fit(poses: Poses) -> bool:
-    """Tell whether the poses are so many, and so far apart, that the plain fit is sure."""
+    """Return whether number and spread of the poses determine the plain model."""
     if len(poses) == 0 or _distinct(poses.means.R_base_sensor) < LEAST_POSES:
         return False
     return plain_conditioning(poses.means, poses.weight) <= WORST_CONDITIONING
@@ -90,7 +90,7 @@ def _starts(R: Array) -> npt.NDArray[np.intp]:
     first = [0]
     while True:
         here = first[-1]
-        # In blocks, so that a long recording of short dwells stays linear in its length.
+        # In blocks: linear time for a long recording of short dwells.
         block, ahead = 64, here + 1
         while ahead < len(R):
             far = np.flatnonzero(angle(R[here], R[ahead : ahead + block]) > SAME_POSE_RAD)
@@ -110,7 +110,7 @@ def angle(R: Array, others: Array) -> Array:
 
 
 def _distinct(R: Array) -> int:
-    """Count attitudes that differ, up to as many as are needed."""
+    """Count distinct attitudes, up to LEAST_POSES."""
     found = R[:1]
     for attitude in R[1:]:
         if angle(attitude, found).min() > DISTINCT_RAD:
@@ -121,7 +121,7 @@ def _distinct(R: Array) -> int:
 
 
 def _extent_deg(R: Array) -> tuple[float, float]:
-    """Return how far gravity's direction reaches in the sensor, along and across its widest way."""
+    """Return the extent of gravity's direction in the sensor, along its widest axis and across."""
     down = -R[:, 2, :]
     centre = down.mean(axis=0)
     _, _, Vt = np.linalg.svd(down - centre)

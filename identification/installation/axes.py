@@ -1,4 +1,4 @@
-"""What the wirings found of force and torque mean for the installation. Pure."""
+"""Findings on the installation from the axis permutations of force and torque. Pure."""
 
 import math
 
@@ -29,15 +29,15 @@ PUSH = "`forcemesh check axes --push` shows it"
 
 
 def same(A: Array, B: Array) -> bool:
-    """Tell whether two wirings are the same."""
+    """Return whether two permutations are the same."""
     return bool(np.array_equal(A, B))
 
 
 def side(com_m: Array, belief: Belief) -> int:
-    """Return 1 when a centre of mass is where the tool is, -1 when opposite, 0 when unknown.
+    """Return 1 for a centre of mass on the side of the tool, -1 if opposite, 0 if unknown.
 
-    Where the payload was and where the tip is both count; either may be that of another tool, so
-    one that agrees is enough.
+    Both the known payload and the TCP count. Either may be that of another tool, so one that
+    agrees is enough.
     """
     sides = {0}
     for known, least_m in ((belief.com_m, LEVER_LEAST_M), (belief.p_sensor_tcp_m, TOOL_LEAST_M)):
@@ -51,38 +51,38 @@ def side(com_m: Array, belief: Belief) -> int:
 
 
 def plausible(torque: TorqueFits, belief: Belief) -> list[TorqueFit]:
-    """Return the readings of the torque whose centre of mass is not on the wrong side."""
+    """Return the torque fits whose centre of mass is not on the wrong side."""
     return [fit for fit in torque.fits if side(fit.com_m, belief) >= 0]
 
 
 def axis_findings(force: ForceFit, torque: TorqueFits, belief: Belief) -> list[Finding]:
-    """Return what is wrong with axes and signs, given that the force is explained and told."""
+    """Return the findings on axes and signs, given a force fit that is explained and unique."""
     fits = plausible(torque, belief) or list(torque.fits)
     strange = [] if torque.explained else [_no_moment(torque)]
     if same(force.wiring, EYE) and not force.turned:
         return strange or _of_torque(torque, belief)
-    # A moment that shows nothing goes along with whatever the force says.
+    # Moments that exclude nothing agree with any force permutation.
     if torque.shown and not any(same(fit.wiring, force.wiring) for fit in fits):
         return [_apart(force, fits, belief)]
     if np.linalg.det(force.wiring) < 0.0:
         return [_mirrored(force), *strange]
     own = any(same(fit.wiring, EYE) for fit in fits) and not same(force.wiring, EYE)
-    # A turn of a few degrees beside a wiring is play, and the calibration finds it.
+    # A rotation of a few degrees from a permutation is play; the calibration identifies it.
     Q = force.wiring @ force.turn if force.turned else force.wiring
     return [turned_finding(Q, belief, shown=torque.shown and not own), *strange]
 
 
 def _no_moment(torque: TorqueFits) -> Finding:
     text = (
-        f"the moments ({torque.spread_Nm:.3g} N m in the mean) are none that a weight has in any "
-        f"wiring, {torque.fits[0].rms_Nm:.2g} N m are left"
+        f"the moments ({torque.spread_Nm:.3g} N m rms) fit a weight in no "
+        f"axis map, the residual is {torque.fits[0].rms_Nm:.2g} N m"
     )
-    mend = "look for a channel that is dead, a cable that pulls, or a wrong calibration matrix"
+    mend = "check for a dead channel, a cable that pulls, or a wrong calibration matrix"
     return Finding("torque_axes", text, mend)
 
 
 def _of_torque(torque: TorqueFits, belief: Belief) -> list[Finding]:
-    """Forces are right: are the torques?"""
+    """Return the findings on the torques when the forces are right."""
     fits = plausible(torque, belief)
     if not torque.shown or any(same(fit.wiring, EYE) for fit in fits):
         return []
@@ -99,7 +99,7 @@ def _of_torque(torque: TorqueFits, belief: Belief) -> list[Finding]:
 
 
 def _most_likely(fits: list[TorqueFit], belief: Belief) -> TorqueFit:
-    """Return the fit with the believed centre of mass, else that with the fewest mistakes."""
+    """Return the fit with the expected centre of mass, else that with the fewest mistakes."""
 
     def likelihood(fit: TorqueFit) -> tuple[bool, float, float]:
         known = belief.com_m
@@ -110,13 +110,13 @@ def _most_likely(fits: list[TorqueFit], belief: Belief) -> TorqueFit:
 
 
 def _apart(force: ForceFit, fits: list[TorqueFit], belief: Belief) -> Finding:
-    """Forces are wrong, and the torques are not wrong alike: that is wired, not mounted."""
+    """Return the finding for forces and torques that differ: an error of channels, not mounting."""
     torque = _most_likely(fits, belief).wiring
     of = "of the torques " + wrong_channels(torque, "M")
     torques = "the torques are right" if same(torque, EYE) else of
     if same(force.wiring, EYE):
-        text = f"the forces are turned by {turn_words(force.turn.T)}, but {torques}"
-        mend = "look for the axes that the driver turns forces into, and not torques"
+        text = f"the forces are rotated by {turn_words(force.turn.T)}, but {torques}"
+        mend = "check for a rotation that the driver applies to the forces but not to the torques"
         return Finding("force_axes", f"{text}: no mounting does that", mend)
     text = f"of the forces {wrong_channels(force.wiring, 'F')}, but {torques}"
     mends = [driver_mend(force.wiring, "F")]
@@ -125,7 +125,7 @@ def _apart(force: ForceFit, fits: list[TorqueFit], belief: Belief) -> Finding:
 
 
 def _mirrored(force: ForceFit) -> Finding:
-    """Handedness cannot be mounted; but an arm that hangs reads the same."""
+    """Return the finding for mirrored axes, which no mounting has; a hanging arm reads the same."""
     hung = -force.wiring
     mend = driver_mend(force.wiring, "FM")
     if same(hung, EYE):
@@ -134,7 +134,7 @@ def _mirrored(force: ForceFit) -> Finding:
             "on it, or the arm hangs from the ceiling"
         )
         mend = (
-            f"push the tool by hand ({PUSH}): if the force reads against the push, turn all six "
+            f"push the tool by hand ({PUSH}): if the force reads against the push, reverse all six "
             "signs in the driver; if along it, write payload.gravity_direction_in_base: [0, 0, 1]"
         )
         return Finding("reaction", text, mend)
@@ -147,12 +147,12 @@ def _mirrored(force: ForceFit) -> Finding:
 
 
 def turned_finding(Q: Array, belief: Belief, *, shown: bool) -> Finding:
-    """Return what to say of a sensor that is mounted another way than the cell file says.
+    """Return the finding for a sensor whose mounting differs from the cell file.
 
     Args:
-        Q: Rotation that all channels show: reading = Q times what it should be. Shape (3, 3).
-        belief: What the cell file says.
-        shown: Whether the torques are known to be turned alike.
+        Q: Rotation that all channels show: reading = Q times the expected one. Shape (3, 3).
+        belief: Expected installation, from the cell file.
+        shown: Whether the torques are known to be rotated by Q too.
     """
     channels = wrong_channels(nearest_wiring(Q), "F")
     believed = "the recorded attitudes say" if belief.oat_deg is None else "the cell file says"
@@ -160,19 +160,19 @@ def turned_finding(Q: Array, belief: Belief, *, shown: bool) -> Finding:
     if channels:
         text += f" ({channels}{', and the torques alike' if shown else ''})"
     if belief.R_flange_sensor is None:
-        return Finding("mounting", text, "turn the recorded attitudes of the sensor by it")
+        return Finding("mounting", text, "rotate the recorded attitudes of the sensor by it")
     R = belief.R_flange_sensor @ Q.T
     if belief.oat_deg is not None and was_radians(belief.oat_deg, R):
         text += f": oat_deg {list(belief.oat_deg)} is in radians, it must be in degrees"
         R = R_from_oat(Oat(*belief.oat_deg))
     mend = f"write {oat_words(R)}"
     if not shown:
-        mend += f", if the torques are turned alike, which this tool's moment does not show; {PUSH}"
+        mend += f", if the torques are rotated too, which this tool's moment does not show; {PUSH}"
     return Finding("mounting", text, mend)
 
 
 def unseen(torque: TorqueFits, belief: Belief) -> list[str]:
-    """Return what the tool's moment could not show."""
+    """Return the properties that the tool's moment could not identify."""
     if not torque.shown:
         return [f"the torques, for the tool's moment is only {torque.spread_Nm:.2g} N m: {PUSH}"]
     wirings = [fit.wiring for fit in plausible(torque, belief)]
@@ -181,11 +181,11 @@ def unseen(torque: TorqueFits, belief: Belief) -> list[str]:
     rows = [f"M{'xyz'[row]}" for row in range(3) if any(W[row] @ EYE[row] < 1.0 for W in wirings)]
     if not rows:
         return []
-    return [f"the sign of {' and '.join(rows)}, which this tool's moment hardly turns: {PUSH}"]
+    return [f"the sign of {' and '.join(rows)}, which this tool's moment does not show: {PUSH}"]
 
 
 def mounting_remarks(force: ForceFit) -> list[str]:
-    """Return a word on a sensor that is a few degrees off."""
+    """Return a remark on a sensor that is a few degrees off."""
     degrees = math.degrees(turn_angle(force.turn))
     if degrees < 3.0:
         return []

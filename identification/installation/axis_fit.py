@@ -1,4 +1,4 @@
-"""Which of the 48 signed axes the channels of a sensor show, by weight and moment alone. Pure.
+"""Signed axis permutation of a sensor's channels, one of 48, from weight and moment. Pure.
 
     F = m P D g_s + b_F        M = B D (c x m g_s) + b_M        g_s = R_base_sensor^T g
 
@@ -16,16 +16,16 @@ from common.motion.frames import GRAVITY_M_S2, Array, skew
 from identification.payload_model import shapes
 from identification.static_poses import Poses
 
-# Model errors that must not pass for another wiring: gain, tilt, mounting, drift (docs/payload.md).
-MISFIT_SHARE = 0.10  # of the weight, rms; what is larger is not explained
-MISFIT_N, MISFIT_MOST_SHARE = 0.5, 0.3  # a light tool drowns in drift sooner
-CLEAR_TIMES, CLEAR_SHARE = 3.0, 0.05  # by so much a rival must be worse: of the rms, of the weight
+# Model errors must not read as another permutation: gain, tilt, mounting, drift (docs/payload.md).
+MISFIT_SHARE = 0.10  # of the weight, rms; larger residuals are not explained
+MISFIT_N, MISFIT_MOST_SHARE = 0.5, 0.3  # drift hides a light tool sooner
+CLEAR_TIMES, CLEAR_SHARE = 3.0, 0.05  # margin to a rival: of the rms, of the weight
 MOMENT_SHARE, MOMENT_NM = 0.06, 0.003  # the same for moments
 MOMENT_MISFIT_SHARE, MOMENT_MISFIT_NM = 0.25, 0.02
 
 
 LEAST_POSES = (1, 6, 10)  # for a drift of order 0, 1, 2
-TURNED_RAD, TURNED_TIMES = np.radians(8.0), 2.0  # less is no other mounting; times the rms
+TURNED_RAD, TURNED_TIMES = np.radians(8.0), 2.0  # less is not another mounting; times the rms
 
 
 def _signed_permutations() -> Array:
@@ -33,17 +33,17 @@ def _signed_permutations() -> Array:
     return np.array([np.diag(s) @ eye[list(p)] for p in permutations(range(3)) for s in signs])
 
 
-SIGNED = _signed_permutations()  # the right one first
+SIGNED = _signed_permutations()  # the identity first
 SIGNED.setflags(write=False)
 TURNS = SIGNED[np.linalg.det(SIGNED) > 0.0]  # the 24 that a mounting can have
 
 
 @dataclass(frozen=True, slots=True)
 class ForceFit:
-    """How the force channels show the weight.
+    """Fit of the force channels to the weight.
 
-    `wiring` is P, `turn` D; `mass` is in kg if the readings are in N. `rival_rms_N` is what the
-    next best wiring leaves.
+    `wiring` is P, `turn` D; `mass` is in kg if the readings are in N. `rival_rms_N` is the residual
+    of the next best permutation.
     """
 
     wiring: Array
@@ -58,24 +58,24 @@ class ForceFit:
 
     @property
     def turned(self) -> bool:
-        """Whether the axes are surely off any wiring by more than the play of a mounting."""
+        """Return whether the axes differ from any permutation by more than mounting play."""
         force_N = self.weight_N * self.turn_rad
         return self.turn_rad >= TURNED_RAD and force_N > TURNED_TIMES * self.rms_N
 
     @property
     def turn_rad(self) -> float:
-        """How far the axes are from any wiring [rad]."""
+        """Return the angle between the axes and the nearest permutation [rad]."""
         return turn_angle(self.turn)
 
     @property
     def weight_N(self) -> float:
-        """Weight as it is read."""
+        """Return the measured weight [N]."""
         return self.mass * GRAVITY_M_S2
 
 
 @dataclass(frozen=True, slots=True)
 class TorqueFit:
-    """One way to read the moments: wiring B and the centre of mass that goes with it [m]."""
+    """One explanation of the moments: permutation B and its centre of mass [m]."""
 
     wiring: Array
     com_m: Array
@@ -84,9 +84,9 @@ class TorqueFit:
 
 @dataclass(frozen=True, slots=True)
 class TorqueFits:
-    """Every wiring of the torque channels that explains the moments, the best one first.
+    """Every permutation of the torque channels that explains the moments, the best one first.
 
-    Each comes with its opposite: -B with -c reads the same.
+    Each is followed by its opposite: -B with -c gives the same moments.
     """
 
     fits: tuple[TorqueFit, ...]
@@ -95,7 +95,7 @@ class TorqueFits:
 
     @property
     def shown(self) -> bool:
-        """Whether the tool's moment says anything at all."""
+        """Return whether the tool's moment excludes any permutation."""
         return self.explained and len(self.fits) < len(SIGNED)
 
 
@@ -116,7 +116,7 @@ def _centred(values: Array, poses: Poses, drift: int = 0) -> Array:
     Args:
         values: One row for each pose. Shape (n, 3).
         poses: Their weights and times.
-        drift: 0 for a constant bias, 1 for one that goes straight, 2 for one that bends.
+        drift: 0 for a constant bias, 1 for a linear, 2 for a quadratic one.
     """
     root = np.sqrt(poses.weight / poses.weight.sum())
     straight, bent = shapes(poses.means)
@@ -132,18 +132,18 @@ def gravity_in(poses: Poses, down_in_base: Array) -> Array:
 
 
 def gravity_turns(poses: Poses, down_in_base: Array) -> bool:
-    """Tell whether gravity reaches two directions in the sensor; the rivals tell of the third."""
+    """Return whether gravity spans two directions in the sensor; the rivals cover the third."""
     G = _centred(gravity_in(poses, down_in_base), poses)
     return bool(np.sqrt(np.linalg.eigvalsh(G.T @ G)[1]) > CLEAR_SHARE * GRAVITY_M_S2)
 
 
 def fit_force(poses: Poses, down_in_base: Array, drift: int = 0) -> ForceFit:
-    """Find wiring, turn and mass that explain the forces best.
+    """Find the permutation, rotation and mass that fit the forces best.
 
     Args:
         poses: Static readings, free of contact, any four attitudes or more.
         down_in_base: Where gravity points. Unit vector, shape (3,).
-        drift: How the bias may move, as a polynomial of time: 0, 1 or 2.
+        drift: Order of the bias as a polynomial of time: 0, 1 or 2.
     """
     F = _centred(poses.means.force_N, poses, drift)
     G = _centred(gravity_in(poses, down_in_base), poses, drift)
@@ -175,7 +175,7 @@ def fit_force(poses: Poses, down_in_base: Array, drift: int = 0) -> ForceFit:
 
 
 def fit_force_drifting(poses: Poses, down_in_base: Array) -> ForceFit:
-    """Return the fit with the least drift that explains the forces; else the one without any."""
+    """Return the fit with the lowest order of drift that explains the forces, else of order 0."""
     fits = []
     for drift, least in enumerate(LEAST_POSES):
         if len(poses) >= least:
@@ -186,15 +186,15 @@ def fit_force_drifting(poses: Poses, down_in_base: Array) -> ForceFit:
 
 
 def fit_torque(poses: Poses, down_in_base: Array, turn: Array, mass: float) -> TorqueFits:
-    """Find the wirings of the torque channels that explain the moments of a known weight.
+    """Find the permutations of the torque channels that explain the moments of a known weight.
 
-    The least drift that explains them is taken; without one, none.
+    The lowest order of drift that explains them is used, else order 0.
 
     Args:
         poses: Static readings, free of contact.
         down_in_base: Where gravity points. Unit vector, shape (3,).
-        turn: D, as the force shows it. Shape (3, 3).
-        mass: Of the tool, true or as read: the lever is found in the same measure.
+        turn: D of the force fit. Shape (3, 3).
+        mass: Mass of the tool, true or as read: the lever scales with it.
     """
     tried = []
     for drift, least in enumerate(LEAST_POSES):
@@ -210,7 +210,7 @@ def _fit_torque(poses: Poses, weight: Array, turn: Array, drift: int) -> TorqueF
     W = _centred(weight, poses, drift) @ turn.T
     gram = W.T @ W
     K = np.trace(gram) * np.eye(3) - gram
-    # Turns about which the weight hardly moves say nothing of the lever, so the inverse is damped.
+    # The lever is undetermined about axes where the weight hardly moves: the inverse is damped.
     K_inverse = np.linalg.inv(K + 1e-9 * np.trace(K) * np.eye(3))
     fits = []
     for B in TURNS:
@@ -230,7 +230,7 @@ def _fit_torque(poses: Poses, weight: Array, turn: Array, drift: int) -> TorqueF
 
 
 def free_gain(poses: Poses, down_in_base: Array) -> tuple[Array, float]:
-    """Return A of F = A g_s + b without asking what A is, and what it leaves [N]. Shape (3, 3)."""
+    """Return A of F = A g_s + b, A unconstrained, shape (3, 3), and the residual [N]."""
     F = _centred(poses.means.force_N, poses)
     G = _centred(gravity_in(poses, down_in_base), poses)
     A_transposed, *_ = np.linalg.lstsq(G, F, rcond=1e-6)
@@ -238,9 +238,9 @@ def free_gain(poses: Poses, down_in_base: Array) -> tuple[Array, float]:
 
 
 def free_gravity(poses: Poses) -> tuple[Array, float]:
-    """Return the direction of gravity in base that explains right axes best, and what it leaves.
+    """Return the direction of gravity in base that fits correct axes best, and the residual [N].
 
-    F = R_base_sensor^T v + b, v anything: an arm on a wall, or one that hangs.
+    F = R_base_sensor^T v + b, v unconstrained: an arm on a wall or a ceiling.
     """
     F = _centred(poses.means.force_N, poses)
     R_T = poses.means.R_base_sensor.swapaxes(1, 2)

@@ -1,9 +1,9 @@
-"""Is the sensor installed as the cell file says? Told from static readings. Pure.
+"""Sensor installation check: axes, signs and units against the cell file. Pure.
 
-The weight of the tool is a known force in many directions: it shows which axis each channel shows,
-and in which unit. Three things it cannot tell alone, and they are said: whether an arm hangs or its
-sensor reports the reaction, whether the torques are all reversed when nobody knows on which side of
-the sensor the centre of mass is, and a moment that the tool does not have.
+The weight of the tool is a known force in many directions. Static readings of it identify the axis
+and the unit of each channel. Three things cannot be identified from them and are reported as such:
+a hanging arm or a sensor that reports the reaction, the common sign of the torques when the side
+of the centre of mass is unknown, and torque channels about which the tool has no moment.
 """
 
 import math
@@ -32,12 +32,12 @@ from identification.static_poses import Poses, sort_into_poses
 
 
 def judge_installation(samples: Samples, belief: Belief) -> Installation:
-    """Say whether axes, signs, units and payload are what the cell file says.
+    """Check axes, signs, units and payload against the cell file.
 
     Args:
         samples: Static readings in four attitudes or more, free of contact, in the axes that the
-            cell file gives the sensor.
-        belief: What the cell file says.
+            cell file assigns to the sensor.
+        belief: Expected installation, from the cell file.
     """
     poses = sort_into_poses(samples)
     lengths = length_findings(belief)
@@ -51,7 +51,7 @@ def judge_installation(samples: Samples, belief: Belief) -> Installation:
     if problem is not None:
         return Installation((*lengths, problem), (), evidence)
     mass = mass_finding(force.mass, force.rms_N, belief)
-    # The lever comes out in metres only if it is found with the true weight.
+    # The lever is in metres only if it is computed with the true weight.
     is_unit = mass is not None and mass.code == "force_unit" and belief.mass_kg is not None
     weighed = belief.mass_kg if is_unit and belief.mass_kg is not None else force.mass
     torque = fit_torque(poses, belief.down_in_base, force.turn, weighed)
@@ -60,20 +60,20 @@ def judge_installation(samples: Samples, belief: Belief) -> Installation:
     unsure_m = torque.fits[0].rms_Nm / (weighed * GRAVITY_M_S2)
     lever = None if com_m is None else lever_finding(com_m, unsure_m, belief)
     if lever is not None and lever.kind == "payload" and axes:
-        lever = None  # said in the axes of the cell file, which are not the sensor's
+        lever = None  # in the axes of the cell file, which are not the sensor's
     found = [*lengths, *axes, *(each for each in (mass, lever) if each is not None)]
     if com_m is not None:
         evidence |= {f"com_{axis}_m": float(x) for axis, x in zip("xyz", com_m, strict=True)}
     evidence |= _torque_evidence(torque)
     remarks = [] if axes else [*unseen(torque, belief), *mounting_remarks(force)]
-    remarks += [f"pose {row + 1}, which is left out: contact, or motion" for row in left_out]
+    remarks += [f"pose {row + 1}, left out: contact, or motion" for row in left_out]
     return Installation(tuple(found), tuple(remarks), evidence, force.wiring, com_m)
 
 
 def judge_recording(
     recording: Recording, axes: WrenchAxes | None, belief: Belief
 ) -> tuple[WrenchAxes, Installation]:
-    """Judge a recording whose wrench is in the given axes; with None, in those that explain it."""
+    """Check a recording with its wrench in the given axes; with None, in those that fit best."""
     both: tuple[WrenchAxes, ...] = ("sensor", "base") if axes is None else (axes,)
     found = {each: judge_installation(recording.samples(each), belief) for each in both}
     taken = min(both, key=lambda each: found[each].misfit)
@@ -86,7 +86,7 @@ def installation_complaint(samples: Samples, belief: Belief) -> str | None:
 
 
 def _not_told(poses: Poses, force: ForceFit, belief: Belief) -> Finding | None:
-    """Return why the force says nothing of the axes, None when it does."""
+    """Return why the force does not identify the axes, None when it does."""
     if force.explained and force.told:
         return None
     if force.explained or not gravity_turns(poses, belief.down_in_base):
@@ -95,7 +95,7 @@ def _not_told(poses: Poses, force: ForceFit, belief: Belief) -> Finding | None:
 
 
 def _com(force: ForceFit, torque: TorqueFits, belief: Belief) -> Array | None:
-    """Return the centre of mass if the torques show it, in the axes that the cell file believes."""
+    """Return the centre of mass if the torques show it, in the axes of the cell file."""
     if not torque.shown:
         return None
     fits = plausible(torque, belief) or list(torque.fits)

@@ -1,7 +1,7 @@
-"""What else may be wrong when no wiring of the axes explains the weight. Pure.
+"""Error hypotheses for readings that no signed axis permutation explains. Pure.
 
-Each story says how the readings would have to be changed to make sense; the first one that makes
-them fit a rightly installed sensor is told.
+Each hypothesis transforms the readings. The first one after which they fit a correctly installed
+sensor is reported.
 """
 
 import math
@@ -23,8 +23,8 @@ from identification.installation.terms import Belief, Finding
 from identification.recording import Samples
 from identification.static_poses import Poses, angle
 
-FEW, MANY = 5, 60  # poses for which one may be left out at a time
-ALIKE_RAD = math.radians(12.0)  # 180 degrees that were divided by 57 twice, and some
+FEW, MANY = 5, 60  # number of poses for which leaving one out is tried
+ALIKE_RAD = math.radians(12.0)  # 180 degrees divided twice by 57.3 is less
 HEAVY_KG = 50.0
 LIGHT_KG, HARDLY = 0.1, 0.1
 UNEQUAL = 1.25
@@ -36,7 +36,7 @@ def _mapped(samples: Samples, of: Callable[[Array], Array]) -> Samples:
 
 
 def _w_first(R: Array) -> Array:
-    """Return the attitude meant by a quaternion w x y z that was read as x y z w."""
+    """Return the attitude of a quaternion w x y z that was read as x y z w."""
     x, y, z, w = quaternion_from_R(R)
     return R_from_quaternion((y, z, w, x))
 
@@ -62,7 +62,7 @@ STORIES: tuple[tuple[str, str, Callable[[Samples], Samples]], ...] = (
     ),
     (
         "the readings are in base axes, not in sensor axes",
-        "let the driver publish them in the axes of the sensor, or say --wrench-axes base",
+        "let the driver publish them in the axes of the sensor, or use --wrench-axes base",
         _from_base_axes,
     ),
     (
@@ -74,13 +74,13 @@ STORIES: tuple[tuple[str, str, Callable[[Samples], Samples]], ...] = (
 
 
 def explains(force: ForceFit) -> bool:
-    """Tell whether a fit is that of a rightly installed sensor, surely."""
+    """Return whether a fit is certainly that of a correctly installed sensor."""
     straight = same(force.wiring, EYE) and not force.turned
     return force.explained and force.told and straight
 
 
 def unexplained(poses: Poses, force: ForceFit, belief: Belief) -> Finding:
-    """Return the first story that makes sense of readings that no wiring explains."""
+    """Return the first hypothesis that explains readings that no axis permutation explains."""
     down = belief.down_in_base
     for what, mend, story in STORIES:
         if explains(fit_force(replace(poses, means=story(poses.means)), down)):
@@ -91,16 +91,16 @@ def unexplained(poses: Poses, force: ForceFit, belief: Belief) -> Finding:
         or _gain(poses, down)
         or Finding(
             "attitude",
-            "no mounting and no wiring makes the readings a weight: the attitudes do not belong "
-            "to them (degrees taken for radians, another order of the angles, another robot), "
-            "something touched the tool, or the tool is too light for the sensor's drift",
+            "no mounting and no axis map explains the readings as a weight: the attitudes do not "
+            "match (degrees taken for radians, another order of the angles, another robot), "
+            "the tool was in contact, or the tool is too light for the sensor's drift",
             f"compare the recorded attitudes with the pendant's, then record again: {POSES}",
         )
     )
 
 
 def too_few(poses: Poses, force: ForceFit, belief: Belief) -> Finding:
-    """Return why attitudes so much alike show nothing, and whether their unit may be wrong."""
+    """Return the finding for too similar attitudes, whose unit may be wrong."""
     R = poses.means.R_base_sensor
     widest = max(float(angle(attitude, R).max()) for attitude in R)
     per_turn_kg = force.spread_N / (GRAVITY_M_S2 * max(widest, 1e-6) / 2.0)
@@ -111,24 +111,24 @@ def too_few(poses: Poses, force: ForceFit, belief: Belief) -> Finding:
             f"as if {per_turn_kg:.3g} kg had been turned by that: radians are taken for degrees"
         )
         return Finding("attitude", text, "multiply the angles of the attitudes by 57.2958")
-    text = f"{len(poses)} poses so much alike do not tell which axis is which"
+    text = f"{len(poses)} poses this similar do not identify the axes"
     return Finding("poses", text, POSES, "unsure")
 
 
 def _no_weight(force: ForceFit, belief: Belief) -> Finding | None:
-    """Readings that do not change."""
+    """Return the finding for forces that do not change with the attitude."""
     known_N = LIGHT_KG if belief.mass_kg is None else belief.mass_kg
     if force.spread_N > HARDLY * GRAVITY_M_S2 * known_N:
         return None
-    text = f"the forces hardly change with the attitude ({force.spread_N:.2g} N): no weight is seen"
-    mend = "check that the sensor is live, which unit it has, and that the tool hangs on it"
+    text = f"the forces hardly change with the attitude ({force.spread_N:.2g} N): no weight is read"
+    mend = "check that the sensor is live, its unit, and that the tool is mounted on it"
     return Finding("no_weight", text, mend)
 
 
 def without_spoiled(poses: Poses, down_in_base: Array) -> tuple[Poses, list[int]]:
-    """Leave out the few poses that spoil the others: touched, or read in motion.
+    """Leave out the few poses that spoil the fit: in contact, or read in motion.
 
-    Returns the rest and the places of those left out; all poses when that does not help.
+    Returns the rest and the indices of those left out; all poses when that does not help.
     """
     rows, out = list(range(len(poses))), list[int]()
     while FEW < len(rows) <= MANY and len(out) < len(poses) // 4:
@@ -147,20 +147,20 @@ def _some(poses: Poses, rows: list[int], but: int | None = None) -> Poses:
 
 
 def _gravity(poses: Poses) -> Finding | None:
-    """Right axes on an arm that stands on a wall or a slope."""
+    """Return the finding for correct axes on an arm mounted on a wall or a slope."""
     direction, left_N = free_gravity(poses)
     force = fit_force(poses, direction)
     if not (explains(force) and left_N <= MISFIT_SHARE * force.weight_N):
         return None
     told = ", ".join(f"{x + 0.0:.3f}" for x in direction.round(3))
     text = (
-        f"gravity points along ({told}) in the base: the arm does not stand as the cell file says"
+        f"gravity points along ({told}) in the base: the arm is not mounted as the cell file says"
     )
     return Finding("gravity", text, f"write payload.gravity_direction_in_base: [{told}]")
 
 
 def _gain(poses: Poses, down_in_base: Array) -> Finding | None:
-    """Axes that read the same weight unlike, one that is dead among them."""
+    """Return the finding for axes of unequal gain, dead ones included."""
     A, left_N = free_gain(poses, down_in_base)
     gains = np.linalg.norm(A, axis=1)
     weight_N = GRAVITY_M_S2 * float(gains.max())
@@ -169,10 +169,10 @@ def _gain(poses: Poses, down_in_base: Array) -> Finding | None:
     if gains.max() < UNEQUAL * gains.min():
         return None
     shares = ", ".join(f"F{c} {g / gains.max():.2f}" for c, g in zip("xyz", gains, strict=True))
-    text = f"the axes do not read the same weight alike ({shares} of the largest)"
+    text = f"the axes read the same weight with unequal gain ({shares} of the largest)"
     dead = [f"F{c}" for c, g in zip("xyz", gains, strict=True) if g < 0.1 * gains.max()]
     mend = (
-        f"{' and '.join(dead)} looks dead: check its cable"
+        f"{' and '.join(dead)} without signal: check the cable"
         if dead
         else ("check the calibration matrix and the counts per newton of each axis")
     )

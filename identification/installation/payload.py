@@ -1,4 +1,4 @@
-"""Compares the weight and the lever that the readings show with those that are believed. Pure."""
+"""Comparison of measured weight and lever with those of the cell file. Pure."""
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from identification.installation.units import (
 
 MASS_SHARE = 0.1  # a sensor's gain may be off by 3 %, a cable may hang on the tool
 COM_M = 0.01
-SURE_TIMES = 2.0  # of what is left unexplained
+SURE_TIMES = 2.0  # times the residual
 LEVER_KNOWN_M = 0.01
 
 
@@ -30,12 +30,12 @@ def length_findings(belief: Belief) -> list[Finding]:
 
 
 def mass_finding(mass_kg: float, rms_N: float, belief: Belief) -> Finding | None:
-    """Return why the mass that the readings show is not the one believed, if it surely is not.
+    """Return the finding for a measured mass that certainly differs from the expected one.
 
     Args:
-        mass_kg: As the readings show it, if they are in newtons.
-        rms_N: What it leaves of the readings.
-        belief: Its mass may be unknown.
+        mass_kg: Measured mass, if the readings are in newtons.
+        rms_N: Residual of the fit.
+        belief: Expected installation; its mass may be unknown.
     """
     known = belief.mass_kg
     if known is None or abs(mass_kg / known - 1.0) <= MASS_SHARE:
@@ -52,7 +52,7 @@ def mass_finding(mass_kg: float, rms_N: float, belief: Belief) -> Finding | None
         )
         return Finding("force_unit", text, mend)
     text = (
-        f"the tool weighs {mass_kg:.3g} kg, and the cell file says {known:.3g} kg "
+        f"the tool weighs {mass_kg:.3g} kg, but the cell file says {known:.3g} kg "
         f"({100 * (known / mass_kg - 1.0):+.0f} %)"
     )
     mend = f"write payload.mass_kg: {mass_kg:.3f}, or run `forcemesh calibrate`"
@@ -60,12 +60,12 @@ def mass_finding(mass_kg: float, rms_N: float, belief: Belief) -> Finding | None
 
 
 def lever_finding(com_m: Array, unsure_m: float, belief: Belief) -> Finding | None:
-    """Return why the centre of mass that the readings show cannot be, or is not the one believed.
+    """Return the finding for a measured centre of mass that is implausible or not the expected one.
 
     Args:
-        com_m: As the readings show it, if force and torque are in the units they should be.
-        unsure_m: Lever of the weight that would explain what is left of the torques.
-        belief: Its centre of mass may be unknown.
+        com_m: Measured centre of mass, if force and torque are in N and N m.
+        unsure_m: Lever of the weight that would explain the residual of the torques.
+        belief: Expected installation; its centre of mass may be unknown.
     """
     lever_m, known = float(np.linalg.norm(com_m)), belief.com_m
     known_m = 0.0 if known is None else float(np.linalg.norm(known))
@@ -73,7 +73,7 @@ def lever_finding(com_m: Array, unsure_m: float, belief: Belief) -> Finding | No
         unit = unit_of(lever_m / known_m, TORQUE_UNITS)
         if unit is not None:
             text = (
-                f"the moments put the centre of mass {lever_m:.3g} m from the sensor, and it is "
+                f"the moments put the centre of mass {lever_m:.3g} m from the sensor, but it is "
                 f"{known_m:.3g} m away: {unit.text}"
             )
             return Finding("torque_unit", text, f"divide the torques by {unit.factor:.4g}")
@@ -86,8 +86,8 @@ def lever_finding(com_m: Array, unsure_m: float, belief: Belief) -> Finding | No
     if known is None or np.linalg.norm(com_m - known) <= max(COM_M, SURE_TIMES * unsure_m):
         return None
     text = (
-        f"the centre of mass is at {_millimetres(com_m)} mm, and the cell file says "
-        f"{_millimetres(known)} mm, {1e3 * np.linalg.norm(com_m - known):.0f} mm beside it"
+        f"the centre of mass is at {_millimetres(com_m)} mm, but the cell file says "
+        f"{_millimetres(known)} mm, {1e3 * np.linalg.norm(com_m - known):.0f} mm away"
     )
     mend = f"write payload.com_m: {_vector(com_m)}, or run `forcemesh calibrate`"
     return Finding("com", text, mend, "payload")

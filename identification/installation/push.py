@@ -1,7 +1,7 @@
-"""Judges pushes and twists by hand: does the sensor read along them? Pure: fed sample by sample.
+"""Axis check by pushes and twists by hand: detector and evaluation, fed sample by sample. Pure.
 
-A push is known by its direction alone: a hand is weak, off by some degrees, and trembles. It is
-told from the reading before it, so that weight, bias and calibration do not matter.
+Only the direction of a push is used: its size is unknown, its direction off by some degrees and
+unsteady. The reading before it is subtracted, so weight, bias and calibration do not matter.
 """
 
 from dataclasses import dataclass, field
@@ -17,17 +17,17 @@ from identification.installation.texts import driver_mend, wrong_channels
 
 By = Literal["push", "twist"]
 LEAST = {"push": 3.0, "twist": 0.15}  # N, N m
-USUAL_N = (3.0, 40.0)  # who is asked for 10 N pushes so hard
-FULL_SHARE = 0.7  # of the peak: so much of the push counts
+USUAL_N = (3.0, 40.0)  # range of a push when 10 N are requested
+FULL_SHARE = 0.7  # of the peak: samples above it count
 OVER_SHARE = 0.4  # of the peak: the push is over
-LASTS_S = 0.15  # what is shorter is a knock
+LASTS_S = 0.15  # shorter ones are knocks
 ALONG = float(np.cos(np.radians(30.0)))
 MOMENT_ALONG = float(np.cos(np.radians(50.0)))  # the hand is not exactly at the tip
-LEVER_M, MOMENT_NM = 0.03, 0.1  # less says nothing
+LEVER_M, MOMENT_NM = 0.03, 0.1  # less is not evaluated
 
 
 class Asked(NamedTuple):
-    """One thing that a person is asked to do, in base axes."""
+    """Push or twist that the operator is asked for, in base axes."""
 
     name: str
     by: By
@@ -44,7 +44,7 @@ STEPS = (
 
 @dataclass(frozen=True, slots=True)
 class Done:
-    """What the sensor read more while a person did it. Sensor axes, about the sensor's origin."""
+    """Change of the reading during a push or twist. Sensor axes, about the sensor's origin."""
 
     asked: Asked
     grown_N: Array
@@ -53,18 +53,18 @@ class Done:
 
     @property
     def along(self) -> float:
-        """Cosine between what was asked and what was read."""
+        """Return the cosine between the requested and the measured direction."""
         read = self.grown_N if self.asked.by == "push" else self.grown_Nm
         return _cosine(self.R_base_sensor @ read, np.array(self.asked.direction))
 
     @property
     def size(self) -> float:
-        """How hard it was [N or N m]."""
+        """Return the size of the change [N or N m]."""
         return float(np.linalg.norm(self.grown_N if self.asked.by == "push" else self.grown_Nm))
 
     @property
     def words(self) -> str:
-        """What came of it, in base axes."""
+        """Return the result as text, in base axes."""
         unit, read = ("N", self.grown_N) if self.asked.by == "push" else ("N m", self.grown_Nm)
         x, y, z = self.R_base_sensor @ read
         told = f"{self.asked.by} {self.asked.name}: read x {x:+.2f}, y {y:+.2f}, z {z:+.2f} {unit}"
@@ -73,18 +73,18 @@ class Done:
 
 @dataclass(slots=True)
 class Follower:
-    """Waits for one push or twist, and ends when it is over."""
+    """Detector of one push or twist: threshold, peak and end."""
 
     by: By
     _kept: list[tuple[float, Array]] = field(default_factory=list)
     _peak: float = 0.0
 
     def see(self, time_s: float, grown: Array) -> Array | None:
-        """Take what the sensor reads more than at rest; return the mean of the push when over.
+        """Take the change of the reading from rest; return the mean of the push when it is over.
 
         Args:
-            time_s: Of the sample, on any clock.
-            grown: Force [N] and torque [N m] more than at rest. Shape (6,).
+            time_s: Time of the sample, on any clock.
+            grown: Change of force [N] and torque [N m] from rest. Shape (6,).
         """
         size = self.size_of(grown)
         if not self._kept and size < LEAST[self.by]:
@@ -101,16 +101,16 @@ class Follower:
         return np.asarray(np.mean([v for _, v in full], axis=0))
 
     def size_of(self, grown: Array) -> float:
-        """Return how hard it is now [N or N m]."""
+        """Return the size of the change now [N or N m]."""
         return float(np.linalg.norm(grown[:3] if self.by == "push" else grown[3:]))
 
 
 def judge_pushes(done: list[Done], belief: Belief) -> tuple[list[Finding], list[str]]:
-    """Return what three pushes and a twist say of axes and signs, and what they could not show.
+    """Return the findings on axes and signs of three pushes and a twist, and what is not shown.
 
     Args:
         done: Pushes along +x, +y and +z of the base at the tip of the tool, and twists.
-        belief: What the cell file says.
+        belief: Expected installation, from the cell file.
     """
     pushes = [each for each in done if each.asked.by == "push"]
     wiring = _wiring(
@@ -119,7 +119,7 @@ def judge_pushes(done: list[Done], belief: Belief) -> tuple[list[Finding], list[
         ALONG,
     )
     if wiring is None:
-        text = "the pushes fit no wiring: they were not along the axes, or not in this order"
+        text = "the pushes fit no axis map: they were not along the axes, or not in this order"
         return [Finding("pushes", text, "repeat them, along the axes of the base", "unsure")], []
     torques = _torque_wirings(done, belief)
     unseen = [] if len(torques) == 1 else _torques_unseen(torques)
@@ -132,16 +132,16 @@ def _cosine(a: Array, b: Array) -> float:
 
 
 def _wiring(true: list[Array], read: list[Array], least: float) -> Array | None:
-    """Return the one wiring under which every reading is along what it should be."""
+    """Return the signed permutation that aligns every reading with its push, if one does."""
     pairs = list(zip(true, read, strict=True))
     best: Array = max(SIGNED, key=lambda W: sum(_cosine(W @ t, r) for t, r in pairs))
     return best if all(_cosine(best @ t, r) > least for t, r in pairs) else None
 
 
 def _torque_wirings(done: list[Done], belief: Belief) -> list[Array]:
-    """Return every wiring of the torques that explains the moments of pushes and twists.
+    """Return every signed permutation of the torques that explains the measured moments.
 
-    A push at the tip turns about the sensor's origin by its lever; none is known without a tool.
+    A push at the tip has a moment about the sensor's origin by its lever, if the tool is known.
     """
     pairs = []
     for each in done:
@@ -171,8 +171,8 @@ def _finding(wiring: Array, torques: list[Array], belief: Belief) -> Finding | N
         if right:
             return None
         if not torques:
-            text = "the forces are right, but the torques are along no axis of what was done"
-            return Finding("torque_axes", text, "push at the tip of the tool, then look again")
+            text = "the forces are right, but the torques match no axis of the pushes and twists"
+            return Finding("torque_axes", text, "push at the tip of the tool, then check again")
         W = max(torques, key=lambda W: float(np.trace(W)))
         text = f"the forces are right, but of the torques {wrong_channels(W, 'M')}"
         return Finding("torque_axes", text, driver_mend(W, "M"))

@@ -1,4 +1,4 @@
-"""What is believed of an installation, and what is found of it. Pure."""
+"""Expected installation from the cell file, findings, and result of the check. Pure."""
 
 import math
 from dataclasses import dataclass, field, replace
@@ -12,16 +12,16 @@ from common.motion.frames import Array
 from identification.installation.units import in_millimetres
 
 Verdict = Literal["right", "wrong", "cannot tell"]
-# An axis, a sign or a unit is wrong; the payload that the cell file says is; more must be seen.
+# A wrong axis, sign or unit; a wrong payload in the cell file; more readings are needed.
 Kind = Literal["installation", "payload", "unsure"]
 
 
 @dataclass(frozen=True, slots=True)
 class Belief:
-    """What the cell file says; None: not known.
+    """Expected installation, from the cell file; None: not known.
 
     `com_m` in sensor axes from the sensor's origin; `down_in_base` a unit vector; positions in
-    flange axes [m], `oat_deg` the sensor's orientation in the flange as the cell file has it.
+    flange axes [m], `oat_deg` the sensor's orientation in the flange in cell-file format.
     """
 
     mass_kg: float | None = None
@@ -34,7 +34,7 @@ class Belief:
 
     @classmethod
     def of(cls, cell: Cell) -> "Belief":
-        """Take it out of a cell file, its calibration if it has one."""
+        """Return the expected installation of a cell, its calibration included."""
         payload = cell.payload if cell.calibration is None else cell.calibration.payload
         sensor, tcp = cell.sensor.T_flange_sensor, cell.tool.T_flange_tcp
         return cls(
@@ -49,7 +49,7 @@ class Belief:
 
     @property
     def p_sensor_tcp_m(self) -> Array | None:
-        """From the sensor to the tool centre point, in sensor axes [m]."""
+        """Return the vector from the sensor to the tool centre point, in sensor axes [m]."""
         R, p_sensor, p_tcp = self.R_flange_sensor, self.p_flange_sensor_m, self.p_flange_tcp_m
         if R is None or p_sensor is None or p_tcp is None:
             return None
@@ -57,7 +57,7 @@ class Belief:
 
     @property
     def lengths_m(self) -> dict[str, Array | None]:
-        """Every length of the cell file that this is about, by its key."""
+        """Return the lengths of the cell file that are checked, by key."""
         return {
             "sensor.T_flange_sensor.position_m": self.p_flange_sensor_m,
             "tool.T_flange_tcp.position_m": self.p_flange_tcp_m,
@@ -65,7 +65,7 @@ class Belief:
         }
 
     def in_metres(self) -> "Belief":
-        """Return the same with the lengths that must be millimetres taken for such."""
+        """Return a copy in which lengths that must be in millimetres are converted."""
         sensor, tcp, com = (
             v / 1e3 if v is not None and in_millimetres(v) else v for v in self.lengths_m.values()
         )
@@ -74,7 +74,7 @@ class Belief:
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One thing that looks wrong: a code for programs, a sentence, and what to write or to do."""
+    """One suspected error: a code for programs, a sentence, and the remedy."""
 
     code: str
     text: str
@@ -82,16 +82,16 @@ class Finding:
     kind: Kind = "installation"
 
     def __str__(self) -> str:
-        """The sentence, and after it what to do."""
+        """Return the sentence, followed by the remedy."""
         return f"{self.text}; {self.mend}"
 
 
 @dataclass(frozen=True, slots=True)
 class Installation:
-    """What static readings say of an installation.
+    """Result of the installation check.
 
-    `unseen` is what they could not show although nothing looks wrong; `evidence` the numbers
-    behind it, units in the names; `force_wiring` which axes the force channels show, if told.
+    `unseen` lists properties that the readings do not identify; `evidence` the numbers behind it,
+    units in the names; `force_wiring` the signed permutation of the force channels, if identified.
     """
 
     findings: tuple[Finding, ...]
@@ -102,7 +102,7 @@ class Installation:
 
     @property
     def verdict(self) -> Verdict:
-        """Right, wrong, or cannot tell."""
+        """Return right, wrong, or cannot tell."""
         kinds = {finding.kind for finding in self.findings}
         if kinds & {"installation", "payload"}:
             return "wrong"
@@ -110,14 +110,14 @@ class Installation:
 
     @property
     def complaint(self) -> str | None:
-        """Why a calibration from these readings must not be written, None when it may be.
+        """Return why a calibration from these readings must not be written, None when it may be.
 
-        A payload that is not the one of the cell file is no reason: the calibration corrects it.
-        An installation that the readings cannot tell is one.
+        A payload that differs from the cell file is not a reason: the calibration corrects it.
+        An installation that the readings do not identify is one.
         """
         return next((str(each) for each in self.findings if each.kind != "payload"), None)
 
     @property
     def misfit(self) -> float:
-        """What the best explanation leaves of the force [N]; infinite without one."""
+        """Return the force residual of the best explanation [N]; infinite without one."""
         return self.evidence.get("rms_force_N", math.inf)

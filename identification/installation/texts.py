@@ -1,4 +1,4 @@
-"""Says in words what is wrong with a sensor's axes, and what to write in the cell file. Pure."""
+"""Texts of wrong sensor axes and of the remedy in cell file or driver. Pure."""
 
 import math
 
@@ -20,7 +20,7 @@ NEARLY_UPRIGHT = math.sin(math.radians(2.0))
 
 
 def wrong_channels(wiring: Array, of: str) -> str:
-    """Return what each wrong channel shows, as "Fx shows -y"; `of` is F or M."""
+    """Return the axis that each wrong channel shows, as "Fx shows -y"; `of` is F or M."""
     told = []
     for row, channel in enumerate(AXES):
         axis = int(np.argmax(np.abs(wiring[row])))
@@ -42,10 +42,10 @@ def turn_words(R: Array) -> str:
 
 
 def oat_words(R_flange_sensor: Array) -> str:
-    """Return an orientation as the cell file has it, to a tenth of a degree."""
+    """Return an orientation in the format of the cell file, to a tenth of a degree."""
     R = R_flange_sensor
     tilt = math.hypot(R[0, 2], R[1, 2])
-    if 0.0 < tilt < NEARLY_UPRIGHT:  # noise would turn O and T apart: only their sum is known
+    if 0.0 < tilt < NEARLY_UPRIGHT:  # O and T are degenerate here: only their sum is known
         axis = np.cross(R[:, 2], [0.0, 0.0, math.copysign(1.0, R[2, 2])])
         R = rotation_from_vector(axis * (math.asin(tilt) / tilt)) @ R
     oat = [math.degrees(angle) for angle in oat_from_R(R)]
@@ -54,17 +54,17 @@ def oat_words(R_flange_sensor: Array) -> str:
 
 
 def was_radians(oat_deg: tuple[float, float, float], R_flange_sensor: Array) -> bool:
-    """Tell whether the angles of the cell file, read as radians, are what the readings show."""
+    """Return whether the angles of the cell file, taken as radians, match the readings."""
     small = max(abs(angle) for angle in oat_deg) <= math.tau + 0.01
     as_radians = R_from_oat(Oat(*oat_deg))
     return small and turn_angle(as_radians.T @ R_flange_sensor) < LOOKS_LIKE_RAD
 
 
 def driver_mend(wiring: Array, of: str) -> str:
-    """Return what to mend in the driver or the adapter, in words.
+    """Return the remedy in the driver or the adapter as text.
 
     Args:
-        wiring: What each channel shows. Shape (3, 3).
+        wiring: Signed permutation: axis that each channel shows. Shape (3, 3).
         of: "F" or "M" for three channels, "FM" for all six.
     """
     parts = []
@@ -73,5 +73,5 @@ def driver_mend(wiring: Array, of: str) -> str:
             row = int(np.argmax(np.abs(wiring[:, axis])))
             sign = "" if wiring[row, axis] > 0.0 else "-"
             if row != axis or sign:
-                parts.append(f"{letter}{AXES[axis]} = {sign}{letter}{AXES[row]} of today")
-    return f"in the driver or the adapter: {', '.join(parts)}"
+                parts.append(f"{letter}{AXES[axis]} = {sign}{letter}{AXES[row]}")
+    return f"in the driver or the adapter: remap {', '.join(parts)}"

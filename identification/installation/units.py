@@ -1,4 +1,4 @@
-"""Tells a wrong unit from a wrong payload, by how many times too large something reads. Pure."""
+"""Identification of a wrong unit by the ratio of measured to expected value. Pure."""
 
 from typing import NamedTuple
 
@@ -6,9 +6,9 @@ import numpy as np
 
 from common.motion.frames import Array
 
-SAME_FACTOR = 1.12  # what is known of the payload is not exact
-LONGEST_M = 2.0  # no sensor and no tool is that far from the flange
-LEVER_MOST_M = 0.5  # no centre of mass is that far from the sensor
+SAME_FACTOR = 1.12  # tolerance: the known payload is not exact
+LONGEST_M = 2.0  # sensors and tools are closer to the flange
+LEVER_MOST_M = 0.5  # a centre of mass is closer to the sensor
 LEVER_USUAL_M = (0.005, 0.3)
 
 FORCE_UNITS = {
@@ -30,14 +30,14 @@ TORQUE_UNITS = {
 
 
 class Unit(NamedTuple):
-    """A wrong unit: in words, and what the readings must be divided by."""
+    """Wrong unit: its description, and the factor to divide the readings by."""
 
     text: str
     factor: float
 
 
 def unit_of(times: float, units: dict[float, str]) -> Unit | None:
-    """Return the wrong unit that makes something read so many times too large, if one does."""
+    """Return the wrong unit that explains a ratio of measured to expected value, if one does."""
     if times <= 0.0:
         return None
     factor = min(units, key=lambda u: abs(np.log(times / u)))
@@ -47,11 +47,11 @@ def unit_of(times: float, units: dict[float, str]) -> Unit | None:
 
 
 def units_of_lever(lever_m: float) -> list[Unit]:
-    """Return the wrong units of torque that would explain a lever no tool can have."""
+    """Return the wrong units of torque that would explain an implausible lever."""
     least_m, most_m = LEVER_USUAL_M
     return [Unit(text, f) for f, text in TORQUE_UNITS.items() if least_m <= lever_m / f <= most_m]
 
 
 def in_millimetres(length_m: Array) -> bool:
-    """Tell whether a vector of the cell file must be in millimetres."""
+    """Return whether a vector of the cell file must be in millimetres."""
     return bool(np.linalg.norm(length_m) > LONGEST_M)

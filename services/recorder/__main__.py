@@ -1,4 +1,4 @@
-"""Recorder: every topic in, MCAP files out; it never commands, and nobody waits for it."""
+"""Entry point of the recorder: every topic into MCAP files; no other process depends on it."""
 
 from common.runtime.service import main
 from forcemesh.zenoh_settings import listen_with_one_thread

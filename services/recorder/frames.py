@@ -1,7 +1,7 @@
-"""What was heard on the bus, to the byte: one frame for each message. Pure.
+"""Frames: messages as received on the bus, byte for byte. Pure.
 
-A recording keeps them beside the JSON that people look at: only they can be replayed as they were,
-whoever wrote them in whatever way.
+A recording keeps them in addition to the readable JSON: only frames can be replayed unchanged,
+whatever their publisher and version.
 """
 
 import struct
@@ -12,22 +12,22 @@ HEAD = struct.Struct("<BQI")  # place of the topic in the table, time [ns], byte
 
 
 class Frame(NamedTuple):
-    """One message as it came."""
+    """One message as received."""
 
     topic: int  # its place in the table of topics
-    at_ns: int  # monotonic when it came; in a file the wall clock time when it was written
+    at_ns: int  # monotonic time of reception; in a file the wall clock time of publication
     data: bytes
 
 
 def pack_frames(frames: Iterable[Frame]) -> bytes:
-    """Return frames as one run of bytes."""
+    """Return frames packed into one byte string."""
     return b"".join(
         part for topic, at_ns, data in frames for part in (HEAD.pack(topic, at_ns, len(data)), data)
     )
 
 
 def frames_of(packed: bytes) -> Iterator[Frame]:
-    """Yield the frames of a run of bytes. Raise ValueError where it ends within one."""
+    """Yield the frames of a byte string. Raises ValueError if it ends within one."""
     at = 0
     while at < len(packed):
         if at + HEAD.size > len(packed):

@@ -1,11 +1,11 @@
-"""How a message stands in a recording: as a JSON object that plots, and its JSON Schema. Pure.
+"""Layout of a message in a recording: a JSON object that plots, and its JSON Schema. Pure.
 
-Vectors become objects with x, y, z (and w), so that a viewer offers each part by its name; what is
-None is left out, because viewers take one type for each field. Names stay those of the bus. The
-schema is written out in full: some viewers follow no reference and know no alternatives.
+Vectors become objects with x, y, z (and w), so that a viewer offers each component by name. None is
+omitted, because viewers take one type for each field. Names are those of the bus. The schema is
+written in full: some viewers support neither references nor alternatives.
 
-A recorder reads 1500 messages a second and may cost next to nothing. So messages are read into
-types that are made here once, which is four times as fast as into maps of their fields.
+A recorder reads 1500 messages a second at little CPU load. Messages are decoded into types that are
+created here once, which is four times as fast as decoding into maps.
 """
 
 import types
@@ -23,15 +23,15 @@ from forcemesh.messages import Gain, Message
 from forcemesh.topics import Topic
 
 SCALARS = {bool: "boolean", int: "integer", float: "number", str: "string"}
-# UnicodeDecodeError is a ValueError; what is nested too deep ends in a RecursionError.
+# UnicodeDecodeError is a ValueError; excessive nesting ends in a RecursionError.
 NOT_OURS = (msgspec.MsgspecError, ValueError, RecursionError)
 
 Change = Callable[[Any], Any]
-to_json = msgspec.json.Encoder().encode  # what is not finite becomes null
+to_json = msgspec.json.Encoder().encode  # non-finite numbers become null
 
 
 class Vector(msgspec.Struct, gc=False):
-    """Three numbers by their names."""
+    """Vector with named components."""
 
     x: float
     y: float
@@ -39,7 +39,7 @@ class Vector(msgspec.Struct, gc=False):
 
 
 class Quaternion(msgspec.Struct, gc=False):
-    """Four numbers by their names."""
+    """Quaternion with named components."""
 
     x: float
     y: float
@@ -49,7 +49,7 @@ class Quaternion(msgspec.Struct, gc=False):
 
 @dataclass(frozen=True, slots=True)
 class Kind:
-    """One type of field: its schema, what it is read as, and how that changes, where it does."""
+    """Type of a field: its schema, the type it is decoded to, and the conversion if any."""
 
     schema: dict[str, Any]
     read_as: Any
@@ -58,10 +58,10 @@ class Kind:
 
 
 class Layout:
-    """A flat map of named fields."""
+    """Layout of named fields."""
 
     def __init__(self, *models: type[BaseModel]) -> None:
-        """Lay out the fields of models, one after the other."""
+        """Collect the fields of the models in order."""
         kinds = {
             name: _kind(info.annotation)
             for model in models
@@ -85,9 +85,9 @@ class Layout:
         self._decode = msgspec.msgpack.Decoder(self.read_as).decode
 
     def read(self, data: bytes) -> Any:
-        """Return what somebody sent, its fields as attributes; those of other names are ignored.
+        """Decode a message, its fields as attributes; unknown fields are ignored.
 
-        Raises MessageError where it is not of this layout.
+        Raises MessageError if it is not of this layout.
         """
         try:
             return self._decode(data)
@@ -95,11 +95,11 @@ class Layout:
             raise MessageError(f"not of this layout: {error}") from error
 
     def text(self, said: Any) -> bytes:
-        """Return what was read as JSON; it is changed by that."""
+        """Return a decoded message as JSON; converts it in place."""
         return to_json(self.change(said))
 
     def change(self, said: Any) -> Any:
-        """Return what was read with its fields as they are recorded: it is changed itself."""
+        """Convert the fields of a decoded message to their recorded form, in place."""
         for name, change in self._changes:
             value = getattr(said, name)
             if value is not None:
@@ -141,7 +141,7 @@ def _kind(annotation: Any) -> Kind:
 
 
 def _tuple(args: tuple[Any, ...]) -> Kind:
-    """Return what becomes of a tuple: a vector becomes an object, anything else a list."""
+    """Return the kind of a tuple: an object for a vector, else a list."""
     if set(args) <= {float, Gain} and len(args) == 3:
         return Kind(_parts("xyz"), tuple[float, float, float], lambda v: Vector(*v))
     if set(args) <= {float, Gain} and len(args) == 4:

@@ -1,7 +1,7 @@
-"""Writes MCAP files, record by record as the format's specification has them (mcap.dev/spec).
+"""MCAP writer with a fast path for messages, after the format's specification (mcap.dev/spec).
 
-The `mcap` package writes a message in a dozen small steps, which at the rates of a cell would be
-half of what the recorder may cost; here it is one. All other records are that package's own.
+The `mcap` package writes a message in a dozen small steps, which at the rates of a cell is half of
+the recorder's CPU budget; here it is one. All other records are written by that package.
 """
 
 import struct
@@ -17,20 +17,20 @@ from mcap.opcode import Opcode
 MAGIC = b"\x89MCAP0\r\n"
 MESSAGE = struct.Struct("<BQHIQQ")  # opcode, length, channel, sequence, log time, publish time
 MESSAGE_OPCODE = int(Opcode.MESSAGE)
-MESSAGE_HEAD_B = MESSAGE.size - 9  # of its length, before the data
-LEVEL = 1  # of zstd: higher levels cost more and pack this data no tighter
+MESSAGE_HEAD_B = MESSAGE.size - 9  # counted in its length, before the data
+LEVEL = 1  # of zstd: higher levels cost more and do not compress this data further
 FOOTER_HEAD = struct.Struct("<BQQQ")
 FOOTER_B = 8 + 8 + 4
 
 
 class McapWriter:
-    """One file. What was flushed can be read, whatever happens then."""
+    """Writer of one file. Flushed data remain readable after any failure."""
 
     def __init__(self, stream: BinaryIO, library: str) -> None:
-        """Write the head of a file."""
+        """Write magic and header of a file."""
         self.bytes = 0
         self._stream = stream
-        self._body: list[bytes] = []  # of the chunk to come
+        self._body: list[bytes] = []  # of the open chunk
         self._body_bytes = 0
         self._times: dict[int, list[int]] = defaultdict(list)  # channel: time, offset, time, ...
         self._schemas: list[records.Schema] = []
@@ -45,13 +45,13 @@ class McapWriter:
 
     @property
     def waiting_B(self) -> int:
-        """Size of the chunk to come, before it is packed."""
+        """Return the size of the open chunk before compression."""
         return self._body_bytes
 
     def add_channel(
         self, topic: str, encoding: str, schema: tuple[str, str, bytes], **metadata: str
     ) -> int:
-        """Announce a channel, with name, kind and text of its schema; return its id."""
+        """Write a channel with name, encoding and data of its schema; return its id."""
         name, kind, text = schema
         made = records.Schema(id=len(self._schemas) + 1, name=name, encoding=kind, data=text)
         self._schemas.append(made)
@@ -68,7 +68,7 @@ class McapWriter:
         return channel.id
 
     def add(self, channel: int, log_ns: int, data: bytes, sequence: int) -> None:
-        """Add a message to the chunk to come."""
+        """Add a message to the open chunk."""
         size = len(data)
         head = MESSAGE.pack(
             MESSAGE_OPCODE, MESSAGE_HEAD_B + size, channel, sequence, log_ns, log_ns
@@ -78,12 +78,12 @@ class McapWriter:
         self._body_bytes += MESSAGE.size + size
 
     def add_metadata(self, name: str, data: dict[str, str]) -> None:
-        """Write named texts."""
+        """Write a metadata record."""
         offset, length = self._put(records.Metadata(name=name, metadata=data))
         self._metadata.append(records.MetadataIndex(offset=offset, length=length, name=name))
 
     def add_attachment(self, name: str, media_type: str, data: bytes, at_ns: int) -> None:
-        """Write a whole small file."""
+        """Write an attachment."""
         made = records.Attachment(
             create_time=at_ns, log_time=at_ns, name=name, media_type=media_type, data=data
         )
@@ -100,13 +100,13 @@ class McapWriter:
         self._attached.append(index)
 
     def flush(self) -> None:
-        """Write the chunk: from then on its messages are in the file, also after a kill."""
+        """Write the open chunk: its messages are then in the file, also after a kill."""
         if self._body:
             self._write_chunk()
         self._stream.flush()
 
     def finish(self) -> None:
-        """Write what is left, and the summary by which readers jump about."""
+        """Write the open chunk and the summary section for random access."""
         self.flush()
         self._put(records.DataEnd(data_section_crc=0))
         start = self.bytes
@@ -201,7 +201,7 @@ class McapWriter:
         )
 
     def _put(self, record: records.McapRecord) -> tuple[int, int]:
-        """Write a record; return where it begins and how long it is."""
+        """Write a record; return its offset and length."""
         builder = RecordBuilder()
         record.write(builder)
         start = self.bytes

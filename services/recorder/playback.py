@@ -1,7 +1,7 @@
-"""Publishes a recording on a bus again: the same messages, in the same order, in its time.
+"""Playback of a recording on a bus: the same messages, in the same order and timing.
 
-They are the same bytes, but for the address where the cell has another name now, or the recording
-is of an older schema version.
+The bytes are the same except for the address, if the cell has another name now or the recording is
+of an older schema version.
 """
 
 from collections.abc import Callable, Iterable, Iterator
@@ -16,7 +16,7 @@ QOS = {topic.key: topic.qos for topic in TOPICS}
 
 
 def chosen(heard: Iterable[Heard], only: frozenset[str]) -> Iterator[Heard]:
-    """Yield the messages of some topics, of all when none is named."""
+    """Yield the messages of the named topics, of all if none is named."""
     return (each for each in heard if not only or each.topic in only)
 
 
@@ -29,15 +29,15 @@ def play(
     speed: float = 1.0,
     shown: Callable[[int, float], None] = lambda _count, _at_s: None,
 ) -> int:
-    """Put messages on the bus of a cell when their time has come; return how many.
+    """Publish messages on the bus of a cell at their times; return how many.
 
     Args:
         heard: The messages in the order of time.
-        transport: Where they go.
-        cell: The name before their keys.
-        clock: Whose time passes meanwhile.
-        speed: Times the original one; infinite: as fast as it goes.
-        shown: Is told after each message how many there were, and how far in [s].
+        transport: Transport to publish on.
+        cell: Name of the cell, prefix of the keys.
+        clock: Clock of the playback.
+        speed: Factor on the original speed; infinite: as fast as possible.
+        shown: Called after each message with their number and the recorded time [s].
     """
     puts: dict[str, Callable[[bytes], None]] = {}
     began_ns, first_ns, count = clock.now_ns(), 0, 0

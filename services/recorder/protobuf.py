@@ -1,7 +1,7 @@
-"""Bytes as a protobuf message, `message Frames { bytes packed = 1; }`. Pure.
+"""Protobuf wrapper for bytes, `message Frames { bytes packed = 1; }`. Pure.
 
-Viewers report an encoding that they do not know as a mistake of the file; this one all of them
-know. Wire format: protobuf.dev/programming-guides/encoding, schema: its descriptor.proto.
+Viewers report an unknown encoding as an error of the file; all of them know this one.
+Wire format: protobuf.dev/programming-guides/encoding, schema: its descriptor.proto.
 """
 
 ENCODING = "protobuf"
@@ -12,7 +12,7 @@ LONGEST_HEAD = 11  # with a length of 64 bits
 
 
 def varint(number: int) -> bytes:
-    """Return a number that is not negative, seven bits a byte, the lowest first."""
+    """Return the varint of a non-negative number: seven bits a byte, lowest first."""
     head = b""
     while number > 0x7F:
         head += bytes([0x80 | number & 0x7F])
@@ -21,12 +21,12 @@ def varint(number: int) -> bytes:
 
 
 def wrap(packed: bytes) -> bytes:
-    """Return bytes as a message."""
+    """Return bytes wrapped as a message."""
     return PACKED + varint(len(packed)) + packed
 
 
 def unwrap(message: bytes) -> bytes:
-    """Return the bytes of a message. Raise ValueError where it is none of these, or broken off."""
+    """Return the bytes of a message. Raises ValueError if it is another one, or truncated."""
     length = 0
     for place, byte in enumerate(message[1:LONGEST_HEAD]):
         length |= (byte & 0x7F) << 7 * place
@@ -35,11 +35,11 @@ def unwrap(message: bytes) -> bytes:
             if message.startswith(PACKED) and len(packed) == length:
                 return packed
             break
-    raise ValueError("no message of frames")
+    raise ValueError("not a message of frames")
 
 
 def descriptor() -> bytes:
-    """Return the schema as a FileDescriptorSet, as MCAP wants it."""
+    """Return the schema as a FileDescriptorSet, as MCAP requires."""
     optional_bytes = b"\x18\x01\x20\x01\x28\x0c"  # number 1, label optional, type bytes
     field = _part(2, _part(1, b"packed") + optional_bytes)
     file = _part(1, b"forcemesh/frames.proto") + _part(2, b"forcemesh")

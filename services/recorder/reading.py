@@ -1,4 +1,4 @@
-"""Reads recordings, whole ones and those whose recorder was killed: up to where they end."""
+"""Reader of recordings, complete or truncated by a killed recorder."""
 
 import heapq
 import struct
@@ -25,19 +25,19 @@ from services.recorder.protobuf import unwrap
 from services.recorder.recording import CELL_FILE, EVENT, FRAMES_TOPIC, METADATA
 
 BROKEN_OFF = (McapError, struct.error, zstandard.ZstdError, ValueError, OverflowError)
-DISORDER_NS = 3 * NS_PER_S  # messages stand in a file at most so far from their place in time
+DISORDER_NS = 3 * NS_PER_S  # largest offset of a message in a file from its order in time
 MOST_CHUNK_B = 1 << 30
 
 
 class Event(NamedTuple):
-    """Something that happened."""
+    """Event of a recording."""
 
     at_ns: int
     what: str  # a code of forcemesh/faults.py
 
 
 class Said(NamedTuple):
-    """One message as it is recorded for people: vectors are maps, what was None is left out."""
+    """One message as readable JSON: vectors are maps, None is omitted."""
 
     topic: str
     at_ns: int  # wall clock time
@@ -45,7 +45,7 @@ class Said(NamedTuple):
 
 
 class Heard(NamedTuple):
-    """One message to the byte."""
+    """One message byte for byte."""
 
     topic: str
     at_ns: int  # wall clock time
@@ -53,24 +53,24 @@ class Heard(NamedTuple):
 
 
 class RecordedFile:
-    """One file. What is known of it as a whole is read at once."""
+    """One file. Its metadata are read on opening."""
 
     def __init__(self, path: Path) -> None:
-        """Read what stands before the messages. Raise DataError where it is none of ours."""
+        """Read metadata and channels. Raises DataError if it is not a forcemesh recording."""
         self.path = path
         self.about: dict[str, str] = {}
-        self.is_whole = False  # known after the first time through
+        self.is_whole = False  # known after the first pass
         self.events: list[Event] = []
         self._cell_file: bytes | None = None
         self._channels: dict[int, records.Channel] = {}
         for _ in self._records(stop=lambda: bool(self._channels)):
             pass
         if not self.about:
-            raise DataError(f"{path}: no recording of forcemesh: it lacks the metadata")
+            raise DataError(f"{path}: not a forcemesh recording: the metadata are missing")
 
     @cached_property
     def cell(self) -> Cell | None:
-        """The cell as it was; None where another version wrote it: what was said can be read."""
+        """Return the recorded cell; None if another version wrote it: its messages can be read."""
         if self._cell_file is None:
             return None
         try:
@@ -81,7 +81,7 @@ class RecordedFile:
     def said(self, topic: str | None = None) -> Iterator[Said]:
         """Yield every message, or those of one topic, in the order of the file.
 
-        Within a topic that is the order of writing; between topics it is near to it.
+        Within a topic that is the order of publication; between topics approximately.
         """
         for channel, at_ns, data in self._messages():
             key = channel.topic
@@ -89,9 +89,9 @@ class RecordedFile:
                 yield Said(key, at_ns, from_json(data))
 
     def heard(self) -> Iterator[Heard]:
-        """Yield every message to the byte, in the order of time.
+        """Yield every message byte for byte, in the order of time.
 
-        Raise DataError where they are written in another way.
+        Raises DataError if the frames are of an unknown format.
         """
         waiting: list[tuple[int, int, Heard]] = []
         number = 0
@@ -133,7 +133,7 @@ class RecordedFile:
                 at += 9 + length
 
     def _records(self, stop: Callable[[], bool]) -> Iterator[records.McapRecord]:
-        """Yield records up to the end of the file, or to where it breaks off."""
+        """Yield records up to the end of the file, or to its truncation."""
         self.events, self.is_whole = [], False
         try:
             stream = self.path.open("rb")
@@ -151,7 +151,7 @@ class RecordedFile:
                         return
             except BROKEN_OFF as error:
                 if not self._channels:
-                    raise DataError(f"{self.path}: no recording, or broken off at once") from error
+                    raise DataError(f"{self.path}: not a recording, or truncated") from error
 
     def _note(self, record: records.McapRecord) -> None:
         if isinstance(record, records.Channel):

@@ -1,4 +1,4 @@
-"""One recording: frames in, MCAP files out, one after the other, each of them whole."""
+"""Recording: frames in, a sequence of complete MCAP files out."""
 
 import json
 from pathlib import Path
@@ -25,8 +25,8 @@ METADATA = "forcemesh"
 EVENT = "event"
 CELL_FILE = "cell.yaml"
 MB = 1_000_000
-FLUSH_NS = NS_PER_S // 2  # half of what a kill may cost
-CHUNK_B = 8_000_000  # a chunk is flushed sooner than that: when memory is written out
+FLUSH_NS = NS_PER_S // 2  # half of the data that a kill may lose
+CHUNK_B = 8_000_000  # limit of a chunk, reached when the pre-trigger memory is written
 SEQUENCE = 2**32
 
 FRAMES_SCHEMA = (protobuf.NAME, protobuf.ENCODING, protobuf.descriptor())
@@ -40,17 +40,17 @@ PLACES = {str(place): topic.key for place, topic in enumerate(TOPICS)}
 
 
 class RecordingFile:
-    """One MCAP file: a channel of JSON for each topic, and one of frames."""
+    """One MCAP file: a JSON channel for each topic, and one channel of frames."""
 
     def __init__(self, path: Path, cell: Cell, about: dict[str, str], *, at_ns: int) -> None:
-        """Write what stands before the messages. Raise OSError where it cannot be written."""
+        """Write metadata, cell file and channels. Raises OSError if that fails."""
         self.path = path
         self._stream = path.open("xb")
         self._frames: list[bytes] = []
         self._last_ns = 0
         writer = self._writer = McapWriter(self._stream, f"forcemesh {about['version']}")
         writer.add_metadata(METADATA, about)
-        # Whoever gets the recording gets no key to the panel.
+        # Access data of the panel are not recorded.
         told = cell.model_copy(update={"panel": PanelSection()})
         writer.add_attachment(CELL_FILE, "application/yaml", dump_cell(told).encode(), at_ns)
         self._channels = [
@@ -64,29 +64,29 @@ class RecordingFile:
 
     @property
     def size_B(self) -> int:
-        """Its size."""
+        """Return the size of the file."""
         return self._writer.bytes
 
     @property
     def waiting_B(self) -> int:
-        """What was added and not flushed, before it is packed."""
+        """Return the size of unflushed data before compression."""
         return self._writer.waiting_B
 
     def add(self, topic: int, log_ns: int, data: bytes) -> None:
-        """Add a message to the byte, as a frame."""
+        """Add a message as a frame, byte for byte."""
         self._frames += (HEAD.pack(topic, log_ns, len(data)), data)
         self._last_ns = log_ns
 
     def add_json(self, topic: int, log_ns: int, text: bytes, sequence: int) -> None:
-        """Add the same as people look at it."""
+        """Add the same message as JSON."""
         self._writer.add(self._channels[topic], log_ns, text, sequence)
 
     def note(self, what: str, at_ns: int) -> None:
-        """Write down that something happened."""
+        """Write an event."""
         self._writer.add_metadata(EVENT, {"at_ns": str(at_ns), "what": what})
 
     def flush(self) -> None:
-        """Let everything so far survive this process."""
+        """Write all data so far to the file."""
         if self._frames:
             frames = protobuf.wrap(b"".join(self._frames))
             self._writer.add(self._frames_channel, self._last_ns, frames, 0)
@@ -94,7 +94,7 @@ class RecordingFile:
         self._writer.flush()
 
     def close(self) -> None:
-        """Finish it."""
+        """Finish the file."""
         try:
             self.flush()
             self._writer.finish()
@@ -103,14 +103,14 @@ class RecordingFile:
 
 
 class Recording:
-    """Everything from a start to a stop; a file that is long enough is followed by the next."""
+    """Recording from start to stop, split into files by duration and size."""
 
     def __init__(
         self, folder: Path, name: str, cell: Cell, *, cause: str, wall: Wall, now_ns: int
     ) -> None:
-        """Open the first file. Raise OSError when the folder cannot be written."""
+        """Open the first file. Raises OSError if the folder cannot be written."""
         self.messages = 0
-        self.unshaped = 0  # of them: kept to the byte, but they are no messages of ours
+        self.unshaped = 0  # of them: kept byte for byte, but not decodable
         self.numbering = Numbering()
         self.cause, self.since_ns = cause, now_ns
         self._folder, self._name, self._cell, self._wall = folder, name, cell, wall
@@ -119,16 +119,16 @@ class Recording:
 
     @property
     def path(self) -> Path:
-        """The file in which it writes, or wrote last."""
+        """Return the present or last file."""
         return self._file.path
 
     @property
     def file_bytes(self) -> int:
-        """Its size."""
+        """Return the size of the file."""
         return self._file.size_B
 
     def write(self, frames: list[Frame], now_ns: int) -> None:
-        """Write frames as they came; flush when it is time. Raise OSError when it cannot."""
+        """Write frames; flush when due. Raises OSError if that fails."""
         write = self._write
         for topic, at_ns, data in frames:
             write(topic, at_ns, data)
@@ -144,15 +144,15 @@ class Recording:
             self._file = self._next_file(now_ns)
 
     def note(self, what: str, at_ns: int) -> None:
-        """Write down what happened at a monotonic time."""
+        """Write an event at a monotonic time."""
         self._file.note(what, self._wall.arrival_ns(at_ns))
 
     def close(self) -> None:
-        """Finish the file."""
+        """Finish the present file."""
         self._file.close()
 
     def _write(self, topic: int, at_ns: int, data: bytes) -> None:
-        """Write a message twice: to the byte, and so that people can look at it."""
+        """Write a message twice: byte for byte, and as readable JSON."""
         self.messages += 1
         layout = LAYOUTS[topic]
         try:
@@ -165,7 +165,7 @@ class Recording:
         self._file.add_json(topic, log_ns, layout.text(said), said.seq % SEQUENCE)
 
     def _write_unshaped(self, topic: int, at_ns: int, data: bytes) -> None:
-        """Write to the byte what is no message of ours; it may have our head all the same."""
+        """Write an undecodable message byte for byte; its header may still be valid."""
         self.unshaped += 1
         try:
             log_ns = self._stamped_ns(topic, HEADER.read(data), at_ns)
@@ -174,7 +174,7 @@ class Recording:
         self._file.add(topic, log_ns, data)
 
     def _stamped_ns(self, topic: int, head: Any, at_ns: int) -> int:
-        """Note a message's number; return the wall clock time at which it was written [ns]."""
+        """Count sequence gaps; return the wall clock time of publication [ns]."""
         self.numbering.saw(topic, head.epoch, head.seq)
         return self._wall.written_ns(head.boot, head.stamp_ns, at_ns)
 

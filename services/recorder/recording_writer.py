@@ -1,4 +1,4 @@
-"""What is to be written, and the disk it goes to: whatever happens there, hearing goes on."""
+"""Recording writer: write queue and disk. A disk error does not interrupt reception."""
 
 from collections import deque
 from collections.abc import Callable
@@ -13,17 +13,17 @@ from services.recorder.recording import Recording
 from services.recorder.ring_buffer import Block
 from services.recorder.wall_clock import Wall
 
-LOOK_NS = NS_PER_S  # so often the disk is looked at
+LOOK_NS = NS_PER_S  # period of the check of free space
 GB = 1_000_000_000
 
 
 class Tape:
-    """At most one recording, and what waits to go into it."""
+    """Writer of at most one recording, with its write queue."""
 
     def __init__(self, cell: Cell, clock: Clock, wall_ns: Callable[[], int]) -> None:
-        """Record nothing yet."""
+        """Start without a recording."""
         self.recording: Recording | None = None
-        self.last: Recording | None = None  # the one that runs, or ran last
+        self.last: Recording | None = None  # the present or the last one
         self.free_bytes = 0
         self.folder = folder_of(cell.recorder.folder)
         self._cell, self._clock, self._wall_ns = cell, clock, wall_ns
@@ -33,16 +33,16 @@ class Tape:
 
     @property
     def fault(self) -> str:
-        """Why it cannot record, empty when it can."""
+        """Return why it cannot record, empty if it can."""
         return self._no_space or self._broken
 
     @property
     def waits(self) -> bool:
-        """Whether something is still to be written."""
+        """Return whether the write queue is not empty."""
         return bool(self._waiting)
 
     def begin(self, label: str, cause: str, past: list[Block]) -> bool:
-        """Begin a recording with what memory holds; tell whether there is one now."""
+        """Start a recording with the pre-trigger memory; return whether it was started."""
         self.look()
         if self._no_space:
             return False
@@ -62,17 +62,17 @@ class Tape:
         return self.recording is not None
 
     def add(self, frames: list[Frame]) -> None:
-        """Let frames wait to be written, if there is a recording."""
+        """Queue frames for writing, if there is a recording."""
         if self.recording is not None:
             self._waiting.append(frames)
 
     def note(self, what: str) -> None:
-        """Write into the recording what has happened now."""
+        """Write an event of now into the recording."""
         if (recording := self.recording) is not None:
             self._try(lambda: recording.note(what, self._clock.now_ns()))
 
     def work(self, longest_ns: int) -> None:
-        """Write what waits, for so long; the rest has time."""
+        """Write from the queue for a limited time."""
         give_up_ns = self._clock.now_ns() + longest_ns
         while self._waiting and self.recording is not None:
             waiting = self._waiting.popleft()
@@ -81,7 +81,7 @@ class Tape:
                 return
 
     def end(self, longest_ns: int) -> None:
-        """Write what waits, at most for so long, and finish the file."""
+        """Write the queue for a limited time, and finish the file."""
         self.work(longest_ns)
         recording, self.recording = self.recording, None
         self._waiting.clear()
@@ -89,7 +89,7 @@ class Tape:
             self._try(recording.close)
 
     def look(self) -> None:
-        """Look now and then how much space there is, and stop while some is left."""
+        """Check the free space once per period, and stop before it is used up."""
         now_ns = self._clock.now_ns()
         if self._looked_ns is not None and now_ns - self._looked_ns < LOOK_NS:
             return
@@ -114,7 +114,7 @@ class Tape:
             self._try(lambda: recording.write(frames, self._clock.now_ns()))
 
     def _try(self, use: Callable[[], None]) -> None:
-        """Use the disk; what goes wrong there ends the recording, and nothing else."""
+        """Run a disk operation; an error ends the recording, and nothing else."""
         try:
             use()
         except OSError as error:
@@ -122,7 +122,7 @@ class Tape:
             self._drop()
 
     def _drop(self) -> None:
-        """End the recording as far as the disk still lets it."""
+        """End the recording as far as the disk allows."""
         recording, self.recording = self.recording, None
         self._waiting.clear()
         if recording is not None:
@@ -131,5 +131,5 @@ class Tape:
 
 
 def fault_label(code: str) -> str:
-    """Return the label of a recording that a fault began."""
+    """Return the label of a recording that a fault triggered."""
     return f"{STOP}-{code}"

@@ -1,4 +1,4 @@
-"""The flight recorder: the last minutes, packed by the second, within a number of bytes."""
+"""Ring buffer of the last minutes (pre-trigger memory), compressed by the second, size-limited."""
 
 from collections import deque
 from typing import NamedTuple
@@ -9,25 +9,25 @@ from forcemesh.clock import NS_PER_S
 from services.recorder.frames import Frame, frames_of, pack_frames
 
 BLOCK_NS = NS_PER_S
-LEVEL = 1  # tighter costs time and wins nothing
+LEVEL = 1  # higher levels cost time without a gain
 
 
 class Block(NamedTuple):
-    """What came within about a second."""
+    """Compressed frames of about one second."""
 
     first_ns: int
     packed: bytes
 
     def frames(self) -> list[Frame]:
-        """Return what is in it."""
+        """Return its frames."""
         return list(frames_of(zstandard.decompress(self.packed)))
 
 
 class Past:
-    """Keeps what it is shown for so long, or as long as there is room."""
+    """Ring buffer of frames, limited by age and by size."""
 
     def __init__(self, keep_s: float, most_bytes: int) -> None:
-        """Remember nothing yet; keep_s 0 remembers nothing ever."""
+        """Start empty; with keep_s 0 nothing is stored."""
         self.bytes = 0
         self._keep_ns = round(keep_s * NS_PER_S)
         self._most_bytes = most_bytes
@@ -35,7 +35,7 @@ class Past:
         self._open: list[Frame] = []
 
     def add(self, frames: list[Frame], now_ns: int) -> None:
-        """Remember what came; forget what is too old or too much."""
+        """Store frames; drop those beyond the limits of age and size."""
         if self._keep_ns == 0:
             return
         self._open += frames
@@ -47,12 +47,12 @@ class Past:
             self.bytes -= len(self._blocks.popleft().packed)
 
     def reaches_s(self, now_ns: int) -> float:
-        """Return how far back it goes [s]."""
+        """Return the age of the oldest block [s]."""
         oldest = self._blocks[0].first_ns if self._blocks else None
         return 0.0 if oldest is None else (now_ns - oldest) / NS_PER_S
 
     def blocks(self) -> list[Block]:
-        """Return all that is remembered, the oldest first."""
+        """Return all blocks, the oldest first."""
         if self._open:
             self._seal()
         return list(self._blocks)

@@ -1,19 +1,19 @@
-"""How many messages were lost, by the gaps in the numbers that writers give them. Pure."""
+"""Counter of lost messages by sequence gaps of each topic. Pure."""
 
 
 class Numbering:
-    """Follows the numbers of every topic, through restarts of their writers."""
+    """Sequence gaps of every topic, across restarts of the publishers."""
 
     def __init__(self) -> None:
-        """Have heard nothing."""
+        """Start without messages."""
         self.lost = 0
-        self._last: dict[int, tuple[int, int]] = {}  # topic: writer's epoch, number
+        self._last: dict[int, tuple[int, int]] = {}  # topic: publisher's epoch, sequence number
 
     def saw(self, topic: int, epoch: int, seq: int) -> None:
-        """Count what is missing before this message of a writer."""
+        """Count the messages missing before this one."""
         last = self._last.get(topic)
         if last is not None and last[0] == epoch:
             if seq <= last[1]:
-                return  # late, or said again
+                return  # late or repeated
             self.lost += seq - last[1] - 1
         self._last[topic] = (epoch, seq)

@@ -1,4 +1,4 @@
-"""The recorder as a service: hears everything, keeps the last minutes, writes when it is to."""
+"""Recorder service: receives every topic, keeps the pre-trigger memory, writes on request."""
 
 import time
 from collections.abc import Callable
@@ -21,21 +21,21 @@ from services.recorder.recording_writer import Tape, fault_label
 from services.recorder.ring_buffer import Past
 
 STEPS_HZ = 10.0
-ROOM = 4096  # messages of one topic that may wait: eight seconds of the fastest one
-WORK_NS = NS_PER_S // 40  # of each step, to write what waits
-LAST_WORK_NS = 3 * NS_PER_S // 2  # at the end: whoever stops a cell waits no longer
+ROOM = 4096  # receive queue of one topic: eight seconds of the fastest one
+WORK_NS = NS_PER_S // 40  # of each step, for writing
+LAST_WORK_NS = 3 * NS_PER_S // 2  # at the end: limit of the delay when a cell stops
 MB = 1_000_000
 STATUS_PLACE = TOPICS.index(topics.ARBITER_STATUS)
 STOPPED = ("HOLDING", "FAULT")
 ASKED = "asked"
-MOST = 2**53  # what every language can count to
+MOST = 2**53  # largest integer that every language represents exactly
 
 
 class Recorder:
-    """Writes every topic into files while it is asked to, and by itself around a fault."""
+    """Recorder of every topic: on request, and by itself around a fault."""
 
     def __init__(self, bus: Bus, cell: Cell, *, wall_ns: Callable[[], int] = time.time_ns) -> None:
-        """Listen to every topic at once."""
+        """Subscribe to every topic."""
         self.period_s = 1.0 / STEPS_HZ
         self.trigger = None
         self._section = cell.recorder
@@ -43,8 +43,8 @@ class Recorder:
         self._taps = [(place, bus.tap(topic, ROOM)) for place, topic in enumerate(TOPICS)]
         self._past = Past(60.0 * self._section.keep_min, round(self._section.memory_MB * MB))
         self._tape = Tape(cell, bus.clock, wall_ns)
-        self._until_ns: int | None = None  # end of a recording that a fault began
-        self._state = ""  # of the arbiter, as last heard
+        self._until_ns: int | None = None  # end of a recording that a fault triggered
+        self._state = ""  # of the arbiter, as last received
         self._starts = bus.inbox(topics.RECORD_START)
         self._stops = bus.inbox(topics.RECORD_STOP)
         self._says = bus.publisher(topics.RECORDER_STATUS)
@@ -54,11 +54,11 @@ class Recorder:
 
     @property
     def fault(self) -> str:
-        """Why it cannot record, empty when it can."""
+        """Return why it cannot record, empty if it can."""
         return self._tape.fault
 
     def step(self, now_ns: int) -> None:
-        """Hear, remember, write, answer."""
+        """Receive, store, write, and reply to requests."""
         self._tape.look()
         frames = self._hear(now_ns)
         self._wakes.step(len(frames))
@@ -77,7 +77,7 @@ class Recorder:
             self._says.put(self._status(now_ns))
 
     def counters(self) -> dict[str, int]:
-        """Return what was written, what was lost, and what was no message of ours."""
+        """Return counts of written, lost and undecodable messages."""
         recording = self._tape.last
         counted = {"recording": int(self._tape.recording is not None)}
         if recording is not None:
@@ -89,7 +89,7 @@ class Recorder:
         return counted
 
     def close(self) -> None:
-        """Write what waits, and finish the file."""
+        """Write the waiting messages, and finish the file."""
         self._end(LAST_WORK_NS)
 
     def _hear(self, now_ns: int) -> list[Frame]:
@@ -101,7 +101,7 @@ class Recorder:
         return frames
 
     def _mind(self, frame: Frame, now_ns: int) -> None:
-        """Write memory out when the arbiter has stopped the arm."""
+        """Write the pre-trigger memory when the arbiter has stopped the arm."""
         with suppress(MessageError):
             _, status = decode(frame.data, ArbiterStatus, self._status_address)
             if status.state in STOPPED and self._state not in ("", *STOPPED) and status.trips:
@@ -113,7 +113,7 @@ class Recorder:
         is_asked = running is not None and self._until_ns is None
         if running is not None and not is_asked and running.cause != code:
             self._tape.note(code)
-            self._end(LAST_WORK_NS)  # a rare stop never lands in the file of a daily one
+            self._end(LAST_WORK_NS)  # a rare stop gets its own file
         if self._tape.recording is None and self._section.keep_min > 0.0:
             self._tape.begin(fault_label(code), code, self._past.blocks())
         self._tape.note(code)
@@ -130,7 +130,7 @@ class Recorder:
         running = self._tape.recording
         if running is not None and self._until_ns is None:
             return refusal("already", f"recording to {running.path}")
-        self._end(LAST_WORK_NS)  # what a fault has begun gives way
+        self._end(LAST_WORK_NS)  # a request ends a recording that a fault triggered
         past = self._past.blocks() if request.past else []
         if (
             not self._tape.begin(safe_label(request.label), ASKED, past)

@@ -1,20 +1,20 @@
-"""Wall clock time of what is stamped by monotonic clocks, of this machine and of others. Pure.
+"""Wall clock time of monotonic stamps, of this machine and of others. Pure.
 
-Within one recording each clock is moved by one and the same amount, so that the order and the
-distances of what one machine says stay what they were, also when its wall clock is set meanwhile.
+Within one recording each clock has one constant offset: order and intervals of the messages of one
+machine are preserved, also when its wall clock is set meanwhile.
 """
 
 from forcemesh.clock import NS_PER_S
 
-LONGEST_WAY_NS = 600 * NS_PER_S  # a stamp farther than this from its arrival is not believed
-MOST_CLOCKS = 64  # a stranger could name a new one with every message
+LONGEST_WAY_NS = 600 * NS_PER_S  # a stamp farther than this from its arrival is rejected
+MOST_CLOCKS = 64  # an unexpected publisher could name a new one with every message
 
 
 class Wall:
-    """Moves stamps onto this machine's wall clock."""
+    """Conversion of stamps to this machine's wall clock."""
 
     def __init__(self, boot: str, offset_ns: int) -> None:
-        """Know this machine's clock; those of others are met on the way.
+        """Store the offset of this machine's clock; those of others follow from their messages.
 
         Args:
             boot: The clock's identity, as in headers.
@@ -24,7 +24,7 @@ class Wall:
         self.offsets_ns = {boot: offset_ns}
 
     def arrival_ns(self, at_ns: int) -> int:
-        """Return the wall clock time of a moment of this machine's monotonic clock [ns]."""
+        """Return the wall clock time of a time of this machine's monotonic clock [ns]."""
         return at_ns + self.offsets_ns[self.boot]
 
     def written_ns(self, boot: str, stamp_ns: int, at_ns: int) -> int:
@@ -32,7 +32,7 @@ class Wall:
 
         Args:
             boot: The clock of its stamp.
-            stamp_ns: Its stamp; what has an absurd one counts as written on arrival.
+            stamp_ns: Its stamp; an implausible one is replaced by the arrival.
             at_ns: Its arrival on this machine's monotonic clock [ns].
         """
         came_ns = self.arrival_ns(at_ns)

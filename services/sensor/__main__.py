@@ -1,4 +1,4 @@
-"""Sensor driver: plays the sensor with an ATI Net F/T, an Axia or an OnRobot over RDT."""
+"""Entry point of the sensor driver: force/torque samples of the cell's sensor."""
 
 from common.runtime.service import main
 from services.sensor.service import SensorDriver

@@ -1,8 +1,8 @@
-"""The driver for Bota Systems' sensors, around the maker's own closed package `bota-driver`.
+"""Driver for Bota Systems sensors, based on the maker's closed package `bota-driver`.
 
-Everything that the sensor needs to know stands in the maker's configuration file, which
-`sensor.device` names. The package keeps the newest reading only: one that was not fetched in time
-shows as a gap between the sensor's own stamps, and is counted.
+The settings of the sensor are in the maker's configuration file, which `sensor.device` names. The
+package keeps the newest reading only: one that was not fetched in time shows as a gap between the
+sensor's own stamps, and is counted as lost.
 """
 
 from collections import deque
@@ -20,46 +20,46 @@ WRAP_US = 1 << 32  # of the sensor's stamps
 GAP_PERIODS = 1.5
 BAD_SHARE = 0.1
 WINDOW = 100
-GRUDGE_S = 0.25  # so long a restart is told
+GRUDGE_S = 0.25  # time for which a restart is reported
 
 
 class Source(Protocol):
-    """What is used of the maker's driver."""
+    """Interface of the maker's driver, as far as it is used."""
 
     def read_frame(self) -> Any:
-        """Return the newest reading, at once; it may be the one of before."""
+        """Return the newest reading without waiting; it may be a repeated one."""
 
     def get_expected_timestep_us(self) -> int:
-        """Return the time from reading to reading [us]."""
+        """Return the period of the readings [us]."""
 
     def deactivate(self) -> bool:
-        """Stop."""
+        """Stop the sensor."""
 
     def shutdown(self) -> bool:
-        """Let the line go."""
+        """Close the connection."""
 
 
 class BotaDriver:
-    """Takes each new reading once, by the sensor's own stamp."""
+    """Driver that takes each reading once, by the sensor's own stamp."""
 
     def __init__(self, sensor: SensorSection, source: Source) -> None:
-        """Read from a source that is active."""
+        """Use an active source."""
         self._sensor, self._source = sensor, source
         self._step_us = max(1, int(source.get_expected_timestep_us()))
         self._counts = dict.fromkeys(("records", "lost", "sensor_restarts"), 0)
         self._number = 0
         self._last_us: int | None = None
-        self._window: deque[int] = deque(maxlen=WINDOW)  # lost before each of the last readings
+        self._window: deque[int] = deque(maxlen=WINDOW)  # losses before each of the last readings
         self._grudge_until_ns = 0
         self._fault = ""
 
     @property
     def where(self) -> str:
-        """Name of the sensor and its configuration for people."""
+        """Return name and configuration of the sensor for messages."""
         return f"Bota sensor of {self._sensor.device}"
 
     def info(self) -> Info:
-        """Return what is known of the sensor."""
+        """Return the identity of the sensor."""
         return Info(
             "Bota",
             self._sensor.force_range_N,
@@ -68,25 +68,25 @@ class BotaDriver:
         )
 
     def counters(self) -> dict[str, int]:
-        """Return what came and what was lost."""
+        """Return counts of received and lost readings."""
         return dict(self._counts)
 
     def complaint(self) -> Complaint:
-        """Return why no sample comes."""
+        """Return why no sample is received."""
         if self._fault:
             return Complaint("sensor_silent", f"{self.where}: {self._fault}")
         if self._last_us is None:
-            return Complaint("sensor_silent", f"{self.where}: nothing comes")
+            return Complaint("sensor_silent", f"{self.where}: nothing received")
         return Complaint("sensor_stalled", f"{self.where}: its stamp stays at {self._last_us} us")
 
     def close(self) -> None:
-        """Stop the sensor and let its line go."""
+        """Stop the sensor and close its connection."""
         with suppress(RuntimeError):
             self._source.deactivate()
             self._source.shutdown()
 
     def read(self, now_ns: int) -> Sequence[Sample]:
-        """Return the newest reading if it has not been returned before."""
+        """Return the newest reading if it was not returned before."""
         try:
             frame = self._source.read_frame()
         except RuntimeError as error:
@@ -105,7 +105,7 @@ class BotaDriver:
         return [self._sample(frame, now_ns)]
 
     def _lost_before(self, stamp_us: int, now_ns: int) -> int:
-        """Return how many readings lie between two stamps; a stamp that went back is a restart."""
+        """Return the number of readings between two stamps; a decreasing stamp is a restart."""
         if self._last_us is None:
             return 0
         passed_us = (stamp_us - self._last_us + WRAP_US // 2) % WRAP_US - WRAP_US // 2
@@ -131,13 +131,13 @@ class BotaDriver:
         return Sample(force_N, torque_Nm, counter=where[0], stamp_ns=where[1])
 
     def _faults(self, status: Any, now_ns: int) -> list[Complaint]:
-        """Return what makes a reading none."""
+        """Return the faults that make a reading invalid."""
         faults = []
         if status.invalid:
             text = f"the sensor reports status 0x{status.val:X}: invalid"
             faults.append(Complaint("sensor_fault", text))
         if now_ns < self._grudge_until_ns:
-            faults.append(Complaint("sensor_restarted", "the sensor's stamps began anew"))
+            faults.append(Complaint("sensor_restarted", "the sensor's stamps restarted"))
         lost, frames = sum(self._window), len(self._window)
         if frames >= WINDOW // 2 and lost > BAD_SHARE * (lost + frames):
             text = f"{lost} of the last {lost + frames} readings were lost"
@@ -150,14 +150,14 @@ def _vec3(numbers: Sequence[float]) -> Vec3:
     return (x, y, z)
 
 
-def bota_driver(sensor: SensorSection, *, stale_after_s: float) -> BotaDriver:  # noqa: ARG001 - stamps of its own tell
+def bota_driver(sensor: SensorSection, *, stale_after_s: float) -> BotaDriver:  # noqa: ARG001 - judged by its stamps
     """Return the driver of a cell file, with the sensor active.
 
     Raises:
-        ConfigError: The package is not installed, or the sensor did not start; says why.
+        ConfigError: The package is not installed, or the sensor did not start; gives the reason.
     """
     try:
-        import bota_driver as maker  # noqa: PLC0415 - an extra: only who has this sensor needs it
+        import bota_driver as maker  # noqa: PLC0415 - optional dependency of this sensor
     except ImportError as error:
         mistake = "sensor.driver: bota needs the maker's package: pip install bota-driver"
         raise ConfigError("the sensor's driver", [mistake]) from error
@@ -167,6 +167,6 @@ def bota_driver(sensor: SensorSection, *, stale_after_s: float) -> BotaDriver:  
     except (RuntimeError, ValueError) as error:
         raise ConfigError("the sensor's driver", [f"sensor.device: {error}"]) from error
     if not started:
-        mistake = f"sensor.device: the sensor of {sensor.device} did not start, see the lines above"
+        mistake = f"sensor.device: the sensor of {sensor.device} did not start: see output above"
         raise ConfigError("the sensor's driver", [mistake])
     return BotaDriver(sensor, source)

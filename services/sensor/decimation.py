@@ -1,28 +1,28 @@
-"""Which samples go on the bus when the sensor is much faster than the cell asks for."""
+"""Decimation: selection of the samples to publish when the sensor is faster than needed."""
 
 from dataclasses import dataclass, replace
 
-WINDOW_NS = 250_000_000  # over which the sensor's rate is measured
-MARGIN = 2.05  # times the cell's rate: twice, and what clocks and measuring are off
+WINDOW_NS = 250_000_000  # window in which the sensor's rate is measured
+MARGIN = 2.05  # times the cell's rate: twice, plus tolerance of clocks and measurement
 
 
 @dataclass(frozen=True, slots=True)
 class Thinning:
-    """The sensor's measured rate, and every which sample is kept."""
+    """State of the decimation: the sensor's measured rate, and the ratio."""
 
     wanted_hz: float
-    rate_hz: float = 0.0  # 0 until it was measured
+    rate_hz: float = 0.0  # 0 until measured
     keep_every: int = 1
     kept: int = 0  # number of the last sample kept
-    since: tuple[int, int] | None = None  # number and time [ns] at which measuring began
+    since: tuple[int, int] | None = None  # number and time [ns] at the start of the measurement
 
 
 def thin(state: Thinning, number: int, now_ns: int) -> tuple[Thinning, bool]:
-    """Take a sample in; tell whether to keep it.
+    """Return the state after a sample, and whether to keep it.
 
     Up to twice the wanted rate every sample is kept, above it every n-th, counted by the sensor's
-    own numbers: bursts on the network do not change the choice, a lost sample is made up for by
-    the next one.
+    sequence numbers: bursts on the network do not change the selection, and the next sample
+    replaces a lost one.
     """
     state = _measure(state, number, now_ns)
     if number - state.kept < state.keep_every:
@@ -31,7 +31,7 @@ def thin(state: Thinning, number: int, now_ns: int) -> tuple[Thinning, bool]:
 
 
 def pause(state: Thinning) -> Thinning:
-    """Measure anew after a gap; until then keep the old choice."""
+    """Restart the measurement after a gap; keep the ratio until it is done."""
     return replace(state, since=None)
 
 

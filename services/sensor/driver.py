@@ -1,6 +1,6 @@
-"""What every driver of a sensor is to the service: samples in SI, and words when there are none.
+"""Interface of a sensor driver: samples in SI units, and a fault when there are none. Pure.
 
-Pure: the interface, and what is judged alike for every make.
+It also holds the checks that are common to every make.
 """
 
 from collections.abc import Sequence
@@ -9,12 +9,12 @@ from typing import Literal, NamedTuple, Protocol
 
 from forcemesh.messages import ZERO3, Vec3
 
-SATURATED_FROM = 0.95  # of the range, on any one axis
+SATURATED_FROM = 0.95  # of the range, on any axis
 AXES = (("Fx", "N"), ("Fy", "N"), ("Fz", "N"), ("Tx", "N m"), ("Ty", "N m"), ("Tz", "N m"))
 
 
 class Complaint(NamedTuple):
-    """What is wrong, as a code of forcemesh/faults.py and in words; both empty: nothing is."""
+    """Fault: a code of forcemesh/faults.py and a text; both empty: no fault."""
 
     code: str
     text: str
@@ -25,25 +25,25 @@ FINE = Complaint("", "")
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """A reading in SI, sensor axes, about the sensor's origin, and whether it can be trusted."""
+    """Reading in SI units, sensor axes, about the sensor's origin, with its status."""
 
     force_N: Vec3
     torque_Nm: Vec3
     status: Literal["ok", "saturated", "fault"] = "ok"
     reason: str = ""
     code: str = ""  # of forcemesh/faults.py
-    counter: int = 0  # of samples since the driver started; those known to be lost are counted
-    stamp_ns: int = 0  # when it was taken from the line, monotonic clock
+    counter: int = 0  # of samples since the driver started, known losses included
+    stamp_ns: int = 0  # time of reception, monotonic clock
 
 
 @dataclass(frozen=True, slots=True)
 class Info:
-    """What is known of the sensor itself; an empty text is not known."""
+    """Identity of the sensor; an empty text is unknown."""
 
     model: str
     force_range_N: float
     torque_range_Nm: float
-    calibration: str  # whose numbers turn counts into N and N m
+    calibration: str  # source of the scale from counts to N and N m
     serial: str = ""
 
     def __str__(self) -> str:
@@ -53,35 +53,35 @@ class Info:
 
 
 class Driver(Protocol):
-    """One make of sensor. It never blocks and never raises once it was made."""
+    """Driver of one make of sensor. It never blocks, and never raises after construction."""
 
     @property
     def where(self) -> str:
-        """Name of the sensor and its address for people."""
+        """Return name and address of the sensor for messages."""
 
     def read(self, now_ns: int) -> Sequence[Sample]:
-        """Return every sample that has come since the last call, oldest first."""
+        """Return every sample received since the last call, oldest first."""
 
     def complaint(self) -> Complaint:
-        """Return why no sample comes at present, as far as the driver can tell."""
+        """Return why no sample is received at present, as far as the driver knows."""
 
     def info(self) -> Info | None:
-        """Return what is known of the sensor, None while nothing is."""
+        """Return the identity of the sensor, None while it is unknown."""
 
     def counters(self) -> dict[str, int]:
-        """Return what came, what was lost, what was dropped and why."""
+        """Return counts of received, lost and dropped samples, by cause."""
 
     def close(self) -> None:
-        """Stop the stream, let the line go."""
+        """Stop the stream and release the connection."""
 
 
 def fault_sample(code: str, reason: str, *, counter: int = 0, stamp_ns: int = 0) -> Sample:
-    """Return a sample without a reading: a sensor in fault has none."""
+    """Return a sample with a fault and no reading."""
     return Sample(ZERO3, ZERO3, "fault", reason, code, counter, stamp_ns)
 
 
 def saturation(force_N: Vec3, torque_Nm: Vec3, force_range_N: float, torque_range_Nm: float) -> str:
-    """Say which axis is at or beyond 95 % of its range, or nothing."""
+    """Return which axis is at or beyond 95 % of its range, or an empty text."""
     ranges = (force_range_N,) * 3 + (torque_range_Nm,) * 3
     for (axis, unit), value, full in zip(AXES, force_N + torque_Nm, ranges, strict=True):
         if abs(value) >= SATURATED_FROM * full:

@@ -1,4 +1,4 @@
-"""Which driver a cell file asks for: the word `sensor.driver`."""
+"""Registry of sensor drivers by the cell file's `sensor.driver`."""
 
 from collections.abc import Callable
 
@@ -16,9 +16,9 @@ DRIVERS: dict[str, Callable[..., Driver]] = {
 
 
 def driver_of(sensor: SensorSection, *, stale_after_s: float) -> Driver:
-    """Return the driver of a cell file.
+    """Return the driver that a cell file names.
 
     Raises:
-        ConfigError: A package that this driver needs is not there, or its settings are wrong.
+        ConfigError: A package that this driver needs is missing, or its settings are wrong.
     """
     return DRIVERS[sensor.driver](sensor, stale_after_s=stale_after_s)

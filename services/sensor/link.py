@@ -1,7 +1,7 @@
-"""The one socket of the sensor driver: UDP to the sensor, never blocking, never raising.
+"""UDP connection to the sensor, non-blocking and without exceptions: the driver's only socket.
 
-`poll` asks for the stream, takes everything that waits, and asks again while nothing comes. Only
-datagrams of the sensor's own address and port are let in (the socket is connected).
+`poll` requests the stream, receives all waiting datagrams, and repeats the request during silence.
+The socket is connected: only datagrams from the sensor's own address and port are received.
 """
 
 import socket
@@ -11,41 +11,41 @@ from dataclasses import dataclass
 from forcemesh.clock import NS_PER_S
 
 RECEIVE_BYTES = 2048
-BUFFER_BYTES = 1 << 20  # as far as the system grants it: a held-up process shall lose nothing here
-RECEIVES_PER_POLL = 1000  # a flood cannot keep the loop
+BUFFER_BYTES = 1 << 20  # as far as the system grants it: a delayed process loses nothing here
+RECEIVES_PER_POLL = 1000  # a flood cannot block the loop
 
 
 @dataclass(frozen=True, slots=True)
 class LinkSettings:
-    """Where the sensor is, and what it is told."""
+    """Address of the sensor, and the requests that are sent to it."""
 
-    host: str  # best an IP address: looking a name up can take long
+    host: str  # preferably an IP address: name resolution can take long
     port: int
     start: bytes
     stop: bytes
-    ask_after_s: float = 0.25  # of silence, when something came before
-    ask_every_s: float = 0.25  # while nothing comes
-    reopen_after: int = 8  # unanswered requests: the network may have changed below
+    ask_after_s: float = 0.25  # of silence, after earlier reception
+    ask_every_s: float = 0.25  # during silence
+    reopen_after: int = 8  # unanswered requests: the network may have changed
 
 
 @dataclass(frozen=True, slots=True)
 class Heard:
-    """What has come since the last poll, oldest first."""
+    """Datagrams received since the last poll, oldest first."""
 
     datagrams: list[bytes]
-    since_ns: int  # none of them came before
-    asked: bool = False  # for a new stream, after these
-    unanswered: int = 0  # requests until now
+    since_ns: int  # none was received before
+    asked: bool = False  # a new stream was requested after these
+    unanswered: int = 0  # requests so far
 
 
 class Link:
-    """UDP socket to the sensor."""
+    """UDP link to the sensor."""
 
     def __init__(self, settings: LinkSettings) -> None:
-        """Open nothing yet: the first `poll` does."""
+        """Store the settings; the first `poll` opens the socket."""
         self.settings = settings
         self.requests = 0
-        self.fault = ""  # of the network, empty once the sensor is heard
+        self.fault = ""  # of the network, empty while the sensor is received
         self._socket: socket.socket | None = None
         self._unanswered = 0
         self._fault_is_news = False
@@ -54,11 +54,11 @@ class Link:
 
     @property
     def where(self) -> str:
-        """Address of the sensor."""
+        """Return the address of the sensor."""
         return f"sensor {self.settings.host}:{self.settings.port}"
 
     def poll(self, now_ns: int) -> Heard:
-        """Take what waits; ask for the stream when nothing has come for a while."""
+        """Receive waiting datagrams; request the stream after a time of silence."""
         since_ns = self._emptied_ns
         datagrams = self._receive(now_ns)
         if datagrams:
@@ -70,7 +70,7 @@ class Link:
         return Heard(datagrams, since_ns, asked, self._unanswered)
 
     def close(self) -> None:
-        """Tell the sensor to stop, as far as it can be reached, and close the socket."""
+        """Send the stop request, if the sensor can be reached, and close the socket."""
         if self._socket is not None:
             with suppress(OSError):
                 self._socket.send(self.settings.stop)
@@ -86,7 +86,7 @@ class Link:
             except BlockingIOError:
                 self._emptied_ns = now_ns
                 break
-            except OSError as error:  # what the network says of an earlier request
+            except OSError as error:  # error of an earlier request
                 self._note(error)
                 break
         return datagrams
@@ -103,7 +103,7 @@ class Link:
                 self._open(now_ns)
             if self._socket is not None:
                 self._socket.send(self.settings.start)
-        except (OSError, UnicodeError) as error:  # a name can be no name at all
+        except (OSError, UnicodeError) as error:  # invalid host name
             self._note(error)
         self.requests += 1
         self._unanswered += 1
@@ -127,5 +127,5 @@ class Link:
     def _note(self, error: OSError | UnicodeError) -> None:
         text = (isinstance(error, OSError) and error.strerror) or str(error)
         if isinstance(error, ConnectionRefusedError):
-            text = "nobody listens there, is the sensor's RDT interface on?"
+            text = "connection refused: switch on the sensor's RDT interface"
         self.fault, self._fault_is_news = f"{self.where}: {text}", True

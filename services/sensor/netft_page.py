@@ -1,7 +1,7 @@
-"""The page of settings that ATI's sensors serve, `netftapi2.xml`: counts, units, range. Pure.
+"""Settings page of ATI sensors, `netftapi2.xml`: counts, units and range. Pure.
 
-Counts are per unit, and the unit is whatever somebody chose on the sensor's web page: N with N-mm
-is common, and a torque a thousand times too large is what comes of overlooking it.
+Counts are per unit, and the unit is selected on the sensor's web page. N with N-mm is common;
+without the conversion the torque is a thousand times too large.
 Source: ATI 9610-05-Ethernet Axia chapter 11, unit codes in section 10.5.
 """
 
@@ -15,7 +15,7 @@ from services.sensor.driver import FINE, Complaint, Info
 from services.sensor.rdt import Scale
 
 PATH = "/netftapi2.xml"
-SAME = 1e-3  # of two scales, as a share: more is no rounding
+SAME = 1e-3  # relative tolerance of two scales: more is not rounding
 RATINGS = re.compile(r"[;,\s]+")  # between one axis and the next
 ELEMENT = re.compile(r"<([A-Za-z0-9_]+)>([^<]*)</\1>")
 
@@ -35,11 +35,11 @@ TORQUE_CODES = {1: "lbf-in", 2: "lbf-ft", 3: "Nm", 4: "N-mm", 5: "kgf-cm", 6: "k
 
 @dataclass(frozen=True, slots=True)
 class Page:
-    """What the sensor says of itself, in SI."""
+    """Settings of the sensor, in SI units."""
 
     counts_per_N: float
     counts_per_Nm: float
-    force_unit: str  # as the page has it
+    force_unit: str  # as on the page
     torque_unit: str
     model: str = ""
     serial: str = ""
@@ -48,10 +48,10 @@ class Page:
 
 
 def parse(text: str) -> Page:
-    """Return what a page says.
+    """Parse a page.
 
     Raises:
-        DataError: It is no such page, or something in it cannot be; says what.
+        DataError: It is not a settings page, or a value in it is invalid; names the value.
     """
     found = {name.lower(): value.strip() for name, value in ELEMENT.findall(text)}
     force_unit, in_N = _unit(found, "fu", FORCE_UNITS, FORCE_CODES)
@@ -82,7 +82,7 @@ def scale_of(sensor: SensorSection, page: Page | None = None) -> Scale:
 
 
 def disagreement(sensor: SensorSection, page: Page) -> Complaint:
-    """Return in what a cell file and the sensor's page cannot both be right."""
+    """Return the fault of a value in which cell file and sensor's page differ."""
     pairs = (
         ("counts_per_N", sensor.counts_per_N, page.counts_per_N, page.force_unit),
         ("counts_per_Nm", sensor.counts_per_Nm, page.counts_per_Nm, page.torque_unit),
@@ -100,13 +100,13 @@ def disagreement(sensor: SensorSection, page: Page) -> Complaint:
     )
     for name, wanted, rated in ranges:
         if rated is not None and wanted > rated * (1.0 + SAME):
-            text = f"sensor.{name} is {wanted:g} in the cell file, the sensor's page says {rated:g}"
+            text = f"sensor.{name} is {wanted:g} in the cell file, {rated:g} on the sensor's page"
             return Complaint("sensor_calibration", f"{text} for its strongest axis")
     return FINE
 
 
 def info_of(sensor: SensorSection, page: Page | None) -> Info:
-    """Return what is known of a sensor that talks RDT."""
+    """Return the identity of an RDT sensor."""
     scale = scale_of(sensor, page if sensor.calibration == "page" else None)
     counts = f"{scale.counts_per_N:.9g} counts per N, {scale.counts_per_Nm:.9g} per N m"
     units = "" if page is None else f" (its units: {page.force_unit}, {page.torque_unit})"
@@ -121,7 +121,7 @@ def info_of(sensor: SensorSection, page: Page | None) -> Info:
 
 
 def _rating(text: str) -> float:
-    """Return an axis' range in the page's unit, 0 where the page has no number."""
+    """Return the range of an axis in the page's unit, 0 if the page has no number."""
     try:
         return float(text)
     except ValueError:
@@ -141,12 +141,12 @@ def _counts(found: dict[str, str], name: str) -> float:
 def _unit(
     found: dict[str, str], which: str, units: dict[str, float], codes: dict[int, str]
 ) -> tuple[str, float]:
-    """Return a unit and what one of it is in SI; the page's word goes before its number."""
+    """Return a unit and its factor to SI; the page's text has priority over its code."""
     word = found.get(f"scfg{which}", "")
     number = found.get(f"cfg{which}", "")
     name = word or codes.get(int(number) if number.isascii() and number.isdigit() else 0, "")
     factor = units.get(re.sub(r"[^a-z]", "", name.lower()))
     if factor is None:
         said = word or number or "missing"
-        raise DataError(f"the sensor's page has a unit that is not known: cfg{which} is {said!r}")
+        raise DataError(f"the sensor's page has an unknown unit: cfg{which} is {said!r}")
     return name, factor

@@ -1,4 +1,4 @@
-"""Fetches the sensor's page over HTTP, in a thread: the sensor's stream does not wait for it."""
+"""HTTP client for the sensor's page, in a thread, so that it does not delay the stream."""
 
 import http.client
 import threading
@@ -14,22 +14,22 @@ MOST_BYTES = 200_000
 
 
 class PageSource(Protocol):
-    """Where the page comes from."""
+    """Source of the page."""
 
     fault: str
 
     def poll(self, now_ns: int) -> Page | None:
-        """Return the page once it is there."""
+        """Return the page, None until it is received."""
 
     def forget(self) -> None:
-        """Fetch it anew: the sensor may be another one."""
+        """Drop the page and fetch it again: the sensor may have been replaced."""
 
 
 class PageFetch:
-    """Asks again every second until the page has come."""
+    """HTTP client that repeats its request every second until the page is received."""
 
     def __init__(self, host: str, port: int) -> None:
-        """Fetch nothing yet: the first `poll` begins."""
+        """Store the address; the first `poll` sends the request."""
         self.fault = "not read yet"
         self._where = (host, port)
         self._page: Page | None = None
@@ -37,7 +37,7 @@ class PageFetch:
         self._thread: threading.Thread | None = None
 
     def poll(self, now_ns: int) -> Page | None:
-        """Return the page once it is there."""
+        """Return the page, None until it is received."""
         busy = self._thread is not None and self._thread.is_alive()
         if self._page is None and not busy and now_ns >= self._next_ns:
             self._next_ns = now_ns + round(AGAIN_S * NS_PER_S)
@@ -46,7 +46,7 @@ class PageFetch:
         return self._page
 
     def forget(self) -> None:
-        """Fetch it anew: the sensor may be another one."""
+        """Drop the page and fetch it again: the sensor may have been replaced."""
         self._page, self.fault = None, "not read yet"
 
     def _fetch(self) -> None:

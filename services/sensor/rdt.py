@@ -1,8 +1,8 @@
-"""RDT, the UDP protocol of ATI Net F/T, ATI Axia and OnRobot: bytes and sequences, no socket.
+"""RDT protocol (Raw Data Transfer) of ATI Net F/T, ATI Axia and OnRobot: codec and sequences. Pure.
 
-A request is 8 bytes, a record 36, both big endian. Every record carries two numbers: its place in
-the stream (rdt_sequence: gaps are datagrams lost on the way) and the sample of the sensor that it
-shows (ft_sequence: a sensor that stands still repeats it).
+A request is 8 bytes, a record 36, both big endian. Every record has two sequence numbers: its
+place in the stream (rdt_sequence: gaps are lost datagrams) and the number of the sensor's sample
+(ft_sequence: a stalled sensor repeats it).
 Source: ATI, Network Force/Torque Sensor System manual 9620-05-Net F/T, chapter on UDP with RDT.
 """
 
@@ -18,15 +18,15 @@ REQUEST = struct.Struct(">HHI")  # header, command, number of records (0: endles
 RECORD = struct.Struct(">III6i")  # rdt_sequence, ft_sequence, status, Fx Fy Fz Tx Ty Tz
 REQUEST_HEADER = 0x1234
 
-LATE_WINDOW = 64  # a record this many places late is no straggler: the stream began anew
-JUMP = 10_000  # more at once is not loss either: over a second at the fastest rate
+LATE_WINDOW = 64  # a record later than this is not reordered: the stream has restarted
+JUMP = 10_000  # a larger gap is not loss: over a second at the fastest rate
 SEQUENCES = 1 << 32
-FROZEN_AFTER_NS = 100_000_000  # the noise of a live sensor never repeats six counts for so long
+FROZEN_AFTER_NS = 100_000_000  # noise of a live sensor never repeats six counts this long
 FROZEN_RECORDS = 20
 
 
 class Command(IntEnum):
-    """What is asked of the sensor. Taring it is not among them: that would be everybody's tare."""
+    """Commands to the sensor. Tare is not one: it would apply to every client of the sensor."""
 
     STOP = 0x0000
     START = 0x0002  # real-time stream
@@ -34,7 +34,7 @@ class Command(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Record:
-    """One record as it came."""
+    """One record as received."""
 
     rdt_sequence: int
     ft_sequence: int
@@ -43,19 +43,19 @@ class Record:
 
 
 def request(command: Command) -> bytes:
-    """Return the datagram that asks for a command, endless where it streams."""
+    """Return the datagram of a command; a stream has no end."""
     return REQUEST.pack(REQUEST_HEADER, command, 0)
 
 
 def parse(datagram: bytes) -> Record | None:
-    """Return the record in a datagram, or None when it is not one."""
+    """Return the record in a datagram, None if it is not one."""
     if len(datagram) != RECORD.size:
         return None
     rdt_sequence, ft_sequence, status, *counts = RECORD.unpack(datagram)
     return Record(rdt_sequence, ft_sequence, status, tuple(counts))
 
 
-# --- what a record says ---------------------------------------------------------------------------
+# --- sample of a record ---------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,10 +69,10 @@ class Scale:
 
 
 def sample_of(record: Record, scale: Scale) -> Sample:
-    """Return what a record says, in N and N m.
+    """Return the sample of a record, in N and N m.
 
-    A saturated axis bends the others too, so it takes the whole sample with it; its numbers stay,
-    because they show a person which axis it was.
+    A saturated axis distorts the others too, so the whole sample is invalid. Its values are kept:
+    they show which axis it was.
     """
     if not is_good(record.status):
         bits = {bit for bit in range(ERROR_BIT) if record.status >> bit & 1}
@@ -88,37 +88,37 @@ def sample_of(record: Record, scale: Scale) -> Sample:
     return Sample(force_N, torque_Nm)
 
 
-# --- where a record stands in the stream ----------------------------------------------------------
+# --- sequence of the stream -----------------------------------------------------------------------
 
-Kind = Literal["sample", "repeated", "duplicate", "reordered"]  # only a sample is news
+Kind = Literal["sample", "repeated", "duplicate", "reordered"]  # only a sample is published
 
 
 @dataclass(frozen=True, slots=True)
 class Tally:
-    """What has come since the start of the process."""
+    """Counts since the start of the process."""
 
     records: int = 0
-    lost: int = 0  # never came; one that comes late is taken off again
+    lost: int = 0  # never received; a late one is subtracted again
     duplicates: int = 0
-    reordered: int = 0  # came late, after newer ones
-    repeated: int = 0  # next in the stream, but with the sample of the one before
-    restarts: int = 0  # the sensor began its numbers anew without being asked
+    reordered: int = 0  # received after newer ones
+    repeated: int = 0  # next in the stream, with the sample of the one before
+    restarts: int = 0  # the sensor restarted its sequence without a request
 
 
 @dataclass(frozen=True, slots=True)
 class Stream:
-    """Newest record of a stream and what is known of those before it."""
+    """State of a stream: its newest record, and the gaps before it."""
 
     newest: Record | None = None
-    missing: int = 0  # bit i: the record i places before the newest has not come
-    number: int = 0  # of the newest record since the process started, lost ones counted
-    still_records: int = 0  # that showed the very same six counts as the newest
+    missing: int = 0  # bit i: the record i places before the newest is missing
+    number: int = 0  # of the newest record since the process started, losses included
+    still_records: int = 0  # with the same six counts as the newest
     still_since_ns: int = 0
     tally: Tally = Tally()
 
 
 def follow(stream: Stream, record: Record, now_ns: int) -> tuple[Stream, Kind]:
-    """Take one record in; tell what it is. Only the newest record of a stream is a sample."""
+    """Return the stream after a record, and its kind. Only the newest record is a sample."""
     tally = replace(stream.tally, records=stream.tally.records + 1)
     newest = stream.newest
     if newest is None:
@@ -139,12 +139,12 @@ def follow(stream: Stream, record: Record, now_ns: int) -> tuple[Stream, Kind]:
 
 
 def begin_anew(stream: Stream) -> Stream:
-    """Expect a new stream, because one was asked for: its numbers may be anything."""
+    """Reset the stream after a request: the new sequence may start anywhere."""
     return replace(stream, newest=None)
 
 
 def frozen_reason(stream: Stream, now_ns: int) -> str:
-    """Say that the reading stands still although samples are counted, or nothing."""
+    """Return the fault of a constant reading while samples are counted, or an empty text."""
     still_ns = now_ns - stream.still_since_ns
     if stream.still_records < FROZEN_RECORDS or still_ns < FROZEN_AFTER_NS:
         return ""
@@ -158,13 +158,13 @@ def _begin(stream: Stream, record: Record, tally: Tally, now_ns: int) -> Stream:
 def _go_on(stream: Stream, record: Record, tally: Tally, now_ns: int) -> tuple[Stream, Kind]:
     newest = stream.newest or record
     ahead = signed(record.rdt_sequence - newest.rdt_sequence)
-    gap = ((1 << ahead) - 1) & ~1  # bits of those between the two
+    gap = ((1 << ahead) - 1) & ~1  # bits of the records between the two
     missing = (stream.missing << ahead | gap) & ((1 << LATE_WINDOW) - 1)
     tally = replace(tally, lost=tally.lost + ahead - 1)
     is_repeated = record.ft_sequence == newest.ft_sequence
     if is_repeated:
         tally = replace(tally, repeated=tally.repeated + 1)
-    # A sensor that repeats a sample is stalled, not frozen: its still reading is not counted.
+    # A sensor that repeats a sample is stalled, not frozen: its constant reading is not counted.
     is_still = record.counts == newest.counts
     followed = Stream(
         newest=record,

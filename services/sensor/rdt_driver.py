@@ -1,4 +1,4 @@
-"""The driver for ATI Net F/T, ATI Axia and OnRobot: records of one stream in, samples out."""
+"""RDT driver for ATI Net F/T, ATI Axia and OnRobot: records of one stream in, samples out."""
 
 from collections.abc import Sequence
 from dataclasses import asdict, replace
@@ -25,42 +25,42 @@ from services.sensor.rdt import (
 from services.sensor.rdt_quality import Quality, continues, meaning_of_break
 from services.sensor.rdt_status import MONITOR_CONDITIONS
 
-# So long every sample is called bad after the sensor was restarted or stolen: whoever keeps only
-# the newest message must not miss it.
+# Every sample is a fault for this long after a restart or a theft of the stream: a reader that
+# keeps only the newest message must not miss it.
 GRUDGE_S = 0.25
-AT_ONCE_S = 0.05  # from a request to its answer, in a local network
+AT_ONCE_S = 0.05  # from a request to its reply, in a local network
 NOTHING_COMES = Complaint(
     "sensor_silent",
-    "nothing comes: is the address right, is it on, does no other client take the stream?",
+    "nothing received: check address and power, and that no other client takes the stream",
 )
-NO_MORE = Complaint("sensor_silent", "nothing comes any more")
+NO_MORE = Complaint("sensor_silent", "nothing received any more")
 BEING_READ = Complaint("sensor_calibration", "the sensor's page is being read")
 
 
 class Wire(Protocol):
-    """What the driver needs of its link."""
+    """Interface of the link that the driver uses."""
 
     requests: int
     fault: str
 
     @property
     def where(self) -> str:
-        """Name of the peer for people."""
+        """Return the name of the peer for messages."""
 
     def poll(self, now_ns: int) -> Heard:
-        """Return what has come, at once."""
+        """Return the received datagrams without waiting."""
 
     def close(self) -> None:
-        """Stop the stream."""
+        """Stop the stream and close the socket."""
 
 
 class RdtDriver:
-    """Follows the numbers of the records: what is lost, doubled, late, stalled or begun anew."""
+    """Driver that classifies records by sequence: lost, duplicate, late, stalled or restarted."""
 
     def __init__(
         self, sensor: SensorSection, wire: Wire, page: PageSource | None, *, stale_after_s: float
     ) -> None:
-        """Read nothing yet. `page`: None where the cell file's counts hold."""
+        """Store the settings. `page`: None if the cell file's counts are used."""
         self._sensor, self._wire, self._page = sensor, wire, page
         self._scale = scale_of(sensor) if page is None else None
         self._page_trouble = FINE
@@ -69,24 +69,24 @@ class RdtDriver:
         self._quality = Quality()
         self._silence = NOTHING_COMES
         self._grudge, self._grudge_until_ns = FINE, 0
-        self._last: Record | None = None  # newest one heard, also of an earlier stream
+        self._last: Record | None = None  # newest one received, also of an earlier stream
         self._last_ns = 0
         self._ft_step = 1
-        self._asked: tuple[int, int] | None = None  # when, and how many were unanswered
+        self._asked: tuple[int, int] | None = None  # time, and number of unanswered requests
         names = ("malformed", "late", "monitor_conditions", "thefts", "sensor_restarts")
         self._counts = dict.fromkeys(names, 0)
 
     @property
     def where(self) -> str:
-        """Name of the sensor and its address for people."""
+        """Return name and address of the sensor for messages."""
         return self._wire.where
 
     def counters(self) -> dict[str, int]:
-        """Return what came, what was lost, what was dropped and why."""
+        """Return counts of received, lost and dropped records, by cause."""
         return {**asdict(self._stream.tally), **self._counts, "requests": self._wire.requests}
 
     def info(self) -> Info | None:
-        """Return what is known of the sensor, None until its page has been read."""
+        """Return the identity of the sensor, None until its page has been read."""
         if self._page is None:
             return info_of(self._sensor, None)
         page = self._page.poll(0)
@@ -97,13 +97,13 @@ class RdtDriver:
         self._wire.close()
 
     def complaint(self) -> Complaint:
-        """Return why no sample comes: the network, the sensor, or this process."""
+        """Return why no sample is received: network, sensor, or this process."""
         if self._wire.fault:
             return Complaint("sensor_silent", self._wire.fault)
         return Complaint(self._silence.code, f"{self.where}: {self._silence.text}")
 
     def read(self, now_ns: int) -> Sequence[Sample]:
-        """Return every sample that has come since the last call, oldest first."""
+        """Return every sample received since the last call, oldest first."""
         self._calibrate(now_ns)
         heard = self._wire.poll(now_ns)
         age_ns = now_ns - heard.since_ns
@@ -120,7 +120,7 @@ class RdtDriver:
         record = parse(datagram)
         if record is None:
             self._counts["malformed"] += 1
-            text = f"{len(datagram)} bytes came, which are no RDT record of 36"
+            text = f"{len(datagram)} bytes received, which are not an RDT record of 36 bytes"
             self._silence = Complaint("sensor_stranger", text)
             return None
         if self._asked is not None and not self._goes_on_with(record):
@@ -135,9 +135,9 @@ class RdtDriver:
         if kind != "sample":
             return None
         if age_ns > self._stale_after_ns:
-            # It waited in the socket while this process was held up: nobody knows how long.
+            # It waited in the socket while this process was delayed, for an unknown time.
             self._counts["late"] += 1
-            text = f"records have waited up to {age_ns / 1e6:.0f} ms to be read"
+            text = f"records waited up to {age_ns / 1e6:.0f} ms to be read"
             self._silence = Complaint("overrun", text)
             return None
         self._counts["monitor_conditions"] += record.status in MONITOR_CONDITIONS
@@ -145,7 +145,7 @@ class RdtDriver:
         return self._sample(record, now_ns)
 
     def _sample(self, record: Record, now_ns: int) -> Sample:
-        """Return a sample, or why this one is none, whichever is worst first."""
+        """Return the sample of a record, or its first fault in order of severity."""
         number = self._stream.number
         if self._scale is None or self._page_trouble.code:
             said = fault_sample(*(self._page_trouble if self._page_trouble.code else BEING_READ))
@@ -162,10 +162,10 @@ class RdtDriver:
         return replace(said, counter=number, stamp_ns=now_ns)
 
     def _look_for_a_break(self, record: Record, now_ns: int, *, is_new: bool) -> None:
-        """Judge the first record of a new stream; remember the newest one."""
+        """Classify the first record of a new stream; store the newest one."""
         last, asked = self._last, self._asked
         if self._goes_on_with(record):
-            asked = None  # the stream came back by itself, whatever became of the request
+            asked = None  # the stream resumed by itself, independent of the request
         if last is not None and (asked is not None or is_new):
             at_once = asked is not None and asked[1] == 1
             at_once = at_once and now_ns - (asked or (0, 0))[0] <= AT_ONCE_S * NS_PER_S
@@ -185,7 +185,7 @@ class RdtDriver:
             self._last, self._last_ns = record, now_ns
 
     def _goes_on_with(self, record: Record) -> bool:
-        """Tell whether a record is of the stream that was heard last."""
+        """Return whether a record continues the stream received last."""
         return self._last is not None and continues(self._last, record, self._ft_step)
 
     def _bear_a_grudge(self, what: Complaint, now_ns: int) -> None:
@@ -199,7 +199,7 @@ class RdtDriver:
     # --- its page ---------------------------------------------------------------------------------
 
     def _calibrate(self, now_ns: int) -> None:
-        """Take the page's counts, or say why there are none."""
+        """Take the page's counts, or set the fault."""
         if self._page is None or self._scale is not None:
             return
         page = self._page.poll(now_ns)
@@ -217,7 +217,7 @@ def rdt_driver(sensor: SensorSection, *, stale_after_s: float) -> RdtDriver:
         sensor.port,
         start=request(Command.START),
         stop=request(Command.STOP),
-        # Before the topic is stale, so that the reason is known by then.
+        # Before the topic is stale: the reason is known by then.
         ask_after_s=0.5 * stale_after_s,
     )
     wants_page = sensor.calibration != "cell"

@@ -1,9 +1,9 @@
-"""The status word of ATI's sensors: its bits by name. Pure.
+"""Status word of ATI sensors: names of its bits. Pure.
 
 Sources: ATI 9620-05-Net F/T section 18.2, 9610-05-Ethernet Axia section 4.8. The two makes share
-bits 16 and 31 and disagree on the others, so where they do, both names are said. A monitor
-condition, a threshold that the user set in the sensor, leaves the reading good: the Net F/T sets
-the error bit with it, the Axia (table 4.9) does not.
+bits 16 and 31 and differ in the others; both names are then given. A monitor condition, a
+threshold that the user set in the sensor, leaves the reading valid: the Net F/T sets the error bit
+with it, the Axia (table 4.9) does not.
 """
 
 HEALTHY = 0
@@ -36,9 +36,9 @@ NAMES = {
 
 
 def is_good(status: int) -> bool:
-    """Tell whether the reading beside a status word can be used.
+    """Return whether the reading with a status word is valid.
 
-    The monitor condition is a word, not a mask: a further bit beside it is not harmless.
+    The monitor condition is compared as a word, not as a mask: further bits are faults.
     """
     return status == HEALTHY or status in MONITOR_CONDITIONS
 
@@ -46,5 +46,5 @@ def is_good(status: int) -> bool:
 def status_text(status: int) -> str:
     """Return a status word with the names of its bits."""
     bits = [bit for bit in range(ERROR_BIT) if status >> bit & 1]
-    names = ", ".join(NAMES.get(bit, f"bit {bit}") for bit in bits) or "an error without a name"
+    names = ", ".join(NAMES.get(bit, f"bit {bit}") for bit in bits) or "an unnamed error"
     return f"the sensor reports status 0x{status:08X}: {names}"

@@ -1,7 +1,7 @@
-"""The stream of a Robotiq FT 300 / FT 300-S: bytes in, frames out. Pure, no serial line.
+"""Stream decoder of a Robotiq FT 300 / FT 300-S: bytes in, frames out. Pure.
 
 A frame is 16 bytes: 0x20 0x4E, six signed 16-bit numbers (low byte first: N/100, N m/1000), and the
-CRC of Modbus. There is no number in it: what is lost shows as bytes that make no frame.
+Modbus CRC. It has no sequence number: a loss shows as bytes that form no frame.
 Source: Robotiq, FT 300-S instruction manual, sections on Modbus RTU and the data stream.
 """
 
@@ -15,12 +15,12 @@ FRAME_BYTES = 16
 BAUD = 19_200
 RATE_HZ = 100.0
 FORCE_RANGE_N, TORQUE_RANGE_NM = 300.0, 30.0
-STOP = b"\xff" * 50  # half a second of anything: it listens again, as a Modbus slave
-MOST_BYTES = 4096  # of rubbish that is kept
+STOP = b"\xff" * 50  # half a second of any bytes: it becomes a Modbus slave again
+MOST_BYTES = 4096  # of unframed bytes that are kept
 
 
 def crc16(data: bytes) -> bytes:
-    """Return the CRC of Modbus, low byte first."""
+    """Return the Modbus CRC-16, low byte first."""
     crc = 0xFFFF
     for byte in data:
         crc ^= byte
@@ -30,14 +30,14 @@ def crc16(data: bytes) -> bytes:
 
 
 def start() -> bytes:
-    """Return the request that begins the stream: write 0x0200 to register 410 of slave 9."""
+    """Return the request that starts the stream: write 0x0200 to register 410 of slave 9."""
     request = bytes([9, 16, 410 >> 8, 410 & 0xFF, 0, 1, 2, 2, 0])
     return request + crc16(request)
 
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """One reading, and how many bytes before it were none."""
+    """One reading, with the number of unframed bytes before it."""
 
     force_N: Vec3
     torque_Nm: Vec3
@@ -45,28 +45,28 @@ class Frame:
 
 
 def frame(force_N: Vec3, torque_Nm: Vec3) -> bytes:
-    """Return the bytes of a frame, as the sensor sends it."""
+    """Return the bytes of a frame as the sensor sends it."""
     numbers = [round(100.0 * f) for f in force_N] + [round(1000.0 * t) for t in torque_Nm]
     data = HEAD + struct.pack("<6h", *numbers)
     return data + crc16(data)
 
 
 class Framer:
-    """Finds frames in a stream of bytes; what is none is skipped byte by byte and counted."""
+    """Framer of a byte stream; bytes outside frames are skipped one by one and counted."""
 
     def __init__(self) -> None:
-        """Begin with nothing."""
+        """Start with an empty buffer."""
         self.bad_crc = 0
         self._rest = b""
         self._skipped = 0  # since the last frame
 
     @property
     def skipped(self) -> int:
-        """Bytes since the last frame that belong to none."""
+        """Return the number of unframed bytes since the last frame."""
         return self._skipped
 
     def feed(self, data: bytes) -> list[Frame]:
-        """Take bytes as they come; return the frames that are complete."""
+        """Take received bytes; return the complete frames."""
         self._rest += data
         frames: list[Frame] = []
         while (begin := self._rest.find(HEAD)) >= 0 and len(self._rest) - begin >= FRAME_BYTES:
@@ -89,7 +89,7 @@ class Framer:
         self._skipped += count
 
     def _forget_rubbish(self) -> None:
-        """Keep only what may still become a frame."""
+        """Keep only bytes that may still become a frame."""
         begin = self._rest.find(HEAD)
         if begin < 0:
             begin = len(self._rest) - (1 if self._rest[-1:] == HEAD[:1] else 0)

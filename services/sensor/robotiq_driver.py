@@ -1,6 +1,6 @@
-"""The driver for a Robotiq FT 300 on a serial line. Needs pyserial: `pip install pyserial`.
+"""Driver for a Robotiq FT 300 on a serial line. Needs pyserial: `pip install pyserial`.
 
-100 readings a second, and no more: gains must be lower than with a faster sensor.
+The sensor sends 100 readings a second: gains must be lower than with a faster sensor.
 """
 
 from collections.abc import Callable, Sequence
@@ -25,32 +25,32 @@ from services.sensor.robotiq import (
 )
 
 ASK_EVERY_S = 1.0
-FEWEST_STRANGE_BYTES = 8 * FRAME_BYTES  # without a frame among them: something else speaks
+FEWEST_STRANGE_BYTES = 8 * FRAME_BYTES  # without a frame: another device is sending
 BAD_SHARE = 0.1  # of the frames of the window
 WINDOW = 100
 RECEIVE_BYTES = 4096
 
 
 class Line(Protocol):
-    """What the driver needs of a serial line: pyserial's Serial, opened without waiting."""
+    """Interface of the serial line: pyserial's Serial, opened without blocking."""
 
     def read(self, size: int) -> bytes:
-        """Return what waits."""
+        """Return the waiting bytes."""
 
     def write(self, data: bytes) -> int | None:
-        """Send."""
+        """Send bytes."""
 
     def close(self) -> None:
-        """Let it go."""
+        """Close the line."""
 
 
 class RobotiqDriver:
-    """Asks for the stream, takes frames, asks again while none come, opens the line anew."""
+    """Driver that requests the stream, reads frames, and reopens the line after an error."""
 
     def __init__(
         self, sensor: SensorSection, open_line: Callable[[], Line], *, stale_after_s: float
     ) -> None:
-        """Open nothing yet: the first `read` does. `open_line` may raise OSError."""
+        """Store the settings; the first `read` opens the line. `open_line` may raise OSError."""
         self._sensor, self._open_line = sensor, open_line
         self._stale_after_ns = round(stale_after_s * NS_PER_S)
         self._line: Line | None = None
@@ -61,15 +61,15 @@ class RobotiqDriver:
         self._emptied_ns = 0
         self._fault = ""
         self._is_late = False
-        self._window: list[int] = []  # how many frames were lost before each of the last ones
+        self._window: list[int] = []  # frames lost before each of the last ones
 
     @property
     def where(self) -> str:
-        """Name of the sensor and its line for people."""
+        """Return name and line of the sensor for messages."""
         return f"FT 300 at {self._sensor.device}"
 
     def info(self) -> Info:
-        """Return what is known of the sensor."""
+        """Return the identity of the sensor."""
         return Info(
             "Robotiq FT 300",
             min(self._sensor.force_range_N, FORCE_RANGE_N),
@@ -78,30 +78,30 @@ class RobotiqDriver:
         )
 
     def counters(self) -> dict[str, int]:
-        """Return what came, what was lost, what was no frame."""
+        """Return counts of received, lost and malformed frames."""
         return {**self._counts, "bad_crc": self._framer.bad_crc}
 
     def complaint(self) -> Complaint:
-        """Return why no sample comes."""
+        """Return why no sample is received."""
         if self._fault:
             return Complaint("sensor_silent", f"{self.where}: {self._fault}")
         if self._framer.skipped >= FEWEST_STRANGE_BYTES:
-            text = f"{self._framer.skipped} bytes came, and no frame of an FT 300 among them"
+            text = f"{self._framer.skipped} bytes received without a frame of an FT 300"
             return Complaint("sensor_stranger", f"{self.where}: {text}")
         if self._is_late:
-            return Complaint("overrun", f"{self.where}: readings have waited too long to be read")
-        text = f"{self.where}: nothing comes: is it on, is this its line?"
+            return Complaint("overrun", f"{self.where}: readings waited too long to be read")
+        text = f"{self.where}: nothing received: check power and sensor.device"
         return Complaint("sensor_silent", text)
 
     def close(self) -> None:
-        """Stop the stream and let the line go."""
+        """Stop the stream and close the line."""
         if self._line is not None:
             with suppress(OSError):
                 self._line.write(STOP)
         self._drop()
 
     def read(self, now_ns: int) -> Sequence[Sample]:
-        """Return every sample that has come since the last call, oldest first."""
+        """Return every sample received since the last call, oldest first."""
         since_ns, self._emptied_ns = self._emptied_ns or now_ns, now_ns
         frames = self._framer.feed(self._receive())
         if frames:
@@ -117,7 +117,7 @@ class RobotiqDriver:
         return samples
 
     def _take(self, read: Frame, now_ns: int) -> Sample:
-        # Before the first frame comes the answer to the request, or the rest of a frame.
+        # The reply to the request, or the rest of a frame, precedes the first frame.
         lost = -(-read.skipped // FRAME_BYTES) if self._counts["records"] else 0
         self._counts["malformed"] += bool(lost)
         self._counts["lost"] += lost
@@ -178,7 +178,7 @@ def robotiq_driver(sensor: SensorSection, *, stale_after_s: float) -> RobotiqDri
         ConfigError: pyserial is not installed.
     """
     try:
-        import serial  # noqa: PLC0415 - an extra: only who has this sensor needs it
+        import serial  # noqa: PLC0415 - optional dependency of this sensor
     except ImportError as error:
         mistake = "sensor.driver: robotiq needs pyserial: pip install pyserial"
         raise ConfigError("the sensor's driver", [mistake]) from error

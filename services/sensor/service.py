@@ -1,4 +1,4 @@
-"""The sensor driver on the bus: samples of whatever sensor in, `sensor/wrench` out."""
+"""Sensor service: samples of a sensor driver in, `sensor/wrench` out."""
 
 import sys
 
@@ -11,24 +11,24 @@ from services.sensor.decimation import Thinning, pause, thin
 from services.sensor.driver import Driver, Sample, fault_sample
 from services.sensor.drivers import driver_of
 
-LONGEST_STEP_S = 0.001  # how long a record may wait in the socket
-STEPS_PER_SAMPLE = 2  # fewer, and two samples come at once: the first is superseded
+LONGEST_STEP_S = 0.001  # longest time that a record waits in the socket
+STEPS_PER_SAMPLE = 2  # with fewer, two samples arrive at once and the first is superseded
 SEVERITY = {"ok": 0, "saturated": 1, "fault": 2}
 LONGEST_REASON = 400
 
 
 class SensorDriver:
-    """Publishes every sample once, when it comes; says why at its rate while none comes."""
+    """Service that publishes every sample on reception, and a fault at its rate without samples."""
 
     def __init__(self, bus: Bus, cell: Cell, driver: Driver | None = None) -> None:
-        """Take the topic of the sensor; `driver` replaces the one that the cell file names."""
+        """Create the publisher; `driver` replaces the one that the cell file names."""
         self.period_s = min(LONGEST_STEP_S, 1.0 / (STEPS_PER_SAMPLE * cell.rates.sensor_hz))
         self.trigger = None
         self.fault = "no sample yet"
         stale_after_s = cell.stale_after_s(topics.SENSOR_WRENCH)
         self._driver = driver or driver_of(cell.sensor, stale_after_s=stale_after_s)
         self._thinning = Thinning(cell.rates.sensor_hz)
-        self._worst: Sample | None = None  # of the samples since the last one published
+        self._worst: Sample | None = None  # sample since the last one published
         self._stale_after_ns = round(stale_after_s * NS_PER_S)
         self._period_ns = round(NS_PER_S / cell.rates.sensor_hz)
         self._sampled_ns = bus.clock.now_ns()
@@ -39,7 +39,7 @@ class SensorDriver:
         self._out = bus.publisher(topics.SENSOR_WRENCH)
 
     def counters(self) -> dict[str, int]:
-        """Return what came, what was lost, what was dropped and why."""
+        """Return counts of received, lost and dropped samples, by cause."""
         return {
             **self._driver.counters(),
             "published": self._published,
@@ -53,24 +53,24 @@ class SensorDriver:
         self._driver.close()
 
     def step(self, now_ns: int) -> None:
-        """Publish every sample that has come; complain while there is none."""
+        """Publish every received sample; publish a fault while there is none."""
         for sample in self._driver.read(now_ns):
             self._take(sample, now_ns)
         silent_ns = now_ns - self._sampled_ns
         is_silent = silent_ns > self._stale_after_ns or self._counter == 0
         if is_silent and now_ns >= self._complain_at_ns:
             if now_ns - self._complain_at_ns > self._period_ns:
-                self._complain_at_ns = now_ns  # periods that went by are not made up for
+                self._complain_at_ns = now_ns  # missed periods are not made up for
             self._complain_at_ns += self._period_ns
             code, text = self._driver.complaint()
             self._put(fault_sample(code, f"no sample for {silent_ns / 1e6:.0f} ms, {text}"))
 
     def _take(self, sample: Sample, now_ns: int) -> None:
-        """Publish a sample, or leave it out; a bad one among those left out is not forgotten."""
+        """Publish or drop a sample; a fault in a dropped one is published with the next."""
         silent = now_ns - self._sampled_ns > self._stale_after_ns // 2
         if silent:
             self._thinning = pause(self._thinning)
-        if silent or not self._about:  # a page of the sensor may come after its first samples
+        if silent or not self._about:  # the sensor's page may arrive after its first samples
             self._introduce()
         self._sampled_ns, self._counter = now_ns, sample.counter
         if self._worst is None or SEVERITY[sample.status] >= SEVERITY[self._worst.status]:
@@ -99,7 +99,7 @@ class SensorDriver:
         )
 
     def _introduce(self) -> None:
-        """Say which sensor this is: at the start, and when it came back as another one."""
+        """Log the identity of the sensor, at the start and when it has changed."""
         info = self._driver.info()
         if info is None or str(info) == self._about:
             return

@@ -1,4 +1,4 @@
-"""Wrench: sensor reading and robot pose in, wrench of the environment at the TCP out."""
+"""Entry point of the wrench service: wrench of the environment at the TCP."""
 
 from common.runtime.service import main
 from services.wrench.service import WrenchService

@@ -1,4 +1,4 @@
-"""Which calibration is in use, and whether force feedback may rely on it. Pure."""
+"""Active calibration and its validity for this cell, tool and sensor. Pure."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -15,51 +15,51 @@ from common.config.payload import Payload
 from common.motion.frames import rotation_between
 from forcemesh.errors import DataError, first_mistake
 
-SAME_M, SAME_DEG = 1e-4, 0.1  # a pose that was typed once more is the same one
-HEAVIER = 1.1  # than `contact.inertia_kg`: less than the adaptive law's own margin (bench.force)
+SAME_M, SAME_DEG = 1e-4, 0.1  # tolerance for a pose that was typed again
+HEAVIER = 1.1  # times `contact.inertia_kg`: less than the adaptive law's own margin (bench.force)
 OF_THE_CELL_FILE = "cell file"
-LARGEST = 1e6  # of any number of a calibration
+LARGEST = 1e6  # limit for every number of a calibration
 
 
 @dataclass(frozen=True, slots=True)
 class InUse:
-    """The payload that is subtracted, where it is from, and what speaks against it."""
+    """Payload that is subtracted, with its origin and the objection to it."""
 
     payload: Payload
     origin: str  # revision of a calibration, or OF_THE_CELL_FILE
-    sensor: str = ""  # serial number that it was made with, empty when not known
-    objection: str = ""  # why it does not hold in this cell
+    sensor: str = ""  # serial number of the sensor it was made with, empty if unknown
+    objection: str = ""  # why it is not valid in this cell
     tared: bool = False
-    axes_checked: bool = False  # axes and signs were found right while it was in use
+    axes_checked: bool = False  # axes and signs were verified while it was active
 
     @property
     def name(self) -> str:
-        """What each wrench says about it."""
+        """Return the name that each wrench message carries."""
         return f"{self.origin}, tared" if self.tared else self.origin
 
     def with_bias_of(self, payload: Payload) -> "InUse":
-        """Return it after a tare."""
+        """Return a copy with the payload of a tare."""
         return replace(self, payload=payload, tared=True)
 
     def fault(self, sensor: str) -> str:
-        """Say why force feedback must not rely on it, with the sensor of this serial number."""
+        """Return why force feedback must not use it with the sensor of this serial number."""
         if self.objection or not sensor or not self.sensor or sensor == self.sensor:
             return self.objection
         return (
-            f"calibration {self.origin} was made with sensor {self.sensor}, and this one is "
-            f"{sensor}: calibrate"
+            f"calibration {self.origin} was made with sensor {self.sensor}, but this sensor is "
+            f"{sensor}: run `forcemesh calibrate`"
         )
 
 
 def of_cell(cell: Cell) -> InUse:
-    """Return what a cell begins with: its calibration, or what its file says by hand."""
+    """Return the initial calibration of a cell: stored, or the payload of the cell file."""
     if cell.calibration is not None:
         return of_calibration(cell.calibration, cell)
     section = cell.payload
     objection = ""
     if not section.weighs and not section.accept_uncalibrated:
         objection = (
-            "payload.mass_kg and payload.com_m are zero: the tool's weight would pass for contact; "
+            "payload.mass_kg and payload.com_m are zero: the tool's weight would read as contact; "
             "run `forcemesh calibrate`"
         )
     objection = objection or _too_heavy(section.mass_kg, cell)
@@ -67,12 +67,12 @@ def of_cell(cell: Cell) -> InUse:
 
 
 def of_calibration(found: CalibrationSection, cell: Cell) -> InUse:
-    """Return a calibration as this cell may use it."""
+    """Return a stored calibration with its validity in this cell."""
     return InUse(found.payload.payload, found.revision, found.sensor, _objection(found, cell))
 
 
 def parsed(text: str) -> CalibrationSection:
-    """Return the calibration that came over the bus. Raises DataError with what is wrong."""
+    """Parse a calibration received over the bus. Raises DataError with the mistake."""
     try:
         found = CalibrationSection.model_validate_json(text)
     except ValidationError as error:
@@ -81,13 +81,13 @@ def parsed(text: str) -> CalibrationSection:
     told = found.model_dump(mode="json", exclude={"payload": {"drift"}})
     for where, number in _numbers(told, ""):
         if abs(number) > LARGEST:
-            raise DataError(f"{where}: {number:g} is beyond {LARGEST:g}: no calibration is so")
-    _ = found.payload.payload  # raises DataError where there cannot be such a payload
+            raise DataError(f"{where}: {number:g} is outside +-{LARGEST:g}")
+    _ = found.payload.payload  # raises DataError if the payload is not physical
     return found
 
 
 def _numbers(value: Any, where: str) -> Iterator[tuple[str, float]]:
-    """Yield every number of a tree with its dotted place."""
+    """Yield every number of a tree with its dotted path."""
     if isinstance(value, dict | list):
         for key, part in value.items() if isinstance(value, dict) else enumerate(value):
             yield from _numbers(part, f"{where}.{key}" if where else str(key))
@@ -96,14 +96,14 @@ def _numbers(value: Any, where: str) -> Iterator[tuple[str, float]]:
 
 
 def _objection(found: CalibrationSection, cell: Cell) -> str:
-    """Say why a calibration does not hold for this cell as it is now."""
+    """Return why a calibration is not valid for this cell."""
     name = f"calibration {found.revision}"
     if found.cell != cell.cell:
-        return f"{name} is of cell {found.cell}, and this is {cell.cell}: calibrate"
+        return f"{name} is of cell {found.cell}, but this is {cell.cell}: run `forcemesh calibrate`"
     if found.tool != cell.tool.name:
         return (
-            f"{name} is of tool {found.tool or 'without a name'!r}, the cell file says "
-            f"{cell.tool.name or 'no name'!r}: calibrate with this tool"
+            f"{name} is of tool {found.tool or 'without a name'!r}, but the cell file names "
+            f"{cell.tool.name or 'no name'!r}: run `forcemesh calibrate` with this tool"
         )
     for what, then, now in (
         ("tool.T_flange_tcp", found.T_flange_tcp, cell.tool.T_flange_tcp),
@@ -111,12 +111,12 @@ def _objection(found: CalibrationSection, cell: Cell) -> str:
     ):
         apart = _apart(then, now)
         if apart:
-            return f"{what} was {apart} away when {name} was made: calibrate again"
+            return f"{what} differs by {apart} from that of {name}: run `forcemesh calibrate`"
     return _unverified(found, cell) or _too_heavy(found.payload.payload.mass_kg, cell)
 
 
 def _unverified(found: CalibrationSection, cell: Cell) -> str:
-    """Say when no fresh pose has proved a fit, or when one has disproved it."""
+    """Return why a fit is not verified: no fresh poses, or a residual beyond the limits."""
     name, left = f"calibration {found.revision}", found.verified
     if left is None:
         return f"{name} was not verified on fresh poses: run `forcemesh calibrate`"
@@ -130,13 +130,13 @@ def _unverified(found: CalibrationSection, cell: Cell) -> str:
 
 
 def _too_heavy(mass_kg: float, cell: Cell) -> str:
-    """Say when the tool is heavier than what the regulator's gains were bounded for."""
+    """Return an objection if the tool is heavier than the gain limits allow for."""
     inertia_kg = cell.contact.inertia_kg
     if mass_kg <= HEAVIER * inertia_kg:
         return ""
     return (
         f"the tool weighs {mass_kg:.2f} kg, but contact.inertia_kg is {inertia_kg:g}: on a soft "
-        f"contact the force would swing; write at least {mass_kg:.2f} there"
+        f"contact the force would oscillate; set it to at least {mass_kg:.2f}"
     )
 
 

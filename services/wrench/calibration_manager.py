@@ -1,6 +1,6 @@
-"""What a person may change while the cell is up: tare, and another calibration. Pure.
+"""Calibration manager: tare and change of calibration while the cell runs. Pure.
 
-Both are taken at rest only, not while force feedback runs, and not where they would hide contact.
+Both are accepted only at rest, without force feedback, and where they cannot hide contact.
 """
 
 from collections import deque
@@ -24,22 +24,22 @@ from services.wrench.tare import TareLimits, tare
 
 WINDOW_S = 0.25
 REST_POSITION_M = 2e-4  # the flange moved less than this during the window: at rest
-REST_TURN_RAD = 2e-3  # the same for its orientation: 2 g of a kilogram
+REST_TURN_RAD = 2e-3  # the same for its orientation: an error of 2 g per kilogram
 
 
 class Moment(NamedTuple):
-    """What is known when somebody asks."""
+    """Inputs at the time of a request."""
 
-    complaint: Complaint  # about the inputs
+    complaint: Complaint  # of the inputs
     robot: RobotState | None
     feedback_runs: bool
 
 
 class Desk:
-    """Holds the calibration in use, and changes it when asked, or says why not."""
+    """Active calibration, changed on request or refused with a reason."""
 
     def __init__(self, cell: Cell, mounting: Mounting) -> None:
-        """Begin with what the cell file and its calibration say."""
+        """Start with the calibration of the cell, or with the payload of its file."""
         self.in_use: InUse = of_cell(cell)
         self._cell = cell
         self._mounting = mounting
@@ -48,11 +48,11 @@ class Desk:
         self._recent: deque[tuple[Array, RobotState]] = deque(maxlen=window)
 
     def remember(self, reading: Array, robot: RobotState) -> None:
-        """Keep a reading in sensor axes, shape (6,), and where the arm was."""
+        """Store a reading in sensor axes, shape (6,), with the state of the robot."""
         self._recent.append((reading, robot))
 
     def forget(self) -> None:
-        """Begin the window anew: after a gap or a fault."""
+        """Clear the window after a gap or a fault."""
         self._recent.clear()
 
     def tare(self, moment: Moment) -> Reply:
@@ -69,16 +69,16 @@ class Desk:
         return reply
 
     def calibrate(self, moment: Moment, text: str) -> Reply:
-        """Use another calibration from now on, when it explains the present reading.
+        """Activate another calibration if it explains the present reading.
 
         Args:
-            moment: What is known now.
+            moment: Inputs at the time of the request.
             text: The calibration as JSON.
         """
         try:
             found = parsed(text)
         except DataError as error:
-            return refusal("malformed", f"no calibration: {error}"[:400])
+            return refusal("malformed", f"not a calibration: {error}"[:400])
         new = of_calibration(found, self._cell)
         if new.objection:
             return refusal("payload", new.objection)
@@ -90,11 +90,11 @@ class Desk:
         if (refused := self._too_much(found.revision, force_N, torque_Nm)) is not None:
             return refused
         self.in_use = new
-        text = f"calibration {found.revision} is in use: it leaves {force_N:.2f} N and "
+        text = f"calibration {found.revision} is in use: residual {force_N:.2f} N and "
         return Reply(accepted=True, text=f"{text}{torque_Nm:.3f} N m of the present reading")
 
     def _left(self, payload: Payload, robot: RobotState) -> tuple[float, float]:
-        """Return force [N] and torque about the TCP [N m] that a payload leaves of the reading."""
+        """Return the residual force [N] and torque about the TCP [N m] of the present reading."""
         mean = np.mean([reading for reading, _ in self._recent], axis=0)
         left_N, left_Nm = residual(
             payload, self._R_base_sensor(robot), force_N=mean[:3], torque_Nm=mean[3:]
@@ -103,36 +103,36 @@ class Desk:
         return float(np.linalg.norm(left_N)), float(np.linalg.norm(about_tcp_Nm))
 
     def _too_much(self, revision: str, force_N: float, torque_Nm: float) -> Reply | None:
-        """Refuse a payload that leaves more than the preflight lets pass in free space."""
+        """Refuse a payload whose residual exceeds the preflight limits for free space."""
         most_N, most_Nm = self._cell.force.idle_max_N, self._cell.force.idle_max_Nm
         if force_N <= most_N and torque_Nm <= most_Nm:
             return None
         text = (
             f"calibration {revision} leaves {force_N:.1f} N and {torque_Nm:.2f} N m about the TCP "
-            "of the present reading: is the tool in contact, or another one on the arm?"
+            "of the present reading: the tool is in contact, or another tool is mounted"
         )
         value, limit = (force_N, most_N) if force_N > most_N else (torque_Nm, most_Nm)
         return refusal("contact", text, value=value, limit=limit)
 
     def axes_checked(self, calibration: str) -> Reply:
-        """Take note that axes and signs were found right while a calibration was in use."""
+        """Record that axes and signs were verified with a calibration."""
         if calibration != self.in_use.name:
             text = (
-                f"axes were checked with calibration {calibration!r}, and {self.in_use.name!r} is "
+                f"axes were checked with calibration {calibration!r}, but {self.in_use.name!r} is "
                 "in use: check them again"
             )
             return refusal("payload", text)
         self.in_use = replace(self.in_use, axes_checked=True)
-        text = f"axes and signs are proved for calibration {self.in_use.name}"
+        text = f"axes and signs are verified for calibration {self.in_use.name}"
         return Reply(accepted=True, text=text)
 
     def _refusal(self, moment: Moment) -> Reply | None:
         if moment.complaint != FINE or moment.robot is None:
             return refusal(moment.complaint.code, moment.complaint.text)
         if moment.feedback_runs:
-            return refusal("busy", "force feedback runs on this force: stop it first")
+            return refusal("busy", "force feedback is running: stop it first")
         if len(self._recent) < (self._recent.maxlen or 1):
-            return refusal("wait", "not enough samples yet, ask again")
+            return refusal("wait", "not enough samples yet: repeat the request")
         return self._motion(moment.robot)
 
     def _motion(self, robot: RobotState) -> Reply | None:
@@ -148,7 +148,7 @@ class Desk:
             return None
         text = (
             f"the arm moved {moved_m * 1e3:.2f} mm and turned {np.degrees(turned_rad):.2f} degrees "
-            f"within {WINDOW_S:g} s: let it rest"
+            f"within {WINDOW_S:g} s: wait until it is at rest"
         )
         return refusal("moving", text, value=value, limit=limit)
 

@@ -1,16 +1,16 @@
-"""Tasks a and b of the specification: sensor reading to wrench of the environment. Pure.
+"""Gravity compensation: wrench of the environment at the TCP from a sensor reading. Pure.
 
-With R = R_base_sensor and g_s = R^T g, the load that a real sensor shows free of contact is
-m g_s + b_F and c x m g_s + b_M. What is left of a reading is the environment's:
+Tasks a and b of the specification. With R = R_base_sensor and g_s = R^T g, a real sensor free of
+contact reads m g_s + b_F and c x m g_s + b_M. The remainder is the environment's wrench:
 
     F = R (f - b_F - m g_s)
     M = R (t - b_M - c x m g_s) - (R p_sensor_tcp) x F
 
-in base axes, each axis of f - b_F and t - b_M divided by its gain, and the sensor's own axes
-turned by the mounting correction that a recording may have revealed; the moment about the tool
-centre point. Turning the axes does not move the point that the moment is taken about, and moving
-the pose by the whole T_base_sensor would take it about the base's origin: both steps are needed,
-and no third one. In motion the weight is m (g - a) where the acceleration is known.
+in base axes, the moment about the tool centre point. Each axis of f - b_F and t - b_M is divided
+by its gain, and the sensor's axes are rotated by the identified mounting correction. A rotation
+of the axes does not move the reference point of the moment, and a transformation by the whole
+T_base_sensor would move it to the base's origin: exactly these two steps are needed. In motion
+the weight is m (g - a), if the acceleration is known.
 """
 
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ from common.motion.frames import GRAVITY_M_S2, Array, rotation_from_vector
 
 @dataclass(frozen=True, slots=True)
 class Wrench:
-    """Force [N] and torque [N m]; the name of the variable says point and axes."""
+    """Force [N] and torque [N m]; the variable name gives point and axes."""
 
     force_N: Array
     torque_Nm: Array
@@ -33,7 +33,7 @@ class Wrench:
 
 @dataclass(frozen=True, slots=True)
 class Mounting:
-    """Where sensor and tool sit on the flange."""
+    """Poses of sensor and tool on the flange."""
 
     T_flange_sensor: pin.SE3
     T_flange_tcp: pin.SE3
@@ -46,7 +46,7 @@ class Mounting:
 
 @dataclass(frozen=True, slots=True)
 class _Constants:
-    """What of a payload is the same for every sample; `to_load`: the reciprocals of the gains."""
+    """Constants of a payload for every sample; `to_load`: the reciprocals of the gains."""
 
     R_mount: Array
     weight_in_base_N: Array
@@ -68,7 +68,7 @@ def compensate(
     """Return the environment's wrench about the TCP, in base axes.
 
     Args:
-        reading_at_sensor_in_sensor: What the sensor shows, about its origin, in its axes.
+        reading_at_sensor_in_sensor: Reading of the sensor, about its origin, in its axes.
         R_base_sensor: Orientation of the sensor in base. Shape (3, 3).
         p_sensor_tcp_in_sensor: Vector from sensor to TCP, sensor axes [m]. Shape (3,).
         payload: Weight below the sensor and the sensor's bias.
@@ -83,7 +83,7 @@ def compensate(
     if a_com_m_s2 is not None:
         weight_N = weight_N - payload.mass_kg * a_com_m_s2
     force_N = load_N - weight_N
-    # The sum of both moments in plain numbers: np.cross alone would cost more than all the rest.
+    # The sum of both moments in scalars: np.cross alone would cost more than the rest.
     cx, cy, cz = R_base_true.dot(known.com_m).tolist()
     px, py, pz = R_base_sensor.dot(p_sensor_tcp_in_sensor).tolist()
     wx, wy, wz = weight_N.tolist()

@@ -1,11 +1,11 @@
-"""How the tool's centre of mass accelerates, from the poses that the robot reports. Pure.
+"""Inertial compensation: acceleration of the tool's centre of mass from reported poses. Pure.
 
-A tool that is carried about pushes on the sensor with m (g - a); what is left when only m g is
-taken away passes for contact. The acceleration is that of a parabola laid through the last
-2 h + 1 positions of the centre of mass (Savitzky and Golay 1964). It belongs to the middle of them,
-h periods ago; h is chosen so that this is as late as the filter makes the force: both channels
-belong to one moment, as they would behind one filter. What the tool's own rotation adds, its moment
-of inertia times angular acceleration, is not known from a payload and is left.
+A moving tool loads the sensor with m (g - a); compensating only m g leaves a force that reads as
+contact. The acceleration is that of a parabola fitted to the last 2 h + 1 positions of the centre
+of mass (Savitzky-Golay filter, 1964). It belongs to the middle of them, h periods ago; h is chosen
+equal to the delay of the force filter, so that force and acceleration belong to the same time. The
+load of the tool's own rotation, its moment of inertia times angular acceleration, is not known
+from a payload and is not compensated.
 """
 
 from collections import deque
@@ -24,12 +24,12 @@ from services.wrench.compensation import Mounting
 
 AT_REST = np.zeros(3)
 AT_REST.setflags(write=False)
-PERIODS_SEEN = 50  # over which the robot's real period is measured
+PERIODS_SEEN = 50  # window in which the robot's real period is measured
 
 
 @dataclass(frozen=True, slots=True)
 class Seen:
-    """A reported pose: its number, when it was published, where the centre of mass was."""
+    """Reported pose: sequence number, time of publication, position of the centre of mass."""
 
     seq: int
     epoch: int
@@ -38,10 +38,10 @@ class Seen:
 
 
 class Acceleration:
-    """Of the centre of mass, base axes; zero until enough poses have come without a gap."""
+    """Acceleration of the centre of mass, base axes; zero until enough poses came without a gap."""
 
     def __init__(self, cell: Cell, mounting: Mounting) -> None:
-        """Choose the length of the parabola by the delay of the filter."""
+        """Choose the length of the parabola from the delay of the filter."""
         half = max(1, round(cell.filter_delay_s * cell.rates.robot_hz))
         offsets = np.arange(-half, half + 1, dtype=float)
         self._weights = 2.0 * np.linalg.pinv(np.vander(offsets, 3))[0]  # of the second derivative
@@ -49,7 +49,7 @@ class Acceleration:
         self._seen: deque[Seen] = deque(maxlen=max(len(offsets), PERIODS_SEEN))
 
     def see(self, robot: Reading[RobotState], payload: Payload) -> None:
-        """Take a pose that is new; one that is not good, and a gap, begin anew."""
+        """Store a new pose; a stale pose or a gap clears the window."""
         if robot.fresh is None or robot.header is None:
             self._seen.clear()
             return

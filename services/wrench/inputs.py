@@ -1,4 +1,4 @@
-"""What is wrong with the sensor before its numbers are looked at; do wrench and pose fit? Pure."""
+"""Input checks: state of the sensor topic, and time offset of wrench and pose. Pure."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -12,14 +12,14 @@ LONGEST_TEXT = 400
 
 
 def heard(sensor: Reading[SensorWrench]) -> Complaint:
-    """Return what is wrong with the sensor before its numbers are looked at."""
+    """Return the fault that the sensor topic reports, before its numbers are checked."""
     if sensor.silent:
         return Complaint("sensor_silent", sensor.fault)
     sample = sensor.message
     if sample is not None and sample.status != "ok" and sensor.code in ("", "invalid"):
         code = "sensor_saturated" if sample.status == "saturated" else "sensor_fault"
         reason = f": {sample.reason}" if sample.reason else ""
-        return Complaint(code, f"the sensor says {sample.status}{reason}"[:LONGEST_TEXT])
+        return Complaint(code, f"the sensor reports {sample.status}{reason}"[:LONGEST_TEXT])
     if sensor.code == "invalid":
         return Complaint("sensor_fault", sensor.fault)
     return Complaint(sensor.code, sensor.fault)
@@ -27,17 +27,17 @@ def heard(sensor: Reading[SensorWrench]) -> Complaint:
 
 @dataclass(frozen=True, slots=True)
 class Pairing:
-    """The newest sample and the newest pose, by the numbers that their writers gave them."""
+    """Sequence numbers of the newest sample and the newest pose, with their time offset."""
 
     sensor: int = 0
     robot: int = 0
-    apart_s: float = 0.0  # by how much the one that came last was the older one
+    apart_s: float = 0.0  # how much older the one received last was
 
 
 def pair(before: Pairing, sensor: Reading[Any], robot: Reading[Any]) -> Pairing:
-    """Return how far a message that has just come lay behind the other one.
+    """Return the pairing with the time that a new message lies behind the other one.
 
-    Only what comes is judged: one that does not come is not late but silent, and named so.
+    Only received messages are compared: a missing one is reported as silent, not as late.
     Clocks of two hosts are not compared.
     """
     if sensor.header is None or robot.header is None or sensor.header.boot != robot.header.boot:

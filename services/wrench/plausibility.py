@@ -1,7 +1,7 @@
-"""Tells a measurement from what no sensor in good order says. Pure: state in, state out.
+"""Plausibility check of the sensor: not finite, saturated, frozen, jumped. Pure: state in and out.
 
-Not finite, saturated, frozen, jumped: each has its code in forcemesh/faults.py. A reading that does
-not count is never taken for zero force: a regulator that presses would press harder.
+Each fault has its code in forcemesh/faults.py. A rejected reading is never replaced by zero force: a
+regulator that presses would press harder.
 """
 
 from dataclasses import dataclass
@@ -13,16 +13,16 @@ import numpy as np
 from common.config.cell import Cell
 from common.motion.frames import Array
 
-SATURATED_FROM = 0.95  # of the range, on any one axis: near its end a sensor is no longer linear
-FEWEST_REPEATS = 3  # a slow sensor may say its last reading once more
-WILD_APART = 10  # samples: a lone wild one is a spark on the wire, two so close are a fault
-MARGIN_OF_RANGE = 0.02  # added to the largest step: noise, and what the model leaves out
-LEVER_BEYOND_TCP_M = 0.1  # contact is at most so far from the TCP
+SATURATED_FROM = 0.95  # of the range, on any axis: near its end a sensor is no longer linear
+FEWEST_REPEATS = 3  # a slow sensor may repeat its last reading
+WILD_APART = 10  # samples: a single outlier is a spike on the line, two this close are a fault
+MARGIN_OF_RANGE = 0.02  # added to the largest step: noise and model error
+LEVER_BEYOND_TCP_M = 0.1  # largest distance of a contact from the TCP
 AXES = (("Fx", "N"), ("Fy", "N"), ("Fz", "N"), ("Mx", "N m"), ("My", "N m"), ("Mz", "N m"))
 
 
 class Complaint(NamedTuple):
-    """What is wrong, as a code of forcemesh/faults.py and in words; both empty: nothing is."""
+    """Fault: a code of forcemesh/faults.py and a text; both empty: no fault."""
 
     code: str
     text: str
@@ -33,19 +33,19 @@ FINE = Complaint("", "")
 
 @dataclass(frozen=True, slots=True)
 class Bounds:
-    """What readings of this sensor, behind this tool, on this arm, can be."""
+    """Limits of plausible readings for this sensor, tool and arm."""
 
     range: tuple[float, ...]  # N, N, N, N m, N m, N m
     step: tuple[float, float]  # of force [N] and torque [N m] from one sample to the next
-    step_per_s: tuple[float, float]  # more for each second between them
-    frozen_s: float  # the same six numbers for so long; 0: this sensor has no noise
+    step_per_s: tuple[float, float]  # added for each second between them
+    frozen_s: float  # limit for the same six numbers; 0: this sensor has no noise
 
     @classmethod
     def of(cls, cell: Cell) -> "Bounds":
-        """Take them out of a cell file.
+        """Return the limits of a cell.
 
-        A contact of stiffness k that is met with speed v pushes k v harder each second, and stops
-        the mass m in front of the sensor within one sample at the soonest: m v / T.
+        An impact at speed v on a contact of stiffness k raises the force by k v each second, and
+        stops the mass m in front of the sensor within one sample at the soonest: m v / T.
         """
         v, contact, sensor = cell.limits.speed_m_s, cell.contact, cell.sensor
         sensor_hz = cell.rates.sensor_hz
@@ -65,34 +65,34 @@ class Bounds:
 
 
 class History(NamedTuple):
-    """What must be remembered of the readings before this one."""
+    """State of the check: the readings before this one."""
 
     raw: Array | None = None  # the last reading
-    taken: Array | None = None  # the last one that counted
-    taken_s: float = 0.0  # ago
-    still_s: float = 0.0  # for how long the reading has been the very same
-    repeats: int = 0  # how often it came again
-    tame: int = WILD_APART  # readings since the last wild one
-    spikes: int = 0  # lone wild readings that were left out
+    taken: Array | None = None  # the last accepted reading
+    taken_s: float = 0.0  # its age
+    still_s: float = 0.0  # time for which the reading has been identical
+    repeats: int = 0  # number of repetitions
+    tame: int = WILD_APART  # readings since the last outlier
+    spikes: int = 0  # single outliers that were rejected
 
     @property
     def counts(self) -> bool:
-        """Whether the last reading is a measurement."""
+        """Return whether the last reading was accepted."""
         return self.taken is not None and self.taken is self.raw
 
 
 def judge(
     before: History, reading: Array, dt_s: float, bounds: Bounds
 ) -> tuple[History, Complaint]:
-    """Return what is known after one more reading, and what is wrong with the sensor.
+    """Return the state after one more reading, and the fault of the sensor.
 
-    One wild reading alone is left out; the next one tells whether it was a spark or a fault.
+    A single outlier is rejected; the next reading decides whether it was a spike or a fault.
 
     Args:
-        before: What was known.
+        before: State of the check.
         reading: Force [N] and torque [N m], sensor axes. Shape (6,).
         dt_s: Time since the reading before.
-        bounds: What readings can be.
+        bounds: Limits of plausible readings.
     """
     same = before.raw is not None and reading.tolist() == before.raw.tolist()
     after = before._replace(
@@ -140,6 +140,6 @@ def _jump(now: History, reading: Array, bounds: Bounds) -> Complaint | None:
     ):
         limit = step + per_s * now.taken_s
         if size > limit:
-            text = f"the reading jumped by {size:.4g} {unit}, no contact here can do more than"
+            text = f"the reading jumped by {size:.4g} {unit}, the limit for contact is"
             return Complaint("sensor_jump", f"{text} {limit:.4g} {unit}")
     return None

@@ -1,4 +1,4 @@
-"""The wrench service on the bus: sensor reading and robot pose in, wrench at the TCP out."""
+"""Wrench service: gravity-compensated wrench at the TCP from sensor readings and robot poses."""
 
 import numpy as np
 import pinocchio as pin
@@ -19,10 +19,10 @@ from services.wrench.smoothing import Filter, feed
 
 
 class WrenchService:
-    """Filters every sensor sample; publishes the environment's wrench at the control rate."""
+    """Service that filters every sensor sample and publishes the wrench at the control rate."""
 
     def __init__(self, bus: Bus, cell: Cell) -> None:
-        """Take the topics of this role, the mounting and the payload of this cell."""
+        """Create readers, publisher and inboxes; take mounting and payload from the cell."""
         self.period_s = 1.0 / cell.rates.control_hz
         self.fault = ""
         self._sensor_period_s = 1.0 / cell.rates.sensor_hz
@@ -32,7 +32,7 @@ class WrenchService:
         self._bounds, self._history, self._pairing = Bounds.of(cell), History(), Pairing()
         self._apart_max_s = apart_max_s(cell)
         self._complaint, self._complain_until_ns = FINE, 0
-        # So long a complaint is told: who has not heard it by then misses the topic itself.
+        # A fault is published for this long: a reader that misses it finds the topic stale.
         self._complain_for_ns = round(cell.stale_after_s(topics.WRENCH) * NS_PER_S)
         self._empty_filter = Filter(cell.filter.median, cell.filter.lowpass_s)
         self._filter = self._empty_filter
@@ -40,7 +40,7 @@ class WrenchService:
         inertial = cell.filter.inertial
         self._acceleration = Acceleration(cell, self._mounting) if inertial else None
         self._last_stamp_ns = 0
-        # A process that begins anew has an old zero again: how old nobody knows, so from here on.
+        # After a restart the age of the zero is unknown: it counts from here.
         self._tared_ns = bus.clock.now_ns()
         self._next_put_ns = 0
         self._sensor = bus.reader(topics.SENSOR_WRENCH)
@@ -53,7 +53,7 @@ class WrenchService:
         self.trigger = self._sensor
 
     def counters(self) -> dict[str, int]:
-        """Return what the sensor reader dropped, and the readings that were left out."""
+        """Return the samples that the reader dropped and the rejected spikes."""
         counters = self._sensor.counters
         return {
             "sensor_superseded": counters.superseded,
@@ -62,19 +62,19 @@ class WrenchService:
         }
 
     def numbers(self, now_ns: int) -> dict[str, float]:
-        """Return by how much the filter delays the wrench, and how old its zero is."""
+        """Return the delay of the filter [s] and the age of the last tare [h]."""
         age_h = (now_ns - self._tared_ns) / NS_PER_S / 3600.0
         return {"filter_delay_s": self._filter_delay_s, "tare_age_h": age_h}
 
     def step(self, now_ns: int) -> None:
-        """Filter the newest sample; at the control rate, or when a fault begins, publish."""
+        """Filter the newest sample; publish at the control rate, at once when a fault begins."""
         sensor, robot = self._sensor.read(now_ns), self._robot.read(now_ns)
         was_fine = self._complaint == FINE
         T_base_flange = None if robot.fresh is None else pose_of(robot.fresh)
         self._complain(self._take(sensor, robot), self._of_pose(robot, T_base_flange), now_ns)
         self._serve(robot, now_ns)
         if now_ns >= self._next_put_ns or (was_fine and self._complaint != FINE):
-            # Half a sensor period early is on time: samples and periods do not line up.
+            # Half a sensor period early is on time: samples and periods are not aligned.
             slack_ns = round(0.5 * self._sensor_period_s * NS_PER_S)
             self._next_put_ns = now_ns + round(self.period_s * NS_PER_S) - slack_ns
             self._put(sensor, T_base_flange)
@@ -89,13 +89,13 @@ class WrenchService:
             tare.reply(reply)
         for other in self._calibrations.take_all():
             reply = self._desk.calibrate(moment, other.request.calibration_json)
-            self._tared_ns = now_ns if reply.accepted else self._tared_ns  # its bias is as new
+            self._tared_ns = now_ns if reply.accepted else self._tared_ns  # its bias is new too
             other.reply(reply)
         for axes in self._axes.take_all():
             axes.reply(self._desk.axes_checked(axes.request.calibration))
 
     def _take(self, sensor: Reading[SensorWrench], robot: Reading[RobotState]) -> Complaint:
-        """Feed a sample that is new and good; after a gap or a fault the filter starts anew."""
+        """Filter a new, valid sample; reset the filter after a gap or a fault."""
         complaint, sample = heard(sensor), sensor.fresh
         if sample is not None and sensor.header is not None and complaint == FINE:
             stamp_ns = sensor.header.stamp_ns
@@ -120,7 +120,7 @@ class WrenchService:
         return complaint
 
     def _complain(self, of_sensor: Complaint, of_pose: Complaint, now_ns: int) -> None:
-        """Say what is wrong, and go on saying it until everybody must have heard it."""
+        """Set the fault, and hold it until every reader must have received it."""
         complaint = of_pose if of_sensor == FINE else of_sensor
         if complaint != FINE:
             waited_for = complaint.text.endswith(" missing")
@@ -170,9 +170,9 @@ class WrenchService:
 
 
 def apart_max_s(cell: Cell) -> float:
-    """Return how far wrench and pose may be apart [s]: two periods of the slower one.
+    """Return the largest time offset between wrench and pose [s]: two periods of the slower one.
 
-    Or half of the sensor's deadline, where the cell file grants its machine more time.
+    Half of the sensor's deadline, if the cell file makes that longer.
     """
     slower_s = 1.0 / min(cell.rates.robot_hz, cell.rates.sensor_hz)
     return max(2.0 * slower_s, 0.5 * cell.stale_after_s(topics.SENSOR_WRENCH))

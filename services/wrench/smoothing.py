@@ -21,10 +21,10 @@ class Filter:
 def feed(state: Filter, sample: Array, dt_s: float) -> Filter:
     """Return the filter after one more sample.
 
-    y <- y + (1 - exp(-dt / T)) (median - y); the first sample is taken as it is.
+    y <- y + (1 - exp(-dt / T)) (median - y); the first sample passes unfiltered.
 
     Args:
-        state: Filter so far.
+        state: State of the filter.
         sample: Six numbers in one unit each. Shape (6,).
         dt_s: Time since the last sample.
     """

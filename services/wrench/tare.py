@@ -1,4 +1,4 @@
-"""Tare: take the present reading as zero, and refuse when it cannot be zero. Pure."""
+"""Tare: bias that makes the present reading zero, refused when it cannot be zero. Pure."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -11,13 +11,13 @@ from common.motion.frames import GRAVITY_M_S2, Array
 from forcemesh.faults import refusal
 from forcemesh.requests import Reply
 
-WEIGHT_SHARE = 0.6  # a wrong unit or sign takes away 0.78 (pounds), 0.9 (kgf), 1.4 or 2 weights
-LEAST_WEIGHT_N = 2.0  # of a tool that weighs less, drift may be that much
+WEIGHT_SHARE = 0.6  # a wrong unit or sign removes 0.78 (pounds), 0.9 (kgf), 1.4 or 2 weights
+LEAST_WEIGHT_N = 2.0  # drift can be as large as a smaller weight
 
 
 @dataclass(frozen=True, slots=True)
 class TareLimits:
-    """A larger change of bias is taken for contact."""
+    """Largest change of bias; a larger one is taken for contact."""
 
     force_N: float
     torque_Nm: float
@@ -28,14 +28,14 @@ def tare(
 ) -> tuple[Payload, Reply]:
     """Return the payload with the new bias, or the old one with the reason of the refusal.
 
-    Only the bias changes, by the mean of what is left of the readings after bias and weight. It
-    must not swallow the weight of the tool: that would hide a sign, an axis or a unit gone wrong.
+    Only the bias changes, by the mean residual of the readings after bias and weight. It must not
+    absorb the weight of the tool: that would hide a wrong sign, axis or unit.
 
     Args:
-        payload: The payload so far.
+        payload: The present payload.
         samples: Readings at rest, force then torque, sensor axes. Each of shape (6,).
         R_base_sensor: Orientation of the sensor in base. Shape (3, 3).
-        limits: Largest change of bias that is not taken for contact.
+        limits: Largest change of bias.
     """
     mean = np.mean(samples, axis=0)
     shift_N, shift_Nm = residual(payload, R_base_sensor, force_N=mean[:3], torque_Nm=mean[3:])

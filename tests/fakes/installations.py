@@ -89,8 +89,8 @@ def mended(finding: Finding, seen: Samples, of: Belief) -> tuple[Samples, Belief
         return replace(seen, R_base_sensor=turned), told
     channels = {"F": seen.force_N, "M": seen.torque_Nm}
     after = {name: values.copy() for name, values in channels.items()}
-    orders = re.findall(r"([FM])([xyz]) = (-?)[FM]([xyz]) of today", finding.mend.split(";")[0])
-    orders += re.findall(r"(M)([xyz]) = (-?)M([xyz]) of today", finding.mend.partition("; in")[2])
+    orders = re.findall(r"([FM])([xyz]) = (-?)[FM]([xyz])", finding.mend.split(";")[0])
+    orders += re.findall(r"(M)([xyz]) = (-?)M([xyz])", finding.mend.partition("; in")[2])
     assert orders, finding
     for name, axis, sign, source in orders:
         value = channels[name][:, "xyz".index(source)]

@@ -30,7 +30,7 @@ def test_a_wrong_recording_says_what_and_what_to_write(tmp_path) -> None:
     result = run("--from", recorded(tmp_path / "a.csv", SIGNED[2]))
     assert result.exit_code == 1
     assert "Fy shows -y" in result.stdout
-    assert "-> in the driver or the adapter: Fy = -Fy of today" in result.stdout
+    assert "-> in the driver or the adapter: remap Fy = -Fy" in result.stdout
 
 
 def test_every_wiring_of_a_recording_is_told(tmp_path) -> None:

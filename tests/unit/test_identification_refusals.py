@@ -98,7 +98,7 @@ def test_a_payload_tells_the_axes_of_another_recording():
 def test_axes_that_nothing_tells_are_refused_with_the_flag():
     """With the sensor parallel to the base both axes are the same."""
     recording = as_recording(readings(TRUTH, np.eye(3)[None]), "sensor")
-    with pytest.raises(DataError, match="say --wrench-axes"):
+    with pytest.raises(DataError, match="use --wrench-axes"):
         axes_of(recording, TRUTH)
 
 

@@ -215,7 +215,7 @@ def test_a_tool_without_a_lever_shows_nothing_of_the_torques() -> None:
         readings(payload, force=TURNS[2], torque=TURNS[2]), replace(belief(payload), com_m=None)
     )
     assert turned.findings[0].code == "mounting"
-    assert "if the torques are turned alike" in turned.findings[0].mend
+    assert "if the torques are rotated too" in turned.findings[0].mend
 
 
 @pytest.mark.parametrize("spread_deg", [0.0, 2.0])

@@ -81,8 +81,8 @@ def test_reactions_are_told_from_a_hanging_arm() -> None:
     """What the weight cannot tell, a push does: no word of the ceiling."""
     (finding,), _ = judged(-EYE, "all six", TOOL_DOWN)
     assert finding.code == "reaction"
-    assert "Fx = -Fx of today" in finding.mend
-    assert "Mz = -Mz of today" in finding.mend
+    assert "remap Fx = -Fx" in finding.mend
+    assert "Mz = -Mz" in finding.mend
 
 
 def test_pushes_that_fit_nothing_are_to_be_repeated() -> None:

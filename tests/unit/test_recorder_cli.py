@@ -240,7 +240,7 @@ WRONG = [
     (("replay", "nothing.mcap"), 2, "nothing.mcap: cannot be read: No such file"),
     (("export", "nothing.mcap"), 2, "nothing.mcap: cannot be read: No such file"),
     (("report", "nothing.mcap"), 2, "nothing.mcap: cannot be read: No such file"),
-    (("report", __file__), 2, "test_recorder_cli.py: no recording"),
+    (("report", __file__), 2, "test_recorder_cli.py: not a recording"),
     (("export", "{}", "--csv", "--parquet"), 2, "choose one of --csv and --parquet"),
     (("export", "{}", "--only", "wrnch"), 2, "did you mean wrench?"),
     (("export", "{}", "-o", "/proc/none"), 2, "/proc/none: cannot be written"),

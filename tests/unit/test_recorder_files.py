@@ -268,7 +268,7 @@ def test_what_is_no_recording_is_said_to_be_none(tmp_path: Path, content: bytes)
     """With its name, in a sentence."""
     path = tmp_path / "other.mcap"
     path.write_bytes(content)
-    with pytest.raises(DataError, match=r"other\.mcap: no recording"):
+    with pytest.raises(DataError, match=r"other\.mcap: not a recording"):
         RecordedFile(path)
 
 

@@ -44,7 +44,7 @@ def test_what_is_broken_off_is_told(packed: bytes, cut: int) -> None:
     """And so is what is longer than it says."""
     whole = protobuf.wrap(packed)
     for wrong in (whole[: -min(cut, len(whole))], whole + b"x"):
-        with pytest.raises(ValueError, match="no message of frames"):
+        with pytest.raises(ValueError, match="not a message of frames"):
             protobuf.unwrap(wrong)
 
 
@@ -74,6 +74,8 @@ def test_frames_written_in_another_way_are_told(tmp_path: Path, monkeypatch: Any
     """One sentence with the file's name; people's view of it can still be read."""
     monkeypatch.setattr(protobuf, "wrap", lambda packed: packed)
     path = recorded(tmp_path, of_every_topic())
-    with pytest.raises(DataError, match=r"file-01\.mcap: no message of frames: written by another"):
+    with pytest.raises(
+        DataError, match=r"file-01\.mcap: not a message of frames: written by another"
+    ):
         list(RecordedFile(path).heard())
     assert list(RecordedFile(path).said())

@@ -65,7 +65,7 @@ def test_a_missing_column_is_named(tmp_path, column):
 
 def test_a_column_that_stands_there_twice_is_named(tmp_path):
     """Two columns of one name leave open which one is meant."""
-    with pytest.raises(DataError, match=r"poses\.csv, line 1: column fx stands there 2 times"):
+    with pytest.raises(DataError, match=r"poses\.csv, line 1: column fx occurs 2 times"):
         read_recording(written(tmp_path, HEADER + ",fx", ROW + ",1"))
 
 
@@ -119,7 +119,7 @@ def test_a_rounded_quaternion_is_normalised(tmp_path):
 
 def test_a_file_without_rows_is_refused(tmp_path):
     """A header alone is no recording."""
-    with pytest.raises(DataError, match=r"poses\.csv, line 2: holds no rows"):
+    with pytest.raises(DataError, match=r"poses\.csv, line 2: no rows"):
         read_recording(written(tmp_path, HEADER))
 
 

@@ -262,5 +262,5 @@ def test_a_number_that_no_calibration_has_is_refused_with_its_place(bench: Wrenc
     reply = ask(bench, of_the_demo(fit=left(LARGEST * (1.0 + 1e-9))))
     assert not reply.accepted
     assert "fit.force_max_N" in reply.text
-    assert "beyond 1e+06" in reply.text
+    assert "outside +-1e+06" in reply.text
     assert ask(bench, of_the_demo(fit=left(LARGEST))).code != reply.code

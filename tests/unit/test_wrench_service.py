@@ -94,9 +94,9 @@ def test_a_stale_input_is_told_by_name_and_at_the_usual_rate(
 @pytest.mark.parametrize(
     ("changes", "code", "reason"),
     [
-        ({"status": "saturated"}, "sensor_saturated", "the sensor says saturated"),
-        ({"status": "fault"}, "sensor_fault", "the sensor says fault"),
-        ({"status": "fault", "reason": "hot", "valid": False}, "sensor_fault", "says fault: hot"),
+        ({"status": "saturated"}, "sensor_saturated", "the sensor reports saturated"),
+        ({"status": "fault"}, "sensor_fault", "the sensor reports fault"),
+        ({"status": "fault", "reason": "hot", "valid": False}, "sensor_fault", "fault: hot"),
         ({"valid": False, "reason": "no cable"}, "sensor_fault", "sensor/wrench invalid: no cable"),
         ({"valid": False, "code": "sensor_frozen"}, "sensor_frozen", "no reason given"),
         ({"force_N": (0.0, 0.0, 501.0)}, "sensor_saturated", "Fz reads 501 N, 95% of its range"),

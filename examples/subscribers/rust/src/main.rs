@@ -1,4 +1,4 @@
-//! Prints the force of the demo cell: Zenoh's own crate and plain MessagePack, nothing of forcemesh.
+//! Subscriber that prints the force of the demo cell, with Zenoh's crate and plain MessagePack only.
 use zenoh::Wait;
 
 fn main() -> zenoh::Result<()> {

@@ -1,1 +1,1 @@
-"""The shared language of every process: topics, messages, bus, clock, configuration, frames."""
+"""Shared code of all processes: topics, messages, bus, clock, configuration, frames."""

@@ -1,15 +1,15 @@
-"""The packet between gateway and controller: nine frames of six characters and a space each.
+"""Packet codec between gateway and controller: nine frames of six characters and a space each.
 
-Sans-IO and the same in both directions: integers to 63 characters and back. What the nine numbers
-mean is in `controller.packet_table`.
+Sans-IO and the same in both directions: integers to 63 characters and back.
+`controller.packet_table` defines the meaning of the nine numbers.
 
 There is no checksum, but the first frame marks the packet: an ID is 500000 or more and begins with
-5 to 9, each of the other eight is less and begins with 0 to 4 or a minus. So nine frames in a row
-that begin 1 to 8 frames too late hold the ID of the next packet in one of the places 2 to 9, and
-another number in the first: they are no packet, for two reasons, whatever the numbers are and
-whichever way they go. So is a packet that has lost frames. Frames that come in between, or are lost
-across the end of a packet, may leave one packet that is read wrong; then the next ID stands in a
-wrong place. A shift that is not by whole frames puts a space into a number.
+5 to 9; each of the other eight is less and begins with 0 to 4 or a minus. Nine consecutive frames
+that start 1 to 8 frames late hold the ID of the next packet in one of the places 2 to 9, and
+another number in the first place. Both errors are detected, for all numbers and in both directions.
+The same applies to a packet that has lost frames. Inserted frames, or frames lost across the end of
+a packet, can produce one misread packet; the next ID is then in a wrong place. A shift that is not
+by whole frames puts a space into a number.
 """
 
 import re
@@ -40,7 +40,7 @@ _FRAMES_AND_SPACES = [re.compile(frame + rb" ") for frame in (_ID, *[_VALUE] * (
 
 @dataclass(frozen=True, slots=True)
 class Packet:
-    """One command or report as the nine integers that travel."""
+    """One command or report as nine integers."""
 
     id: int
     com: int
@@ -49,17 +49,17 @@ class Packet:
 
     @property
     def frames(self) -> tuple[int, ...]:
-        """The nine integers in the order in which they travel."""
+        """The nine integers in the order of transmission."""
         return (self.id, self.com, self.param, *self.vec)
 
 
 def encode(packet: Packet) -> bytes:
     """Return the 63 characters of a packet.
 
-    Raises LocalProtocolError, before a byte exists, when a value is no integer or does not fit
-    into six characters. Nothing is ever clipped.
+    Raises LocalProtocolError when a value is not an integer or does not fit into six characters.
+    Values are never clipped.
     """
-    frames: tuple[object, ...] = packet.frames  # callers without a type checker exist
+    frames: tuple[object, ...] = packet.frames  # for callers without a type checker
     if len(frames) != FRAMES:
         raise LocalProtocolError(f"a packet has {FRAMES} frames, this one has {len(frames)}")
     for name, value in zip(FRAME_NAMES, frames, strict=True):
@@ -72,22 +72,22 @@ def encode(packet: Packet) -> bytes:
 
 
 class PacketReader:
-    """Cuts a stream of bytes into packets; after the first malformed packet it stays dead.
+    """Parser of a byte stream into packets; after the first malformed packet every call fails.
 
-    A new start is never guessed: a peer that is one character off would be read as other numbers.
+    It does not resynchronise: a stream that is one character off would be read as other numbers.
     """
 
     def __init__(self) -> None:
-        """Start at the first character of a stream."""
+        """Begin at the first character of a stream."""
         self._rest = b""  # at most one character less than a packet
         self._taken = 0  # packets
         self._death = ""
 
     def feed(self, data: bytes) -> list[Packet]:
-        """Return the packets that are complete now; how the bytes were cut makes no difference.
+        """Return the packets that are now complete, however the bytes are chunked.
 
-        Raises RemoteProtocolError at a malformed packet and at every call after it. Packets of the
-        same call that stood before the malformed one are dropped: the link is closed anyway.
+        Raises RemoteProtocolError at a malformed packet and at every later call. Valid packets
+        before it in the same call are dropped, because the link is closed.
         """
         if self._death:
             raise RemoteProtocolError(self._death)
@@ -108,7 +108,7 @@ class PacketReader:
 
 
 def _describe(chars: bytes, packets_before: int) -> str:
-    """Say which frame of which packet is wrong, and where in the stream it stands."""
+    """Describe which frame of which packet is wrong, and its position in the stream."""
     cuts = [_cut(chars, start) for start in range(0, PACKET_CHARS, FRAME_STRIDE)]
     rules = zip(_FRAMES_AND_SPACES, cuts, strict=True)
     wrong = next(k for k, (rule, cut) in enumerate(rules) if not rule.fullmatch(cut))
@@ -123,12 +123,12 @@ def _describe(chars: bytes, packets_before: int) -> str:
     if space != b" ":
         return (
             f"{where}, after {name} at character {position + FRAME_STRIDE}: {_show(space)} "
-            f"stands where a space belongs"
+            f"is in place of a space"
         )
-    belongs = f"an ID, {ID_FIRST} to {ID_LAST}, belongs" if wrong == 0 else "no ID belongs"
+    belongs = f"an ID, {ID_FIRST} to {ID_LAST}, is expected" if wrong == 0 else "no ID is expected"
     return (
-        f"{where}, {name} at character {position + 1}: {_show(frame)} stands where {belongs}: "
-        f"frames are missing, or there are too many"
+        f"{where}, {name} at character {position + 1}: {_show(frame)} is where {belongs}: "
+        f"missing or extra frames"
     )
 
 

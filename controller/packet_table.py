@@ -1,6 +1,6 @@
-"""What the nine numbers of a packet mean: commands, status bits, IDs, fixed scales.
+"""Packet table: meaning of the nine numbers of a packet: commands, status bits, IDs, scales.
 
-The same table stands in controller/README.md for the other end; tests hold them together.
+controller/README.md holds the same table for the other end; tests compare the two.
 """
 
 from dataclasses import dataclass
@@ -15,20 +15,20 @@ ARMS = 1000  # numbers of an arm: Param of hello is version * 1000 + number
 ID_FIRST = 500_000
 ID_LAST = 999_999
 ID_COUNT = ID_LAST - ID_FIRST + 1
-NO_ID = 0  # "none yet"; it never travels
+NO_ID = 0  # "none yet"; never transmitted
 
 STATUS_BITS = 11
 STATUS_SPAN = 1 << STATUS_BITS
-COUNTER_SPAN = 240  # 240 * 2048 - 1 = 491519 is less than any ID; a 103 comes with each eighth
+COUNTER_SPAN = 240  # 240 * 2048 - 1 = 491519 is less than any ID; a 103 is sent with every eighth
 
-# Scales that no hello changes.
+# Fixed scales, not set by hello.
 PERCENT = 100  # per percent
 GAIN_P = 500_000  # per mm/N and per deg/(N m)
 GAIN_I = 5_000  # per mm/(N s) and per deg/(N m s)
 
 
 class Com(IntEnum):
-    """Number of a command (PC to controller, 1 to 14) or of a report (back, 101 to 103)."""
+    """Number of a command (PC to controller, 1 to 14) or report (controller to PC, 101 to 103)."""
 
     MOVE_POSE = 1
     MOVE_JOINTS = 2
@@ -66,7 +66,7 @@ class Bank(IntEnum):
 
 
 class Point(IntEnum):
-    """Param of command 11: the TCP; and the point alone that force feedback turns about."""
+    """Param of command 11: the TCP, or only the centre of rotation of force feedback."""
 
     TCP = 0
     CENTRE = 1
@@ -104,13 +104,13 @@ Names = tuple[str, str, str, str, str, str]
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One command: what its Param may be and what its vector holds, with the scale."""
+    """One row of the packet table: range of Param and content of the vector, with the scale."""
 
     com: Com
     params: range
     vec: Names
     meaning: str
-    banks: tuple[Names, ...] = ()  # of the other Params, where each has a vector of its own
+    banks: tuple[Names, ...] = ()  # vectors of the other Params, where they differ
 
 
 _NONE = ("0",) * 6
@@ -144,13 +144,13 @@ TABLE = {row.com: row for row in (
     Row(Com.FEEDBACK,       range(3), _NONE,   "g) feedback: 0 position, 1 orientation, 2 stop"),
     Row(Com.HOLD,           range(1), _NONE,   "hold now"),
     Row(Com.HELLO,          _COUNT,   _SCALES, "first packet, both ways; version * 1000 + arm"),
-    Row(Com.LIMITS,         range(4), _LIMITS, "limits that the controller keeps by itself",
+    Row(Com.LIMITS,         range(4), _LIMITS, "limits that the controller enforces itself",
         (_MOTION, _LOWER, _UPPER)),
-    Row(Com.TCP,            range(2), _POSE,   "flange frame: 0 TCP, 1 point to turn about"),
-    Row(Com.HEARTBEAT,      range(1), _NONE,   "nothing else to say"),
+    Row(Com.TCP,            range(2), _POSE,   "flange frame: 0 TCP, 1 centre of rotation"),
+    Row(Com.HEARTBEAT,      range(1), _NONE,   "keep-alive, when nothing else is sent"),
     Row(Com.SET_POINT,      range(1), _POSE,   "one pose of a stream"),
     Row(Com.FORCE_SET_POINT, range(1), _WRENCH, "set point of the wrench, base axes"),
-    Row(Com.POSE,           _COUNT,   _POSE,   "flange pose; ID = last command taken"),
+    Row(Com.POSE,           _COUNT,   _POSE,   "flange pose; ID = last command accepted"),
     Row(Com.JOINTS,         _COUNT,   _JOINTS, "joint angles; ID = last command framed"),
     Row(Com.HEALTH,         _CODE,    _HEALTH, "health; Param = error code"),
 )}
@@ -166,12 +166,12 @@ def next_id(id_: int) -> int:
 
 
 def ids_since(earlier: int, later: int) -> int:
-    """Return how many IDs lie after `earlier`, up to and with `later`, round the ring."""
+    """Return the number of IDs after `earlier` up to and including `later`, modulo ID_COUNT."""
     return (later - earlier) % ID_COUNT
 
 
 def pack_status(counter: int, status: Status) -> int:
-    """Return Param of 101 and 102. The counter goes round at 240.
+    """Return Param of 101 and 102. The counter wraps at 240.
 
     Raises LocalProtocolError for status bits outside the eleven.
     """
@@ -183,7 +183,7 @@ def pack_status(counter: int, status: Status) -> int:
 def unpack_status(param: int) -> tuple[int, Status]:
     """Return (counter, status) of Param in 101 and 102.
 
-    Raises RemoteProtocolError when no counter and status make that number.
+    Raises RemoteProtocolError when the number is not a counter and status.
     """
     if not 0 <= param < COUNTER_SPAN * STATUS_SPAN:
         raise RemoteProtocolError(
@@ -195,7 +195,7 @@ def unpack_status(param: int) -> tuple[int, Status]:
 
 
 def greeting(arm: int) -> int:
-    """Return Param of hello: our version and the number of an arm."""
+    """Return Param of hello: this protocol version and the number of an arm."""
     return PROTOCOL_VERSION * ARMS + arm
 
 
@@ -211,6 +211,6 @@ def known(com: int, param: int) -> Com:
     row = TABLE[Com(com)]
     if param not in row.params:
         raise RemoteProtocolError(
-            f"Param {param} of command {com} ({row.com.name}), it takes 0 to {row.params[-1]}"
+            f"Param {param} of command {com} ({row.com.name}) must be 0 to {row.params[-1]}"
         )
     return row.com

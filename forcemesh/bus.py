@@ -1,7 +1,7 @@
-"""The bus as services see it: publishers, readers that judge, inboxes; checked against the table.
+"""Bus endpoints: publishers, checked readers and inboxes, all verified against the topic table.
 
-What carries the bytes is a `Transport`: Zenoh between processes (`forcemesh.zenoh_session`), or
-memory inside one process on a virtual clock (`common.bus.memory_bus`). Services cannot tell which.
+A `Transport` carries the bytes: Zenoh between processes (`forcemesh.zenoh_session`), or memory
+inside one process on a virtual clock (`common.bus.memory_bus`). Services do not depend on which.
 """
 
 import secrets
@@ -41,7 +41,7 @@ MOST_AT_ONCE = 4  # requests of one kind in one step
 
 
 class Call(Protocol):
-    """One request waiting for its answer."""
+    """One pending request."""
 
     data: bytes
 
@@ -53,39 +53,39 @@ class CallSource(Protocol):
     """Requests of one key in the order of their arrival."""
 
     def take(self) -> Call | None:
-        """Return the oldest request that was not taken yet, or None."""
+        """Return the oldest request not yet taken, or None."""
 
 
 class Transport(Protocol):
-    """What carries bytes by key."""
+    """Transport of bytes by key."""
 
     def publish(self, key: str, qos: Qos) -> Callable[[bytes], None]:
-        """Return the function that puts bytes on a key."""
+        """Return the function that publishes bytes on a key."""
 
     def subscribe(self, key: str, room: int = 1) -> Source:
-        """Return a source of the newest bytes on a key, or of so many that nobody took yet."""
+        """Return a source of the newest `room` payloads on a key."""
 
     def serve(self, key: str) -> CallSource:
-        """Return the requests that come in on a key."""
+        """Return the source of requests on a key."""
 
     def ask(self, key: str, data: bytes, timeout_s: float) -> bytes | None:
-        """Return the answer to a request, or None when nobody answered in time."""
+        """Return the reply to a request, or None after the timeout."""
 
 
 class Timing(Protocol):
-    """How often topics come and when they are stale: the cell file."""
+    """Stale times of topics, from the cell file."""
 
     def stale_after_s(self, topic: Topic[Any]) -> float:
-        """Return the age [s] from which on a topic is stale."""
+        """Return the age [s] above which a topic is stale."""
 
 
 class Publisher(Generic[M]):
-    """The one writer of a topic: stamps and numbers what it sends."""
+    """The only publisher of a topic: adds time stamp and sequence number."""
 
     def __init__(
         self, topic: Topic[M], put: Callable[[bytes], None], clock: Clock, epoch: int, *, cell: str
     ) -> None:
-        """Wrap a transport's put."""
+        """Wrap the publish function of a transport."""
         self.topic = topic
         self._address = f"{cell}/{topic.key}"
         self.seq = 0
@@ -94,7 +94,7 @@ class Publisher(Generic[M]):
         self._epoch = epoch
 
     def put(self, message: M, origin: Origin | None = None) -> Header:
-        """Send a message, with the sensor sample behind it if there is one."""
+        """Publish a message, with the sensor sample it is based on, if any."""
         self.seq += 1
         header = Header(
             seq=self.seq,
@@ -111,14 +111,14 @@ class Publisher(Generic[M]):
 
 @dataclass(frozen=True, slots=True)
 class Incoming(Generic[Q]):
-    """A request to be served, and the way to answer it."""
+    """A received request, with its reply function."""
 
     request: Q
     call: Call
-    complaint: str = ""  # why it could not be decoded, where it is served all the same
+    complaint: str = ""  # why it could not be decoded, if it is served anyway
 
     def reply(self, reply: Reply) -> None:
-        """Answer; a request that could not be decoded is told so after it was served."""
+        """Send the reply; for a request that could not be decoded, add the decoding error."""
         if self.complaint:
             text = f"{reply.text}; the request itself cannot be decoded: {self.complaint}"
             told = refusal("malformed", text)
@@ -130,18 +130,18 @@ class Inbox(Generic[Q]):
     """The requests of one row of the table, for the service that serves it."""
 
     def __init__(self, request: Request[Q], source: CallSource, *, cell: str) -> None:
-        """Wrap the source of a request of a cell."""
+        """Wrap the source of one request of a cell."""
         self._request = request
         self._address = f"{cell}/{request.key}"
         self._source = source
 
     def take_all(self) -> Iterator[Incoming[Q]]:
-        """Yield what has come in; a request that does not decode is refused on the spot.
+        """Yield received requests; refuse a request that does not decode.
 
-        A hold is not: it is served first, and complained of in its answer.
+        Exception: a hold is served anyway, and its reply reports the decoding error.
 
-        At most so many at once: whoever asks without end must not keep a control loop from its
-        work. The rest waits for the next step, and is dropped at the source when it is too much.
+        At most MOST_AT_ONCE per step, so that a flood of requests cannot block a control loop. The
+        rest waits for the next step; the source drops the excess.
         """
         for _ in range(MOST_AT_ONCE):
             if (call := self._source.take()) is None:
@@ -157,7 +157,7 @@ class Inbox(Generic[Q]):
 
 @dataclass(slots=True)
 class Bus:
-    """A role's view of one cell's bus: it refuses what the table does not give to that role."""
+    """A role's access to one cell's bus: it refuses what the topic table does not grant."""
 
     role: str
     cell: str
@@ -167,11 +167,11 @@ class Bus:
     epoch: int = field(default_factory=lambda: secrets.randbits(62))
 
     def playing(self, role: str) -> "Bus":
-        """Return the view of another role that the same process plays."""
+        """Return the access of another role of the same process."""
         return replace(self, role=role, epoch=secrets.randbits(62))
 
     def publisher(self, topic: Topic[M]) -> Publisher[M]:
-        """Return the writer of a topic. Raise BusError unless the table names this role."""
+        """Return the publisher of a topic. Raise BusError unless the table names this role."""
         if topic.writer != self.role:
             raise BusError(f"{self.role} may not write {topic.key}: {topic.writer} does")
         put = self.transport.publish(f"{self.cell}/{topic.key}", topic.qos)
@@ -186,25 +186,25 @@ class Bus:
         return Reader(topic, source, self.clock, stale_after_s, cell=self.cell)
 
     def tap(self, topic: Topic[Any], room: int) -> Source:
-        """Return every message of a topic as bytes, in order; `room` of them may wait.
+        """Return a source of every message of a topic as bytes, in order, with a queue of `room`.
 
-        Raises BusError unless this role is a client or helps one: it hears, and judges nothing.
+        Raises BusError unless this role is a client or helper. Messages are not checked.
         """
         if self.role not in (CLIENT, *HELPERS):
             raise BusError(f"{self.role} may not tap {topic.key}: only clients and helpers may")
         return self.transport.subscribe(f"{self.cell}/{topic.key}", room)
 
     def inbox(self, request: Request[Q]) -> Inbox[Q]:
-        """Return the requests that this role serves."""
+        """Return the inbox of a request that this role serves."""
         if request.server != self.role:
             raise BusError(f"{self.role} does not serve {request.key}: {request.server} does")
         source = self.transport.serve(f"{self.cell}/{request.key}")
         return Inbox(request, source, cell=self.cell)
 
     def ask(self, request: Request[Q], message: Q, timeout_s: float = 2.0) -> Reply:
-        """Send a request and return the answer. Raise BusError when nobody answers."""
+        """Send a request and return the reply. Raise BusError after the timeout."""
         if self.role != CLIENT:
-            raise BusError(f"only clients send requests, {self.role} is none")
+            raise BusError(f"only clients send requests, {self.role} is not a client")
         key = f"{self.cell}/{request.key}"
         data = self.transport.ask(key, encode_record(message, key), timeout_s)
         if data is None:

@@ -1,4 +1,4 @@
-"""Time as monotonic integer nanoseconds, from a clock that tests can drive."""
+"""Clocks: time as monotonic integer nanoseconds, with a virtual clock for tests."""
 
 import time
 from pathlib import Path
@@ -8,7 +8,7 @@ NS_PER_S = 1_000_000_000
 
 
 class Clock(Protocol):
-    """Where every service takes its time from."""
+    """Time source of every service."""
 
     @property
     def boot(self) -> str:
@@ -43,15 +43,15 @@ class MonotonicClock:
 
 
 class ManualClock:
-    """Virtual time: moves only when it is told to."""
+    """Virtual clock: advances only on request."""
 
     def __init__(self, start_ns: int = NS_PER_S) -> None:
-        """Start at a time that is not zero, so that a forgotten zero shows."""
+        """Start at a non-zero time, so that an uninitialised stamp is visible."""
         self._now_ns = start_ns
 
     @property
     def boot(self) -> str:
-        """All virtual clocks of one run are one clock."""
+        """Common identity of all virtual clocks of a run."""
         return "virtual"
 
     def now_ns(self) -> int:
@@ -59,16 +59,16 @@ class ManualClock:
         return self._now_ns
 
     def sleep_s(self, duration_s: float) -> None:
-        """Move the time on."""
+        """Advance the time."""
         self.advance_ns(round(duration_s * NS_PER_S))
 
     def advance_ns(self, duration_ns: int) -> None:
-        """Move the time on."""
+        """Advance the time."""
         self._now_ns += duration_ns
 
 
 def _host_boot_id() -> str:
-    """Return the kernel's boot id with the time namespace, or a name that equals no other."""
+    """Return the kernel's boot id with the time namespace, or a unique name."""
     try:
         boot = Path("/proc/sys/kernel/random/boot_id").read_text(encoding="ascii").strip()
         namespace = Path("/proc/self/ns/time")

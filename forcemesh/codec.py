@@ -1,7 +1,7 @@
-"""Messages to bytes and back: one flat MessagePack map with header and body side by side.
+"""Message codec: one flat MessagePack map with header and body side by side.
 
-Any language reads it with plain msgpack. Everything that comes in is bounded in size, typed and
-finite, or it is refused; nothing is guessed.
+Any language reads it with plain msgpack. Input that is not bounded in size, of the right type and
+finite is rejected.
 """
 
 from functools import lru_cache
@@ -14,7 +14,7 @@ from forcemesh.errors import MessageError, MisroutedError, first_mistake
 from forcemesh.messages import Message, Record
 
 SCHEMA_VERSION = 2  # 2: an address names the cell too; 1: the key alone
-RECORDED_VERSIONS = (1, SCHEMA_VERSION)  # which recordings still open
+RECORDED_VERSIONS = (1, SCHEMA_VERSION)  # readable in recordings
 MAX_BYTES = 4096
 MAX_ITEMS = 64
 
@@ -25,20 +25,20 @@ M = TypeVar("M", bound=Message)
 class Version(Record):
     """First fields of every message, request and reply: schema version and address.
 
-    After a hub was cut off for seconds, Zenoh has been seen to deliver a message to the reader of
-    another key. Most messages decode there as well, and one of another cell always does.
+    After a hub was disconnected for seconds, Zenoh was observed to deliver a message to the reader
+    of another key. Most messages decode there as well, and one of another cell always does.
     """
 
     v: int = SCHEMA_VERSION
-    topic: str = ""  # address it was written for: <cell>/<key>
+    topic: str = ""  # address of publication: <cell>/<key>
 
 
 class Header(Version):
-    """What stands before every message: who said it when, and the sensor sample behind it."""
+    """Header of every message: publisher, time, and the sensor sample it is based on."""
 
     seq: int
-    epoch: int  # random per start of the writer
-    boot: str  # clock that the stamps are of
+    epoch: int  # random number per start of the publisher
+    boot: str  # identity of the clock of the stamps
     stamp_ns: int
     sensor_stamp_ns: int | None = None
     sensor_seq: int | None = None
@@ -49,18 +49,18 @@ HEADER_FIELDS = frozenset(Header.model_fields)
 
 
 def encode(header: Header, message: Message) -> bytes:
-    """Return the bytes of a message under its header."""
+    """Return the bytes of a header and message."""
     return pack(vars(header) | message.model_dump())  # a header is flat
 
 
 @lru_cache(maxsize=64)
 def decode(data: bytes, message_type: type[M], address: str | None = None) -> tuple[Header, M]:
-    """Return header and message, of one address `<cell>/<key>` where it is named.
+    """Return header and message; check the address `<cell>/<key>` if one is named.
 
-    Both are values: readers of one process (several roles may share it) share what one has read.
+    Both are immutable: readers of one process (several roles may share it) share the result.
 
-    Raise MisroutedError when the bytes do not say that they were written for that address, and
-    MessageError when they are anything else but a header and such a message.
+    Raise MisroutedError when the bytes carry another address, and MessageError when they are not a
+    header and a message of this type.
     """
     fields = unpack(data)
     header = _of_this_version(fields, Header)
@@ -70,23 +70,22 @@ def decode(data: bytes, message_type: type[M], address: str | None = None) -> tu
 
 
 def decode_recorded(data: bytes, message_type: type[M], key: str) -> tuple[Header, M]:
-    """Return header and message of a recording, of this schema version or of an older one.
+    """Return header and message of a recording of this or an older schema version.
 
-    Raise MisroutedError when they were written for another key, of whichever cell, and
-    MessageError as `decode` does.
+    Raise MisroutedError when they carry another key, of any cell, and MessageError as `decode`.
     """
     fields = unpack(data)
     header = _of_this_version(fields, Header, RECORDED_VERSIONS)
     written_for = header.topic if header.v == 1 else header.topic.partition("/")[2]
     if written_for != key:
-        raise MisroutedError(f"written for {header.topic[:80]!r}, and recorded as {key}")
+        raise MisroutedError(f"addressed to {header.topic[:80]!r}, but recorded as {key}")
     return header, _validate(fields, message_type)
 
 
 def readdressed(data: bytes, address: str) -> bytes:
-    """Return a recorded message as it is published now under an address.
+    """Return a recorded message with a new address and the present schema version.
 
-    Other fields keep their values; bytes that need no change, or are no message, stay as they are.
+    Other fields keep their values; bytes that need no change or are no message are unchanged.
     """
     try:
         fields = unpack(data)
@@ -99,15 +98,15 @@ def readdressed(data: bytes, address: str) -> bytes:
 
 
 def encode_record(record: Record, address: str = "") -> bytes:
-    """Return the bytes of a request, with the address that it is for, or of a reply: no header."""
+    """Return the bytes of a request, with its address, or of a reply: without a header."""
     return pack(Version(topic=address).model_dump() | record.model_dump())
 
 
 def decode_record(data: bytes, record_type: type[R], address: str = "") -> R:
     """Return a request or a reply.
 
-    Raise MisroutedError when the bytes say that they are for another address, MessageError when
-    they are anything else. A client of one's own may leave the address of a request out.
+    Raise MisroutedError when the bytes carry another address, MessageError when they are not such a
+    record. A third-party client may omit the address of a request.
     """
     fields = unpack(data)
     version = _of_this_version(fields, Version)
@@ -117,7 +116,7 @@ def decode_record(data: bytes, record_type: type[R], address: str = "") -> R:
 
 
 def pack(fields: dict[str, Any]) -> bytes:
-    """Return the bytes of fields as they stand. Raise MessageError when they do not fit."""
+    """Return the bytes of fields. Raise MessageError when they do not fit."""
     try:
         data: bytes = msgpack.packb(fields)
     except OverflowError as error:
@@ -128,7 +127,7 @@ def pack(fields: dict[str, Any]) -> bytes:
 
 
 def unpack(data: bytes) -> dict[str, Any]:
-    """Return the fields that somebody sent. Raise MessageError where it is no map in bounds."""
+    """Return the fields of a payload. Raise MessageError when it is not a map within bounds."""
     if len(data) > MAX_BYTES:
         raise MessageError(f"message of {len(data)} bytes, the limit is {MAX_BYTES}")
     try:
@@ -150,16 +149,16 @@ def unpack(data: bytes) -> dict[str, Any]:
 def _of_this_version(
     fields: dict[str, object], head_type: type[V], versions: tuple[int, ...] = (SCHEMA_VERSION,)
 ) -> V:
-    """Return what stands before a body; another version is reported first, its head may differ."""
+    """Return the header; report another version first, because its header may differ."""
     version = fields.get("v", SCHEMA_VERSION)
     if type(version) is int and version not in versions:
-        raise MessageError(f"schema version {version}, this program speaks {SCHEMA_VERSION}")
+        raise MessageError(f"schema version {version}, this program uses {SCHEMA_VERSION}")
     return _validate(fields, head_type)
 
 
 def _refuse_other(head: Version, allowed: tuple[str, ...], here: str) -> None:
     if head.topic not in allowed:
-        raise MisroutedError(f"written for {head.topic[:80]!r}, and came to {here}")
+        raise MisroutedError(f"addressed to {head.topic[:80]!r}, but received on {here}")
 
 
 def _validate(fields: dict[str, object], record_type: type[R]) -> R:

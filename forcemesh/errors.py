@@ -1,21 +1,21 @@
-"""Every exception that forcemesh raises on purpose.
+"""Exception tree of forcemesh.
 
 ForcemeshError
 ├── ConfigError            a cell file is wrong; lists every mistake at once
-├── DataError              what was given is wrong: a file, with line and column, or a number
-├── BusError               the hub cannot be reached, or a topic is used against the table
-│   ├── SetupError             it cannot be used as this PC is set up: a certificate, an address
-│   └── LostError              a service or the whole cell is not heard; says which
-├── MessageError           bytes from the bus are not the message that the table promises
-│   └── MisroutedError         they were written for another topic or request
+├── DataError              input is wrong: a file, with line and column, or a number
+├── BusError               the hub cannot be reached, or a topic is used against the topic table
+│   ├── SetupError             the set-up of this PC is wrong: a certificate, an address
+│   └── LostError              no messages from a service or the whole cell; names them
+├── MessageError           bytes from the bus are not a message of the topic's type
+│   └── MisroutedError         they are addressed to another topic or request
 ├── RefusedError           a request was refused; carries code, remedy, number and limit
-├── ArmStoppedError        the arm was stopped while somebody waited; carries code and remedy
-├── NotReachedError        what was waited for did not come about in time
-├── NotValidError          a service says that it cannot answer; carries code and remedy
-├── SimulationError        the physics diverged or was asked the impossible
-└── ProtocolError          the dialogue with the controller is broken
-    ├── LocalProtocolError     we were about to break it; nothing has been sent
-    └── RemoteProtocolError    the controller broke it; the link must be closed
+├── ArmStoppedError        the arm was stopped during a wait; carries code and remedy
+├── NotReachedError        the awaited condition was not reached in time
+├── NotValidError          a service publishes `valid=False`; carries code and remedy
+├── SimulationError        the physics diverged or cannot execute a command
+└── ProtocolError          the controller protocol is violated
+    ├── LocalProtocolError     by this side; nothing has been sent
+    └── RemoteProtocolError    by the controller; the link must be closed
 
 In the control loop bad data is not an exception: it is a message with valid=False and a reason.
 """
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from pydantic import ValidationError
 
 
-# Units that sentences for people use; the numbers beside a sentence are in SI.
+# Units used in error texts; `value` and `limit` are in SI.
 PER_SI = {
     "degrees/s": 180.0 / pi,
     "degrees": 180.0 / pi,
@@ -41,14 +41,14 @@ PER_SI = {
 }
 PER_SI |= dict.fromkeys(("m/s", "m", "s", "N m", "N", "kg", "Hz", "rad"), 1.0)
 IN_A_UNIT = re.compile(rf"(-?\d+(?:\.\d+)?) ({'|'.join(PER_SI)})(?![\w/])")
-SAME = 0.6  # a sentence rounds
+SAME = 0.6  # tolerance: the text is rounded
 
 
 class ForcemeshError(Exception):
-    """Base of all of them; its text is one clear sentence for the user."""
+    """Base of all forcemesh exceptions; its text is one sentence for the user."""
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Travel from a worker process to whoever waits for it, whatever the constructor takes."""
+        """Support pickling from a worker process, whatever the constructor takes."""
         return _again, (type(self), self.args, self.__dict__)
 
 
@@ -59,7 +59,7 @@ def _again(kind: type[ForcemeshError], args: tuple[Any, ...], held: Any) -> Forc
 
 
 class ConfigError(ForcemeshError):
-    """A cell file is wrong. `mistakes` holds one line for each."""
+    """A cell file is wrong. `mistakes` holds one line for each mistake."""
 
     def __init__(self, source: str, mistakes: list[str]) -> None:
         """Name the file and list every mistake in it."""
@@ -73,22 +73,22 @@ class ConfigError(ForcemeshError):
 
 
 class DataError(ForcemeshError):
-    """What was given cannot be used: a recording, a calibration file, a number."""
+    """Input cannot be used: a recording, a calibration file, a number."""
 
 
 class BusError(ForcemeshError):
-    """The bus cannot be used, or is used against the table of topics."""
+    """The bus cannot be used, or is used against the topic table."""
 
 
 class SetupError(BusError):
-    """The bus cannot be used as this PC is set up: a certificate is missing, or all may listen."""
+    """The set-up of this PC is wrong: a certificate is missing, or the bus is open to others."""
 
 
 class LostError(BusError):
-    """A service that is needed, or the whole cell, is not heard any more. `roles` says which."""
+    """No messages from a required service or from the whole cell. `roles` names them."""
 
     def __init__(self, text: str, roles: tuple[str, ...] = (), *, is_all: bool = False) -> None:
-        """Keep the silent roles, and whether they are all, for programs, the text for people."""
+        """Keep the silent roles, and whether all are silent, for programs, the text for people."""
         self.roles, self.is_all = roles, is_all
         super().__init__(text)
 
@@ -96,7 +96,7 @@ class LostError(BusError):
 class MessageError(ForcemeshError):
     """Bytes from the bus do not decode into the message of their topic.
 
-    `code` is the row of forcemesh/faults.py that says why: undecodable or not_finite.
+    `code` is the row of forcemesh/faults.py: undecodable or not_finite.
     """
 
     def __init__(self, text: str, code: str = "undecodable") -> None:
@@ -106,16 +106,16 @@ class MessageError(ForcemeshError):
 
 
 class MisroutedError(MessageError):
-    """Bytes from the bus were written for another topic or request than they came to."""
+    """Bytes from the bus carry the address of another topic or request."""
 
 
 def _with_remedy(text: str, remedy: str) -> str:
-    """Return a sentence and what to do, where it does not end with that already."""
+    """Return a text with its remedy appended, unless the text already ends with it."""
     return text if text.endswith(remedy) else f"{text} -> {remedy}"
 
 
 def _numbers(text: str, value: float | None, limit: float | None) -> str:
-    """Return the numbers that belong to a sentence, in the unit that the sentence itself uses."""
+    """Return the numbers that complete a text, in the unit that the text uses."""
     for said, unit in IN_A_UNIT.findall(text):
         scale = PER_SI[unit]
         if value is not None and abs(float(said) - scale * value) <= SAME * max(1.0, abs(value)):
@@ -128,7 +128,7 @@ def _numbers(text: str, value: float | None, limit: float | None) -> str:
 
 
 class RefusedError(ForcemeshError):
-    """A request was refused by the service that serves it."""
+    """The service refused a request."""
 
     def __init__(
         self,
@@ -139,7 +139,7 @@ class RefusedError(ForcemeshError):
         value: float | None = None,
         limit: float | None = None,
     ) -> None:
-        """Keep the code for programs, text and remedy for people, the number that was too much."""
+        """Keep the code for programs, text and remedy for people, and the offending value."""
         self.code, self.text, self.remedy = code, text, remedy
         self.value, self.limit = value, limit
         found = f"{text}{_numbers(text, value, limit)}"
@@ -147,7 +147,7 @@ class RefusedError(ForcemeshError):
 
 
 class ArmStoppedError(ForcemeshError):
-    """The arm was stopped while somebody waited for what it was doing."""
+    """The arm was stopped while a client waited for its motion."""
 
     def __init__(self, code: str, text: str, remedy: str = "") -> None:
         """Keep the code for programs, text and remedy for people."""
@@ -156,11 +156,11 @@ class ArmStoppedError(ForcemeshError):
 
 
 class NotReachedError(ForcemeshError):
-    """What was waited for did not come about in time, or ended before."""
+    """The awaited condition was not reached in time, or the motion ended before."""
 
 
 class NotValidError(ForcemeshError):
-    """A service is heard, and says that it cannot answer."""
+    """A service is alive, but publishes `valid=False`."""
 
     def __init__(self, code: str, text: str, remedy: str = "") -> None:
         """Keep the code for programs, text and remedy for people."""
@@ -169,32 +169,32 @@ class NotValidError(ForcemeshError):
 
 
 class SimulationError(ForcemeshError):
-    """The simulated robot cannot go on."""
+    """The simulation cannot continue."""
 
 
 class ProtocolError(ForcemeshError):
-    """The dialogue with the controller is broken."""
+    """The controller protocol is violated."""
 
 
 class LocalProtocolError(ProtocolError):
-    """We were about to send something that the protocol cannot carry. Nothing was sent."""
+    """This side tried to send something that the protocol cannot carry. Nothing was sent."""
 
 
 class RemoteProtocolError(ProtocolError):
-    """The controller sent something that the protocol does not allow. Close the link."""
+    """The controller violated the protocol. Close the link."""
 
 
 class Mistake(NamedTuple):
-    """One field of a model that is wrong."""
+    """One invalid field of a model."""
 
     where: str  # the field, dotted; "" for the whole
-    what: str  # and what was found
+    what: str  # the finding
     kind: str  # pydantic's name for it
     found: object
 
     @property
     def text(self) -> str:
-        """One clause for whoever gave it."""
+        """The mistake as one clause."""
         return f"{self.where}: {self.what}" if self.where else self.what
 
 

@@ -1,9 +1,9 @@
-"""Who a process is on a bus that leaves this machine: its certificate, and what it must not do.
+"""Identity of a process on a networked bus: certificate files, and refusal of open endpoints.
 
-Every name on the bus has two files, `<name>.pem` and `<name>.key`, beside the authority's `ca.pem`.
+Every name on the bus has two files, `<name>.pem` and `<name>.key`, and the authority has `ca.pem`.
 Names are the roles and helpers of forcemesh/topics.py, the people `operator` and `monitor`, and the
-`panel`, which asks for whoever sits at it; the certificate says `<name>.<cell>`, so that what
-belongs to one cell opens nothing in another.
+`panel`, which acts for its user; the common name is `<name>.<cell>`, so that a certificate of one
+cell is not valid in another.
 """
 
 import os
@@ -20,7 +20,7 @@ NAME_VARIABLE = "FORCEMESH_NAME"
 DEFAULT_FOLDER = "~/.config/forcemesh/pki"
 AUTHORITY = "ca"
 HUB = "hub"
-# Of the panel's page, for browsers: an authority that nobody on the bus trusts.
+# Of the panel's page, for browsers: an authority that is not trusted on the bus.
 PAGE_AUTHORITY, PAGE = "panel-ca", "panel-page"
 OPERATOR, MONITOR = "operator", "monitor"
 PANEL = "panel"
@@ -31,17 +31,17 @@ IN_THE_KERNEL = ("unixsock-stream", "unixpipe", "vsock")
 
 
 def common_name(name: str, cell: str) -> str:
-    """Return what a certificate says: by this the hub tells who may say what."""
+    """Return the common name of a certificate, by which the hub grants access."""
     return f"{name}.{cell}"
 
 
 def is_encrypted(endpoint: str) -> bool:
-    """Tell whether an endpoint asks for certificates."""
+    """Return whether an endpoint requires certificates."""
     return endpoint.partition("/")[0] in ENCRYPTED
 
 
 def stays_here(endpoint: str) -> bool:
-    """Tell whether nobody outside this machine can reach an endpoint."""
+    """Return whether an endpoint can only be reached from this machine."""
     scheme, _, where = endpoint.partition("/")
     if scheme in IN_THE_KERNEL:
         return True
@@ -50,24 +50,24 @@ def stays_here(endpoint: str) -> bool:
 
 
 def refuse_in_the_clear(cell: Reachable, endpoint: str) -> None:
-    """Keep a bus that others can reach from being used without certificates.
+    """Refuse a bus that is reachable by other machines without certificates.
 
     Raises:
-        SetupError: The endpoint leaves this machine, is not encrypted, and the cell file does not
-            say in so many words that this is wanted.
+        SetupError: The endpoint is reachable from outside, is not encrypted, and the cell file does
+            not permit this explicitly.
     """
     if is_encrypted(endpoint) or stays_here(endpoint) or cell.bus.insecure:
         return
     secure = f"tls/{endpoint.partition('/')[2]}"
     raise SetupError(
-        f"refused: {endpoint} is reached from outside this machine and asks nobody who he is; "
+        f"refused: {endpoint} is reachable from outside this machine without authentication; "
         f"use {secure} with `forcemesh pki init`, or write `insecure: true` in the section `bus` "
-        "of the cell file, then anybody in reach may move the arm"
+        "of the cell file: any client that reaches it may then move the arm"
     )
 
 
 def folder_of(cell: Reachable) -> Path:
-    """Return where the certificates are: the environment may move it."""
+    """Return the folder of the certificates: from the environment, else from the cell file."""
     moved = os.environ.get(FOLDER_VARIABLE)
     named = None if cell.bus.tls is None else cell.bus.tls.folder
     return Path(moved or named or f"{DEFAULT_FOLDER}/{cell.cell}").expanduser()
@@ -75,28 +75,28 @@ def folder_of(cell: Reachable) -> Path:
 
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """A name on the bus and the files that prove it."""
+    """A name on the bus, with its certificate files."""
 
     name: str
     folder: Path
 
     @property
     def authority(self) -> Path:
-        """Return the file that all trust."""
+        """Return the certificate file of the authority."""
         return self.folder / f"{AUTHORITY}.pem"
 
     @property
     def certificate(self) -> Path:
-        """Return the file that is shown."""
+        """Return the certificate file."""
         return self.folder / f"{self.name}.pem"
 
     @property
     def key(self) -> Path:
-        """Return the file that is kept."""
+        """Return the private key file."""
         return self.folder / f"{self.name}.key"
 
     def settings(self) -> dict[str, object]:
-        """Return what Zenoh is told of it, for either end of a link; both ends show theirs."""
+        """Return the Zenoh settings for either end of a link (mutual TLS)."""
         return {
             "root_ca_certificate": str(self.authority),
             "enable_mtls": True,
@@ -110,10 +110,10 @@ class Identity:
 
 
 def identity_of(cell: Reachable, role: str) -> Identity:
-    """Return who a role is. A client is who the environment says, else the first one it can be.
+    """Return the identity of a role; of a client: from the environment, else the first available.
 
     Raises:
-        SetupError: A file is missing or cannot be read; the remedy is named.
+        SetupError: A file is missing or unreadable; names the remedy.
     """
     folder = folder_of(cell)
     name = _client_name(folder) if role == CLIENT else role
@@ -124,19 +124,19 @@ def identity_of(cell: Reachable, role: str) -> Identity:
         except FileNotFoundError:
             raise SetupError(
                 f"no certificate for {name}: {path} is missing; `forcemesh pki init --cell FILE` "
-                f"makes all of a cell, `forcemesh pki issue {name} --cell FILE` one, "
-                f"{FOLDER_VARIABLE} says where they are"
+                f"makes all of a cell, `forcemesh pki issue {name} --cell FILE` only this one, "
+                f"{FOLDER_VARIABLE} names their folder"
             ) from None
         except OSError as error:
             raise SetupError(
-                f"no certificate for {name}: {path} cannot be read ({error.strerror}); give it to "
-                "the user that runs this process"
+                f"no certificate for {name}: {path} cannot be read ({error.strerror}); make it "
+                "readable by the user that runs this process"
             ) from None
     return identity
 
 
 def _client_name(folder: Path) -> str:
-    """Return the person that a client speaks for; in a container it is the container's own role."""
+    """Return the name that a client uses; in a container that of the container's role."""
     named = os.environ.get(NAME_VARIABLE)
     if named:
         return named

@@ -1,10 +1,10 @@
-"""What is said on the bus: one class per message, one class per frame, units in the names.
+"""Messages of the bus: one class per message, one class per frame, units in the names.
 
-Every number is checked to be finite and every field to be of its type when a message is made, so
-a message that exists is a message that can be trusted. A writer that cannot answer publishes
-`valid=False` with a reason at its usual rate: an idle service and a dead one must not look alike.
+The constructor checks the type of every field and that every number is finite, so every message
+object is well-formed. A publisher without a valid result publishes `valid=False` with a reason at
+its usual rate: an idle service must differ from a dead one.
 
-Sign, once for all: a positive force or torque means that the environment pushes the robot.
+Sign convention: a positive force or torque means that the environment pushes the robot.
 """
 
 from typing import Annotated, Literal
@@ -14,19 +14,19 @@ from pydantic import BaseModel, ConfigDict, Field
 Vec3 = tuple[float, float, float]
 Vec6 = tuple[float, float, float, float, float, float]
 Quaternion = tuple[float, float, float, float]
-Gain = Annotated[float, Field(ge=0.0)]  # a negative gain would push where it shall give way
+Gain = Annotated[float, Field(ge=0.0)]  # a negative gain would push instead of yield
 Gain3 = tuple[Gain, Gain, Gain]
 Text = Annotated[str, Field(max_length=500)]
 
 Mode = Literal["position", "orientation", "both"]
 Host = Literal["pc", "controller"]
 Law = Literal["plain", "adaptive"]  # of the regulator
-StartLaw = Literal["plain", "adaptive", "guide"]  # guide: give way to a hand
+StartLaw = Literal["plain", "adaptive", "guide"]  # guide: hand guiding
 Preset = Literal["gentle", "normal", "stiff"]  # of gains
 Commander = Literal["none", "regulator", "program", "operator"]
-Asker = Literal["operator", "program"]  # who may ask for motion
-ArmPurpose = Literal["all", "jog"]  # what a person arms for
-Purpose = Literal["all", "jog", "back_off"]  # the same, and for the arbiter's own way out
+Asker = Literal["operator", "program"]  # clients that may request motion
+ArmPurpose = Literal["all", "jog"]  # purpose of arming
+Purpose = Literal["all", "jog", "back_off"]  # the same, plus the arbiter's back-off
 
 ZERO3: Vec3 = (0.0, 0.0, 0.0)
 ZERO6: Vec6 = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -44,7 +44,7 @@ class Message(Record):
 
     valid: bool = True
     reason: Text = ""  # why it is not valid
-    code: Text = ""  # the same as a code of forcemesh/faults.py
+    code: Text = ""  # the reason as a code of forcemesh/faults.py
 
 
 class PoseRecord(Record):
@@ -71,7 +71,7 @@ class RobotStatus(Record):
 
 
 class Accepted(Record):
-    """Echo of the last command that the robot took, with the sensor sample behind it."""
+    """Echo of the last command that the robot accepted, with the sensor sample it is based on."""
 
     epoch: int
     seq: int
@@ -85,7 +85,7 @@ GoalState = Literal["none", "queued", "running", "done", "refused"]
 
 
 class GoalReport(Record):
-    """What became of the goal that the robot was given last."""
+    """State of the last goal sent to the robot."""
 
     id: int = 0
     state: GoalState = "none"
@@ -93,7 +93,7 @@ class GoalReport(Record):
 
 
 class LinkHealth(Record):
-    """Health of the way from this process to the arm."""
+    """Health of the link from this process to the arm."""
 
     connected: bool = False
     round_trip_s: float | None = None
@@ -111,9 +111,9 @@ class RobotState(Message):
     error_code: int = 0
     goal: GoalReport = GoalReport()
     accepted: Accepted | None = None
-    sent: PoseRecord | None = None  # last set point that left for the arm, flange in base
+    sent: PoseRecord | None = None  # last set point sent to the arm, flange in base
     hold_reason: Text = ""  # why the robot holds, empty while it may move
-    hold_code: Text = ""  # the same as a code of forcemesh/faults.py
+    hold_code: Text = ""  # the same reason as a code of forcemesh/faults.py
     link: LinkHealth = LinkHealth()
 
 
@@ -124,23 +124,23 @@ class SensorWrench(Message):
     torque_Nm: Vec3 = ZERO3
     status: Literal["ok", "saturated", "fault"] = "ok"
     counter: int = 0
-    serial: Text = ""  # number of the sensor, empty while it is not known
+    serial: Text = ""  # serial number of the sensor, empty while unknown
 
 
 class WrenchAtTcp(Message):
     """`wrench`: force and torque of the environment on the tool, base axes, about the TCP.
 
-    Filtered, free of bias and of the tool's weight; what the sensor said is kept beside it.
+    Filtered; bias and tool weight are subtracted; the raw reading is kept alongside.
     """
 
     force_N: Vec3 = ZERO3
     torque_Nm: Vec3 = ZERO3
     raw_force_N: Vec3 = ZERO3  # as read, sensor axes
     raw_torque_Nm: Vec3 = ZERO3  # as read, sensor axes, about the sensor origin
-    calibration: Text = ""  # which payload and bias are subtracted: a revision
+    calibration: Text = ""  # revision of the subtracted payload and bias
     calibrated: bool = False  # whether force feedback may rely on it
     calibration_fault: Text = ""  # why not
-    axes_checked: bool = False  # `forcemesh check axes` has found axes and signs right with it
+    axes_checked: bool = False  # `forcemesh check axes` has verified axes and signs with it
 
 
 class Gains(Record):
@@ -156,11 +156,11 @@ class Gains(Record):
 
 
 class Feedback(Record):
-    """Force feedback as the host `controller` shall run it."""
+    """Parameters of the force feedback that the host `controller` runs."""
 
     mode: Mode
     setpoint_force_N: Vec3 = ZERO3  # force of the environment on the tool, base axes
-    lever_m: Vec3 = ZERO3  # from the TCP to the point that the tool turns about, flange axes
+    lever_m: Vec3 = ZERO3  # from the TCP to the tool's centre of rotation, flange axes
     gains: Gains
 
 
@@ -170,13 +170,13 @@ class RegulatorTarget(Message):
     mode: Mode | None = None
     host: Host = "pc"
     law: StartLaw | None = None
-    setpoint_N: float | None = None  # asked for, along the tool's z axis; it is ramped to
+    setpoint_N: float | None = None  # requested, along the tool's z axis; reached by a ramp
     pose: PoseRecord | None = None  # flange in base
     feedback: Feedback | None = None
     contact: Literal["free", "approach", "contact"] = "free"
     error_force_N: Vec3 = ZERO3
     error_torque_Nm: Vec3 = ZERO3
-    path_left_m: float | None = None  # of the points that it goes along
+    path_left_m: float | None = None  # remaining length of the path
 
 
 class Speed(Record):
@@ -192,7 +192,7 @@ class Speed(Record):
 
 
 class Goal(Record):
-    """A move as the user means it: one packet, commands 1 to 3 of the specification."""
+    """A move as one packet: commands 1 to 3 of the specification."""
 
     id: int
     kind: Literal["pose", "joints", "by"]
@@ -201,19 +201,19 @@ class Goal(Record):
 
 
 class Permission(Record):
-    """Leave to move, and for how long: without it the robot does nothing and holds."""
+    """Permission to move, with a deadline: without it the robot holds."""
 
     host: Host
-    lease: int  # a new one each time that a person arms
+    lease: int  # a new number at each arming
     deadline_s: float
-    turn: int = 0  # a new one each time that somebody's command ends; at most one owner each
+    turn: int = 0  # a new number each time ownership ends; at most one owner each
     purpose: Purpose = (
-        "all"  # of the lease; back_off: other limits hold (common/motion/back_off.py)
+        "all"  # of the lease; back_off: other limits apply (common/motion/back_off.py)
     )
 
 
 class RobotCommand(Message):
-    """`robot/command`: what the arbiter lets through. A hold carries no permission."""
+    """`robot/command`: command released by the arbiter. A hold carries no permission."""
 
     kind: Literal["hold", "idle", "goal", "setpoint", "feedback"] = "hold"
     commander: Commander = "none"
@@ -221,12 +221,12 @@ class RobotCommand(Message):
     speed: Speed = Speed()
     goal: Goal | None = None
     pose: PoseRecord | None = None  # flange in base, for kind "setpoint"
-    limited: bool = False  # a limit was in the way: the regulator is to go on from this pose
+    limited: bool = False  # clipped by a limit: the regulator continues from this pose
     feedback: Feedback | None = None
 
 
 class Trip(Record):
-    """A rule that stopped the arm: its code, what was found, and the number that broke it."""
+    """A rule that stopped the arm: its code, the finding, and the value that broke it."""
 
     code: Text
     rule: int
@@ -243,17 +243,17 @@ MAY_MOVE: tuple[ArbiterState, ...] = (*GOES_ON, "STOPPING")
 
 
 class ArbiterStatus(Message):
-    """`arbiter/status`: who may move the arm, and if nobody, why, and what clears it."""
+    """`arbiter/status`: state, commander, the trips that stopped the arm, and what clears them."""
 
     state: ArbiterState = "BOOT"
     commander: Commander = "none"
-    next_commander: Commander = "none"  # who begins when the arm is at rest
-    goal_id: int = 0  # the move in hand or the one that waits; 0 for none
+    next_commander: Commander = "none"  # takes over when the arm is at rest
+    goal_id: int = 0  # the current or pending move; 0 for none
     lease: int = 0
-    turn: int = 0  # of who commands under this lease
+    turn: int = 0  # of the present owner under this lease
     armed_for: Purpose = "all"
     trips: tuple[Trip, ...] = ()
-    not_ready: tuple[Text, ...] = ()  # what arming would be refused for
+    not_ready: tuple[Text, ...] = ()  # reasons why arming would be refused
     clears: Text = ""
 
     @property
@@ -263,22 +263,22 @@ class ArbiterStatus(Message):
 
     @property
     def goes_on(self) -> bool:
-        """Whether it may move and nothing has stopped it."""
+        """Whether the arm may move and no trip has stopped it."""
         return self.state in GOES_ON
 
 
 class RecorderStatus(Message):
-    """`recorder/status`: what is written, and what is kept in memory; not valid when it cannot."""
+    """`recorder/status`: state of recording and ring buffer; not valid when it cannot write."""
 
     recording: bool = False
-    cause: Text = ""  # "asked", or the code of the fault for which memory is written out
-    file: Text = ""  # in which it writes, or wrote last
+    cause: Text = ""  # "asked", or the code of the fault that triggered the recording
+    file: Text = ""  # the present or last file
     file_bytes: int = 0
     messages: int = 0  # in this recording, all of its files together
-    lost: int = 0  # of them, by the gaps in their numbers
+    lost: int = 0  # of them, from gaps in the sequence numbers
     recorded_s: float = 0.0
-    memory_s: float = 0.0  # so far back memory reaches
-    memory_bytes: int = 0
+    memory_s: float = 0.0  # time span of the ring buffer
+    memory_bytes: int = 0  # size of the ring buffer
     free_bytes: int = 0  # on the disk
 
 
@@ -288,10 +288,10 @@ class Health(Message):
     pid: int = 0
     rate_hz: float = 0.0
     lateness_p99_s: float = 0.0
-    overruns: int = 0  # periods missed by far within the last second
+    overruns: int = 0  # periods far too long, within the last second
     longest_gap_s: float = 0.0  # between two steps, within the last second
     counters: dict[str, int] = {}
-    numbers: dict[str, float] = {}  # measured, units in the names; what is not known is left out
+    numbers: dict[str, float] = {}  # measured, units in the names; unknown values are omitted
     version: Text = ""
     config_hash: Text = ""
     fault: Text = ""

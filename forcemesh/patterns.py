@@ -1,10 +1,10 @@
-"""Names and addresses of a cell file: how each must be written, for the machine and in words."""
+"""Patterns of names and addresses in a cell file, each with a description for people."""
 
 CELL_NAME = r"^[a-z][a-z0-9_-]{0,30}$"
 ENDPOINT = r"^[a-z-]+/.+$"
-TOKEN = r"^[A-Za-z0-9_-]*$"  # noqa: S105 - the alphabet of tokens
+TOKEN = r"^[A-Za-z0-9_-]*$"  # noqa: S105 - the characters of tokens
 WORDS = {
-    CELL_NAME: "must be at most 31 small letters, digits, - and _, and begin with a letter",
+    CELL_NAME: "must be at most 31 lower-case letters, digits, - and _, and begin with a letter",
     ENDPOINT: "must be a protocol and an address, such as tcp/127.0.0.1:7447",
     TOKEN: "must be letters, digits, - and _",
 }

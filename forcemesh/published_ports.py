@@ -1,7 +1,7 @@
-"""Where containers are reached: the address on which compose publishes their ports.
+"""Published addresses of containers: the host addresses on which compose publishes their ports.
 
-Inside a container a process listens on every address of a network that ends at this machine; who
-can reach it is decided by the address on which its port is published. Compose says it.
+Inside a container a process listens on all addresses of a network that ends at this machine. The
+address on which compose publishes its port decides who can reach it.
 """
 
 import ipaddress
@@ -10,11 +10,11 @@ from collections.abc import Mapping
 
 HUB_PUBLISHED = "FORCEMESH_HUB_PUBLISHED"
 PANEL_PUBLISHED = "FORCEMESH_PANEL_PUBLISHED"
-HUB_HOSTS = ("hub", "0.0.0.0")  # noqa: S104 - as compose names the hub, and as the hub listens
+HUB_HOSTS = ("hub", "0.0.0.0")  # noqa: S104 - compose's name of the hub, and its listen address
 
 
 def is_loopback(host: str) -> bool:
-    """Tell whether nobody outside this machine reaches an address."""
+    """Return whether an address can only be reached from this machine."""
     try:
         return ipaddress.ip_address(host.strip("[]")).is_loopback
     except ValueError:
@@ -22,6 +22,6 @@ def is_loopback(host: str) -> bool:
 
 
 def hub_stays_here(host: str, environment: Mapping[str, str] = os.environ) -> bool:
-    """Tell whether a hub in a container, by the name that compose gives it, is for this machine."""
+    """Return whether the hub's container is published on this machine only."""
     published = environment.get(HUB_PUBLISHED, "")
     return host in HUB_HOSTS and bool(published) and is_loopback(published)

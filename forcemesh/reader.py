@@ -1,4 +1,4 @@
-"""Reads one topic: what comes in is checked, counted, and judged at every look."""
+"""Reader of one topic: checks and counts messages, and classifies the newest at every read."""
 
 from collections import deque
 from dataclasses import dataclass
@@ -12,49 +12,49 @@ from forcemesh.topics import Topic
 
 M = TypeVar("M", bound=Message)
 
-LONGEST_FAULT = 400  # leaves room for what the next service says before it
-CONFLICT_S = 1.0  # so long it is remembered that a topic had two writers at once
-RESTART_S = 0.1  # no process dies and speaks again within this
-MOST_RETIRED = 64  # former writers that are remembered; the oldest one is forgotten
-BAD_MESSAGES = 5  # more of them than good ones: something repeats, shuffles or spoils a topic
+LONGEST_FAULT = 400  # leaves room for a prefix of the next service
+CONFLICT_S = 1.0  # hold time of the flag that a topic has two publishers
+RESTART_S = 0.1  # shorter than any restart of a process
+MOST_RETIRED = 64  # stored former publishers; the oldest is dropped
+BAD_MESSAGES = 5  # excess of bad over good messages that is a fault
 
 
 class Source(Protocol):
-    """Newest bytes of one key; older ones that nobody took are gone."""
+    """Source of the newest bytes of one key; older ones not taken are dropped."""
 
     def take(self) -> bytes | None:
-        """Return the newest bytes that were not taken yet, or None."""
+        """Return the newest bytes not yet taken, or None."""
 
     def wait(self, timeout_s: float) -> None:
-        """Sleep until there are such bytes, or the time [s] is over."""
+        """Sleep until a message arrives, at most for a time [s]."""
 
 
 class Origin(NamedTuple):
-    """The sensor sample behind a message."""
+    """Sensor sample on which a message is based."""
 
     stamp_ns: int
     seq: int
 
 
 class Reading(NamedTuple, Generic[M]):
-    """What a reader knows: the last message, and what is wrong with it, if anything."""
+    """Result of a read: the last message, its age, and its fault, if any."""
 
     message: M | None
     header: Header | None
     age_s: float
     fault: str  # empty when the message is present, valid and fresh
-    silent: bool = False  # missing or stale: its writer is not heard
+    silent: bool = False  # missing or stale: no messages from its publisher
     code: str = ""  # of forcemesh/faults.py, for the fault
-    conflict: bool = False  # two processes have written it within the last second
+    conflict: bool = False  # two processes have published it within the last second
 
     @property
     def fresh(self) -> M | None:
-        """The message if nothing is wrong with it."""
+        """The message if it has no fault, else None."""
         return None if self.fault else self.message
 
     @property
     def origin(self) -> Origin | None:
-        """The sensor sample behind the message."""
+        """The sensor sample on which the message is based."""
         if self.header is None or self.header.sensor_stamp_ns is None:
             return None
         return Origin(self.header.sensor_stamp_ns, self.header.sensor_seq or 0)
@@ -62,20 +62,20 @@ class Reading(NamedTuple, Generic[M]):
 
 @dataclass(slots=True)
 class ReadCounters:
-    """What a reader dropped, and why."""
+    """Counters of received and dropped messages."""
 
     received: int = 0
     superseded: int = 0
     undecodable: int = 0
-    misrouted: int = 0  # written for another topic, or for another cell
+    misrouted: int = 0  # addressed to another topic or cell
     repeated: int = 0  # duplicate or reordered within one epoch
-    retired: int = 0  # from a writer that another one has followed: two writers
-    overlaps: int = 0  # changes of writer too quick for a restart: two writers
+    retired: int = 0  # from a replaced publisher: two publishers
+    overlaps: int = 0  # changes of publisher too fast for a restart: two publishers
     last_error: str = ""
 
 
 class Reader(Generic[M]):
-    """Newest message of one topic, judged on every read: missing, invalid, stale or good."""
+    """Newest message of one topic, classified at every read: missing, invalid, stale or good."""
 
     def __init__(
         self, topic: Topic[M], source: Source, clock: Clock, stale_after_s: float, *, cell: str
@@ -88,20 +88,20 @@ class Reader(Generic[M]):
         self._source = source
         self._clock = clock
         self._last: tuple[Header, M] | None = None
-        self._broken: MessageError | None = None  # what came last could not be read
+        self._broken: MessageError | None = None  # error of the last message, if undecodable
         self._received_ns = 0
         self._retired_epochs: deque[int] = deque(maxlen=MOST_RETIRED)
         self._conflict_ns: int | None = None
-        self._suspicion = 0  # one up with each bad message, one down with each good one
+        self._suspicion = 0  # leaky counter: +1 per bad, -1 per good message
 
     def poll(self) -> bool:
-        """Take what has come in; tell whether a newer message was accepted."""
+        """Process the received payload; return whether a newer message was accepted."""
         data = self._source.take()
         if data is None:
             return False
         try:
             header, message = decode(data, self.topic.message, self._address)
-        except MisroutedError as error:  # says nothing of this topic of this cell
+        except MisroutedError as error:  # not about this topic
             self.counters.misrouted += 1
             self.counters.last_error = str(error)
             self._suspect()
@@ -115,11 +115,11 @@ class Reader(Generic[M]):
         return self._accept(header, message)
 
     def wait(self, timeout_s: float) -> None:
-        """Sleep until something has come in, or the time [s] is over."""
+        """Sleep until a message arrives, at most for `timeout_s` [s]."""
         self._source.wait(timeout_s)
 
     def read(self, now_ns: int) -> Reading[M]:
-        """Take what has come in and judge the newest message at this time."""
+        """Process the received payload and classify the newest message at this time."""
         self.poll()
         if self._last is None:
             fault = f"{self.topic.key} missing"
@@ -138,17 +138,17 @@ class Reader(Generic[M]):
         )
 
     def _judge(self, message: M, age_s: float) -> tuple[str, str]:
-        """Return code and text of what is wrong, both empty when nothing is."""
+        """Return code and text of the fault, both empty when there is none."""
         if age_s > self.stale_after_s:
             age_ms, limit_ms = age_s * 1e3, self.stale_after_s * 1e3
             return "stale", f"{self.topic.key} stale: {age_ms:.0f} ms old, limit {limit_ms:.0f} ms"
-        if self._broken is not None:  # not what it said before, nor zero: unknown
+        if self._broken is not None:  # the present value is unknown
             return self._broken.code, f"{self.topic.key} unreadable: {self._broken}"
         if self._suspicion > BAD_MESSAGES:
             count = self.counters
             dropped = f"{count.repeated} repeated, {count.undecodable} unreadable"
-            text = f"{dropped}, {count.misrouted} written for another topic or cell"
-            return "bad_messages", f"{self.topic.key} is not orderly: {text}"
+            text = f"{dropped}, {count.misrouted} addressed to another topic or cell"
+            return "bad_messages", f"{self.topic.key} has too many bad messages: {text}"
         if not message.valid:
             reason = message.reason or "no reason given"
             return message.code or "invalid", f"{self.topic.key} invalid: {reason}"
@@ -178,7 +178,7 @@ class Reader(Generic[M]):
         return True
 
     def _retire(self, epoch: int, now_ns: int) -> None:
-        """Never hear a writer again that another one follows; it may still be alive."""
+        """Reject all later messages of a replaced publisher; it may still be alive."""
         self._retired_epochs.append(epoch)
         if now_ns - self._received_ns < RESTART_S * NS_PER_S:
             self.counters.overlaps += 1
@@ -191,9 +191,9 @@ class Reader(Generic[M]):
         self._suspicion = min(self._suspicion + 1, 2 * BAD_MESSAGES)
 
     def _age_s(self, header: Header, now_ns: int) -> float:
-        """Age since arrival, and on one and the same clock also since it was written.
+        """Return the age since arrival, and on the same clock since publication.
 
-        The second one matters after a freeze: the newest message waiting in the channel is old.
+        The latter matters after a freeze: the newest message waiting in the channel is old.
         """
         since_ns = self._received_ns
         if header.boot == self._clock.boot:

@@ -1,4 +1,4 @@
-"""What may be asked of the cell, and the answer: one class per request of forcemesh/topics.py."""
+"""Requests to a cell and their reply: one class per request of forcemesh/topics.py."""
 
 from typing import Annotated, Literal
 
@@ -17,7 +17,7 @@ from forcemesh.messages import (
     Text,
 )
 
-# Bounds that no arm, tool or law needs: what is above them is refused before any service computes.
+# Bounds beyond any real arm, tool or law: values above them are rejected on decoding.
 FARTHEST_M = 100.0
 LONGEST_QUATERNION = 1.01
 Coordinate = Annotated[float, Field(ge=-FARTHEST_M, le=FARTHEST_M)]
@@ -32,7 +32,7 @@ LARGEST_SETPOINT_N = 10_000.0
 
 
 def _within_reach(pose: PoseRecord) -> PoseRecord:
-    """Refuse numbers that no pose of an arm has."""
+    """Reject numbers that no pose of an arm has."""
     farthest_m = max(map(abs, pose.position_m))
     if farthest_m > FARTHEST_M:
         raise ValueError(f"a position of {farthest_m:g} m is beyond {FARTHEST_M:g} m")
@@ -45,33 +45,33 @@ AskedPose = Annotated[PoseRecord, AfterValidator(_within_reach)]
 
 
 class Empty(Record):
-    """A request that carries nothing."""
+    """A request without fields."""
 
 
 class ArmRequest(Record):
-    """Let motion begin; for `jog`, moves alone, which is possible in contact as well."""
+    """Request to enable motion; for `jog`, moves only, which is also possible in contact."""
 
     purpose: ArmPurpose = "all"
 
 
 class BackOffRequest(Record):
-    """Free an arm above a ceiling or outside the workspace; the arbiter computes the way.
+    """Request to free an arm above a ceiling or outside the workspace; the arbiter plans the path.
 
     Along the measured force, or straight back in, at most 20 mm at 5 mm/s
     (common/motion/back_off.py).
     """
 
-    without_force: bool = False  # confirmed again: where no force can be followed, along the tool
+    without_force: bool = False  # confirms a path along the tool when no force can be followed
 
 
 class HoldRequest(Record):
-    """Stop the motion and hold, whoever commands."""
+    """Request to stop the motion and hold, whichever commander is active."""
 
     reason: Text = "asked to hold"
 
 
 class MoveRequest(Record):
-    """Move the flange to a pose or the joints to or by angles."""
+    """Request to move the flange to a pose, or the joints to or by angles."""
 
     kind: Literal["pose", "joints", "by"]
     pose: AskedPose | None = None
@@ -81,34 +81,34 @@ class MoveRequest(Record):
 
 
 class ForceStartRequest(Record):
-    """Start force feedback; the set point presses along the tool's z axis."""
+    """Request to start force feedback; the set point acts along the tool's z axis."""
 
     mode: Mode
     host: Host = "pc"
     setpoint_N: float = Field(0.0, ge=0.0, le=LARGEST_SETPOINT_N)
-    law: StartLaw | None = None  # without it the cell file's; guide: give way to a hand
-    preset: Preset | None = None  # gains to begin with; without it those that were set last
-    # What may move: x, y, z and about x, y, z of the task frame, which turns with the tool or not.
+    law: StartLaw | None = None  # default: that of the cell file; guide: hand guiding
+    preset: Preset | None = None  # initial gains; default: those set last
+    # Free axes: along and about x, y, z of the task frame, which is fixed to base or tool.
     axes: tuple[bool, bool, bool, bool, bool, bool] = (True, True, True, True, True, True)
     frame: Literal["base", "tool"] = "base"
-    commander: Asker = "operator"  # who asks; what then commands is the regulator, of lowest rank
+    commander: Asker = "operator"  # the client; the regulator then commands, with the lowest rank
 
 
 class PathRequest(Record):
-    """Go along points while force feedback runs on the PC: no points: stand.
+    """Request to follow points while force feedback runs on the PC; without points: stop.
 
-    It goes across the tool's axis alone; along that axis the force has the say.
+    The path acts only perpendicular to the tool axis; along that axis the force is controlled.
     """
 
     points_m: tuple[Place, ...] = Field((), max_length=60)  # of the TCP, base axes
-    append: bool = False  # behind the points that are still ahead, else in their place
+    append: bool = False  # append to the remaining points; otherwise replace them
     speed_m_s: float = Field(0.02, gt=0.0, le=2.0)
     accel_m_s2: float = Field(0.3, gt=0.0, le=5.0)
-    in_contact: bool = True  # stand still while nothing is touched
+    in_contact: bool = True  # pause while there is no contact
 
 
 class GainsRequest(Record):
-    """Set gains; what is left out keeps its value, or takes that of the preset."""
+    """Request to set gains; omitted gains keep their values, or take those of the preset."""
 
     preset: Preset | None = None
     force_p_m_per_N: tuple[ForceP, ForceP, ForceP] | None = None
@@ -118,26 +118,26 @@ class GainsRequest(Record):
 
 
 class CalibrationRequest(Record):
-    """Use another calibration from now on."""
+    """Request to use another calibration from now on."""
 
     calibration_json: str = Field(max_length=3500)  # common.config.calibration.CalibrationSection
 
 
 class AxesRequest(Record):
-    """Axes and signs of the sensor were checked while this calibration was in use."""
+    """Report that axes and signs of the sensor were verified with this calibration."""
 
-    calibration: Text  # as the wrench names it
+    calibration: Text  # revision, as in the wrench message
 
 
 class RecordRequest(Record):
-    """Record every topic until told to stop."""
+    """Request to record every topic until stopped."""
 
-    label: Text = ""  # goes into the name of the file
-    past: bool = False  # begin with what memory still holds
+    label: Text = ""  # part of the file name
+    past: bool = False  # begin with the content of the ring buffer
 
 
 class Reply(Record):
-    """Answer to every request: accepted, or refused with a code and the number that broke it."""
+    """Reply to every request: accepted, or refused with a code and the offending value."""
 
     accepted: bool
     code: Text = "ok"
@@ -145,4 +145,4 @@ class Reply(Record):
     text: Text = ""
     value: float | None = None
     limit: float | None = None
-    gains: Gains | None = None  # of the regulator, as they are now; to a request about gains
+    gains: Gains | None = None  # present gains of the regulator; in the reply to a gains request

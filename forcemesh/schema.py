@@ -1,7 +1,7 @@
-"""What every message of the bus looks like, as JSON Schema, made from the models themselves.
+"""JSON Schema of every message of the bus, generated from the models.
 
-The hub answers a plain Zenoh query on `<cell>/describe` with it, docs/schema.json holds it, and
-`forcemesh topics --schema` prints it: whoever speaks to a cell in another language needs no more.
+The hub returns it to a plain Zenoh query on `<cell>/describe`, docs/schema.json holds it, and
+`forcemesh topics --schema` prints it. A client in another language needs nothing else.
 """
 
 import json
@@ -20,8 +20,8 @@ Mode = Literal["serialization", "validation"]
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 NOTE = (
     "A payload is one flat MessagePack map. Keys are <cell>/<topic> to subscribe to and "
-    "<cell>/<request> to query with a payload; the answer is a `reply`. The field `topic` holds "
-    "that whole address; a request may leave it out. SI units, in the names. Fields that are not "
+    "<cell>/<request> to query with a payload; the response is a `reply`. The field `topic` holds "
+    "the full address; a request may omit it. SI units, given in the names. Fields that are not "
     "listed are ignored."
 )
 
@@ -29,7 +29,7 @@ NOTE = (
 def describe() -> dict[str, Any]:
     """Return every topic and request with the JSON Schema of its payload."""
     return {
-        "title": "What is said on the bus of a forcemesh cell",
+        "title": "Topics and requests on the bus of a forcemesh cell",
         "description": NOTE,
         "encoding": "msgpack",
         "v": SCHEMA_VERSION,
@@ -47,12 +47,12 @@ def topic_schema(topic: Topic[Any]) -> dict[str, Any]:
 def schema_of(
     head: type[Record], body: type[Record], mode: Mode = "serialization"
 ) -> dict[str, Any]:
-    """Return the JSON Schema of a flat map of two records; it needs nothing outside itself.
+    """Return the self-contained JSON Schema of a flat map of two records.
 
     Args:
-        head: What stands before.
+        head: The header record.
         body: The message, request or reply.
-        mode: `serialization`: what is said, with every field; `validation`: what may be asked.
+        mode: `serialization`: published, with every field; `validation`: accepted in a request.
     """
     parts = [_tidy(record.model_json_schema(mode=mode), mode) for record in (head, body)]
     schema = {
@@ -69,7 +69,7 @@ def schema_of(
 
 
 def _tidy(node: Any, mode: Mode) -> Any:
-    """Leave out titles that only repeat a name; of what is said, every field is there."""
+    """Drop titles that only repeat a name; in serialization mode mark every field as required."""
     if isinstance(node, list):
         return [_tidy(item, mode) for item in node]
     if not isinstance(node, dict):
@@ -107,26 +107,26 @@ def _request(request: Request[Any]) -> dict[str, Any]:
 
 @cache
 def _answer() -> bytes:
-    """Return the description as the hub tells it: it cannot change while a process runs."""
+    """Return the encoded description: it cannot change while a process runs."""
     return json.dumps(describe(), separators=(",", ":")).encode()
 
 
 class Describer:
-    """Answers whoever asks what is said on this bus; the payload of the question is ignored."""
+    """Server of the schema query of a bus; the payload of the query is ignored."""
 
     def __init__(self, bus: Bus) -> None:
-        """Make the answer before there is anybody to wait for it."""
+        """Encode the reply once, before the first query."""
         self._answer = _answer()
         self._calls: CallSource = bus.transport.serve(f"{bus.cell}/{DESCRIBE}")
 
     def step(self) -> None:
-        """Answer what has come in."""
+        """Answer the queries received since the last step."""
         while (call := self._calls.take()) is not None:
             call.answer(self._answer)
 
 
 def ask_for_description(bus: Bus, timeout_s: float = 2.0) -> dict[str, Any]:
-    """Return what the hub of a cell says of its bus. Raise LostError when it does not answer."""
+    """Return the description from the hub of a cell. Raise LostError when it does not answer."""
     data = bus.transport.ask(f"{bus.cell}/{DESCRIBE}", b"", timeout_s)
     if data is None:
         raise LostError(

@@ -1,9 +1,9 @@
-"""Everything that is said on the bus: by whom, to whom, how often, and when it goes stale.
+"""Topics and requests of the bus: type, rate, deadline, writer and readers of each key.
 
-A topic or request that is not in these tables does not exist. `<cell>/` is put before every key.
-Rates are names; the cell file says how many hertz they are. An input is stale after three of its
-periods, but never sooner than the deadline that its class has in the cell file.
-tests/unit/test_topics.py holds the laws; tools/bus_page.py writes docs/bus.md from this file.
+Topics and requests outside these tables do not exist. Every key is prefixed with `<cell>/`.
+Rates are names; the cell file gives their values in hertz. An input is stale after three of its
+periods, but not before the deadline of its class in the cell file.
+tests/unit/test_topics.py checks the rules; tools/bus_page.py writes docs/bus.md from this file.
 """
 
 from dataclasses import dataclass
@@ -20,16 +20,16 @@ Deadline = Literal["command", "sensor", "status", "health"]
 Qos = Literal["stream", "report"]  # stream: real-time priority; both drop when congested
 
 ROLES = ("hub", "robot", "sensor", "wrench", "regulator", "arbiter")
-HELPERS = ("recorder",)  # beside the cell: nothing that moves the arm waits for one
-INFO = "info"  # the hub answers a query with what a client needs to know of the cell
-SELF_TEST = "self-test"  # read by every role, published by none: proves that access control is on
-DESCRIBE = "describe"  # the hub answers a query with all these tables and their JSON Schema
-CLIENT = "client"  # whoever watches: command line, panel, notebook, any Zenoh program
+HELPERS = ("recorder",)  # optional: no control loop depends on them
+INFO = "info"  # query to the hub; the reply holds the facts of the cell that a client needs
+SELF_TEST = "self-test"  # readable by every role, writable by none: proves that the ACL is active
+DESCRIBE = "describe"  # query to the hub; the reply holds all tables and their JSON Schema
+CLIENT = "client"  # any observer: command line, panel, notebook, any Zenoh program
 
 
 @dataclass(frozen=True, slots=True)
 class Topic(Generic[M]):
-    """One row of the bus: exactly one role writes a key."""
+    """One row of the topic table: exactly one role publishes a key."""
 
     key: str
     message: type[M]
@@ -43,58 +43,58 @@ class Topic(Generic[M]):
 
 @dataclass(frozen=True, slots=True)
 class Request(Generic[Q]):
-    """One thing that a client may ask of a role; the answer is always a `Reply`."""
+    """One row of the request table: from a client to a role; the answer is always a `Reply`."""
 
     key: str
     message: type[Q]
     server: str
     summary: str
     unreadable: Q | None = (
-        None  # taken in place of one that cannot be decoded; else that is refused
+        None  # used in place of a request that cannot be decoded; None: it is refused
     )
 
 
-UNREADABLE_HOLD = q.HoldRequest(reason="asked to hold, by a request that cannot be decoded")
+UNREADABLE_HOLD = q.HoldRequest(reason="hold requested by a message that cannot be decoded")
 
 # fmt: off
 ROBOT_STATE      = Topic("robot/state",      m.RobotState,      "robot",   "command", "robot",     ("wrench", "regulator", "arbiter", CLIENT),         "stream", "flange pose in base, joints, status bits, last accepted command, link health")
 SENSOR_WRENCH    = Topic("sensor/wrench",    m.SensorWrench,    "sensor",  "sensor",  "sensor",    ("wrench", "arbiter", CLIENT),                      "stream", "load on the sensor, sensor axes, status, sample counter")
-WRENCH           = Topic("wrench",           m.WrenchAtTcp,     "control", "sensor",  "wrench",    ("regulator", "arbiter", "robot", CLIENT),          "stream", "force and torque of the environment, base axes, about the TCP; raw beside it")
+WRENCH           = Topic("wrench",           m.WrenchAtTcp,     "control", "sensor",  "wrench",    ("regulator", "arbiter", "robot", CLIENT),          "stream", "force and torque of the environment, base axes, about the TCP; raw values alongside")
 REGULATOR_TARGET = Topic("regulator/target", m.RegulatorTarget, "control", "command", "regulator", ("wrench", "arbiter", CLIENT),                      "stream", "proposed flange pose, mode, contact state, reason when not valid")
 ROBOT_COMMAND    = Topic("robot/command",    m.RobotCommand,    "control", "command", "arbiter",   ("robot", "regulator", CLIENT),                     "stream", "goal, setpoint, feedback or hold, with the permission under which the robot acts")
-ARBITER_STATUS   = Topic("arbiter/status",   m.ArbiterStatus,   "status",  "status",  "arbiter",   ("regulator", CLIENT),                              "report", "state, who commands, every tripped limit with its number, what clears it")
+ARBITER_STATUS   = Topic("arbiter/status",   m.ArbiterStatus,   "status",  "status",  "arbiter",   ("regulator", CLIENT),                              "report", "state, commander, every tripped limit with its value, what clears it")
 
 HUB_HEALTH       = Topic("hub/health",       m.Health,          "health",  "health",  "hub",       ("arbiter", CLIENT),                                "report", "loop rate, lateness, counters, version, config hash, last fault")
-ROBOT_HEALTH     = Topic("robot/health",     m.Health,          "health",  "health",  "robot",     ("arbiter", CLIENT),                                "report", "the same of the robot's process")
-SENSOR_HEALTH    = Topic("sensor/health",    m.Health,          "health",  "health",  "sensor",    ("arbiter", CLIENT),                                "report", "the same of the sensor's process")
-WRENCH_HEALTH    = Topic("wrench/health",    m.Health,          "health",  "health",  "wrench",    ("arbiter", CLIENT),                                "report", "the same of the wrench service")
-REGULATOR_HEALTH = Topic("regulator/health", m.Health,          "health",  "health",  "regulator", ("arbiter", CLIENT),                                "report", "the same of the regulator")
-ARBITER_HEALTH   = Topic("arbiter/health",   m.Health,          "health",  "health",  "arbiter",   (CLIENT,),                                          "report", "the same of the arbiter")
+ROBOT_HEALTH     = Topic("robot/health",     m.Health,          "health",  "health",  "robot",     ("arbiter", CLIENT),                                "report", "the same for the robot's process")
+SENSOR_HEALTH    = Topic("sensor/health",    m.Health,          "health",  "health",  "sensor",    ("arbiter", CLIENT),                                "report", "the same for the sensor's process")
+WRENCH_HEALTH    = Topic("wrench/health",    m.Health,          "health",  "health",  "wrench",    ("arbiter", CLIENT),                                "report", "the same for the wrench service")
+REGULATOR_HEALTH = Topic("regulator/health", m.Health,          "health",  "health",  "regulator", ("arbiter", CLIENT),                                "report", "the same for the regulator")
+ARBITER_HEALTH   = Topic("arbiter/health",   m.Health,          "health",  "health",  "arbiter",   (CLIENT,),                                          "report", "the same for the arbiter")
 
-RECORDER_STATUS  = Topic("recorder/status",  m.RecorderStatus,  "health",  "health",  "recorder",  (CLIENT,),                                          "report", "whether and what is recorded, how much was lost, how far back memory reaches")
-RECORDER_HEALTH  = Topic("recorder/health",  m.Health,          "health",  "health",  "recorder",  (CLIENT,),                                          "report", "the same as of the others of the recorder")
+RECORDER_STATUS  = Topic("recorder/status",  m.RecorderStatus,  "health",  "health",  "recorder",  (CLIENT,),                                          "report", "state and file of the recording, lost messages, time span of the ring buffer")
+RECORDER_HEALTH  = Topic("recorder/health",  m.Health,          "health",  "health",  "recorder",  (CLIENT,),                                          "report", "the same for the recorder")
 
-ARM         = Request("request/arm",         q.ArmRequest,         "arbiter",   "let motion begin, after the preflight")
-HOLD        = Request("request/hold",        q.HoldRequest,        "arbiter",   "stop motion and hold; taken from anybody, always, even when it cannot be decoded", UNREADABLE_HOLD)
-BACK_OFF    = Request("request/back_off",    q.BackOffRequest,     "arbiter",   "free an arm above a ceiling or outside the workspace, by a way that the arbiter computes")
+ARM         = Request("request/arm",         q.ArmRequest,         "arbiter",   "enable motion, after the preflight")
+HOLD        = Request("request/hold",        q.HoldRequest,        "arbiter",   "stop motion and hold; accepted from any client at any time, even when it cannot be decoded", UNREADABLE_HOLD)
+BACK_OFF    = Request("request/back_off",    q.BackOffRequest,     "arbiter",   "free an arm above a ceiling or outside the workspace, along a path that the arbiter computes")
 CLEAR       = Request("request/clear",       q.Empty,              "arbiter",   "acknowledge a hold or a fault, back to IDLE")
 MOVE        = Request("request/move",        q.MoveRequest,        "arbiter",   "move to a pose, to joint angles, or by joint angles")
-SPEED       = Request("request/speed",       m.Speed,              "arbiter",   "speeds and accelerations of the moves to come")
-FORCE_START = Request("request/force/start", q.ForceStartRequest,  "regulator", "start force feedback in a mode, host and set point")
+SPEED       = Request("request/speed",       m.Speed,              "arbiter",   "speeds and accelerations of the following moves")
+FORCE_START = Request("request/force/start", q.ForceStartRequest,  "regulator", "start force feedback with a mode, host and set point")
 FORCE_STOP  = Request("request/force/stop",  q.Empty,              "regulator", "stop force feedback; the arm stays where it is")
 GAINS       = Request("request/force/gains", q.GainsRequest,       "regulator", "set the regulator's gains")
-FORCE_PATH  = Request("request/force/path",  q.PathRequest,        "regulator", "go along points across the tool's axis while force feedback works along it")
+FORCE_PATH  = Request("request/force/path",  q.PathRequest,        "regulator", "follow points perpendicular to the tool axis while the force is controlled along it")
 TARE        = Request("request/tare",        q.Empty,              "wrench",    "take the present reading as zero; refused in motion or contact")
-AXES        = Request("request/axes",        q.AxesRequest,        "wrench",    "take note that `forcemesh check axes` found axes and signs right with the calibration in use")
-CALIBRATE   = Request("request/calibration", q.CalibrationRequest, "wrench",    "use the calibration that `forcemesh calibrate` has found; refused in motion or contact")
+AXES        = Request("request/axes",        q.AxesRequest,        "wrench",    "record that `forcemesh check axes` verified axes and signs with the calibration in use")
+CALIBRATE   = Request("request/calibration", q.CalibrationRequest, "wrench",    "use the calibration found by `forcemesh calibrate`; refused in motion or contact")
 # fmt: on
 RECORD_START = Request(
     "request/record/start",
     q.RecordRequest,
     "recorder",
-    "write every topic into a file, from now on or from as far back as memory reaches",
+    "record every topic to a file, from now on or from the start of the ring buffer",
 )
-RECORD_STOP = Request("request/record/stop", q.Empty, "recorder", "end that file")
+RECORD_STOP = Request("request/record/stop", q.Empty, "recorder", "end the recording")
 
 HEALTH = {
     "hub": HUB_HEALTH,

@@ -1,24 +1,24 @@
-"""Plausible ranges of what a cell file says, and the wrong unit that a number outside looks like.
+"""Plausible ranges of cell file values, and the unit error that a value outside them suggests.
 
-Pure: names, numbers and texts alone, so that every verb may load it.
+Pure: only names, numbers and texts, so that it loads fast in every verb.
 """
 
 from collections.abc import Mapping
 from math import degrees, hypot, pi
 from typing import Any, NamedTuple
 
-MOUNTING_MOST_RAD = 0.2  # a fit corrects how exactly a sensor is mounted, not which way round
+MOUNTING_MOST_RAD = 0.2  # a fit corrects mounting tolerance, not a wrong orientation
 COUNTS_MOST = 2**31 - 1  # an RDT reading is a signed number of 32 bits
 LONGEST_LEVER_M = 1.0  # torque range over force range of a sensor: 8 to 160 mm on the market
-MOST_RADIANS = 2.0 * pi + 1e-3  # no joint range of an arm lies within, in degrees
-SLOWEST_DEG_S = 20.0  # no joint of an arm is as slow as that
+MOST_RADIANS = 2.0 * pi + 1e-3  # in degrees, no joint range of an arm is this small
+SLOWEST_DEG_S = 20.0  # no joint of an arm is this slow
 
 
 class Wrong(NamedTuple):
-    """Another unit in which people have the same quantity."""
+    """Another common unit of the same quantity."""
 
     name: str
-    factor: float  # a number in it times this is the number in the right unit
+    factor: float  # conversion to the right unit
 
 
 class Unit(NamedTuple):
@@ -31,7 +31,7 @@ class Unit(NamedTuple):
 MM, MS, GRAM = Wrong("millimetres", 1e-3), Wrong("milliseconds", 1e-3), Wrong("grams", 1e-3)
 MILLIDEGREES, MILLIRADIANS = Wrong("thousandths of a degree", 1e-3), Wrong("milliradians", 1e-3)
 # fmt: off
-UNITS: Mapping[str, Unit] = {  # the longest ending that fits counts
+UNITS: Mapping[str, Unit] = {  # by name ending; the longest match counts
     "_m":             Unit("m",        (MM,)),
     "_mm":            Unit("mm",       (Wrong("metres", 1e3),)),
     "_m_s":           Unit("m/s",      (Wrong("millimetres a second", 1e-3),)),
@@ -62,18 +62,18 @@ UNITS: Mapping[str, Unit] = {  # the longest ending that fits counts
 
 
 def unit_of(name: str) -> Unit | None:
-    """Return the unit that the name of a field ends with, None when it ends with none."""
+    """Return the unit at the end of a field's name, None when there is none."""
     endings = [ending for ending in UNITS if name.endswith(ending)]
     return UNITS[max(endings, key=len)] if endings else None
 
 
 def question(name: str, value: float, limit: float) -> str:
-    """Ask for the unit that a number beyond a limit looks like; empty when it looks like none.
+    """Return a question about the unit that an out-of-range number suggests; empty if none.
 
     Args:
         name: Of the field, with its unit at the end.
         value: What was found.
-        limit: The largest number that is plausible, or the smallest, whichever was passed.
+        limit: The largest or smallest plausible number, whichever was exceeded.
     """
     unit = unit_of(name)
     if unit is None or value == 0.0:
@@ -88,10 +88,10 @@ def question(name: str, value: float, limit: float) -> str:
 
 
 def beyond(kind: str, name: str, value: Any, limit: Any) -> str:
-    """Say that a number breaks a bound, with both, their unit, and the unit that it looks like.
+    """Return the text of a broken bound: value, bound, unit, and the unit error it suggests.
 
     Args:
-        kind: pydantic's name of the mistake: greater_than, less_than_equal, ...
+        kind: pydantic's error type: greater_than, less_than_equal, ...
         name: Of the field.
         value: What was found.
         limit: The bound.
@@ -112,7 +112,7 @@ def beyond(kind: str, name: str, value: Any, limit: Any) -> str:
 
 
 def mounting_objection(rotation_rad: tuple[float, float, float]) -> str:
-    """Return why a fitted mounting rotation must not be used, empty when it may."""
+    """Return why a fitted mounting rotation must not be used, empty when it is plausible."""
     turned_rad = hypot(*rotation_rad)
     if turned_rad <= MOUNTING_MOST_RAD:
         return ""
@@ -121,10 +121,10 @@ def mounting_objection(rotation_rad: tuple[float, float, float]) -> str:
         f"mounting_rotation_rad turns the sensor by {turned_rad:.3g} rad "
         f"({round(degrees(turned_rad), 0):g} degrees), the limit is {MOUNTING_MOST_RAD:g} rad; "
         f"{asked}{' ' if asked else ''}otherwise correct sensor.T_flange_sensor in the cell file "
-        "(`forcemesh check axes` says how), then calibrate"
+        "(`forcemesh check axes` shows how), then calibrate"
     )
 
 
 def joints_in_radians(lowest: tuple[float, ...], highest: tuple[float, ...]) -> bool:
-    """Tell whether a joint range in degrees is as small as one in radians."""
+    """Return whether a joint range in degrees is so small that it must be in radians."""
     return max(abs(angle) for angle in (*lowest, *highest)) <= MOST_RADIANS

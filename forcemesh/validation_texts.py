@@ -1,4 +1,4 @@
-"""Says in plain words what is wrong with a value: pydantic's own sentences are for programmers."""
+"""Plain error texts for invalid values, in place of pydantic's texts for programmers."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -8,7 +8,7 @@ from forcemesh.units import beyond
 
 BOUNDS = ("greater_than", "greater_than_equal", "less_than", "less_than_equal")
 # fmt: off
-RULES = {  # by pydantic's name of the mistake; braces: its context
+RULES = {  # by pydantic's error type; braces: its context
     "finite_number":            "must be a finite number",
     "float_type":               "must be a number",
     "float_parsing":            "must be a number",
@@ -37,7 +37,7 @@ RULES = {  # by pydantic's name of the mistake; braces: its context
 
 
 def what_is_wrong(item: Mapping[str, Any]) -> str:
-    """Return one mistake of pydantic's list as a clause for a person, with what was found."""
+    """Return one error of pydantic's list as a clause for a person, with the value found."""
     kind, found = str(item["type"]), item["input"]
     context: Mapping[str, Any] = item.get("ctx") or {}
     if kind == "missing":
@@ -56,7 +56,7 @@ def what_is_wrong(item: Mapping[str, Any]) -> str:
 
 
 def _field_of(location: tuple[int | str, ...]) -> str:
-    """Return the name of the field: an entry of a list has that of the list."""
+    """Return the name of the field; for an entry of a list, the name of the list."""
     return next((part for part in reversed(location) if isinstance(part, str)), "")
 
 

@@ -1,8 +1,8 @@
-"""The bus between processes: Zenoh. The only file that imports it.
+"""Zenoh transport of the bus between processes. The only file that imports zenoh.
 
-One hub (a Zenoh router) and every process its client with an explicit endpoint; no multicast, no
-gossip, no shared memory. Streams drop when congested and readers keep the newest only, so that a
-slow reader can never hold a writer up.
+One hub (a Zenoh router), with every process its client at an explicit endpoint; no multicast, no
+gossip, no shared memory. Streams drop when congested and readers keep only the newest message, so a
+slow reader never blocks a publisher.
 """
 
 import json
@@ -28,10 +28,10 @@ from forcemesh.zenoh_settings import (
 )
 
 MAX_WAITING_REQUESTS = 16
-SELF_TEST_WITHIN_S = 1.0  # until the hub has told the one session of the other
-SELF_TEST_WAIT_S = 0.25  # what gets through is there after milliseconds
-LONGEST_END_S = 1.0  # a thread that listens ends within a millisecond of its session
-PUTS_KEPT = 2048  # of which the longest is reported: more than a busy process puts in a second
+SELF_TEST_WITHIN_S = 1.0  # until one session is announced to the other
+SELF_TEST_WAIT_S = 0.25  # a message takes only milliseconds
+LONGEST_END_S = 1.0  # a receiver thread ends within a millisecond of its session
+PUTS_KEPT = 2048  # window of the longest put: more than a busy process puts in a second
 
 
 @contextmanager
@@ -39,9 +39,9 @@ def open_session(cell: Reachable, role: str, patience_s: float) -> Iterator["Zen
     """Connect a role to its cell's hub; close the session in any case.
 
     Raises:
-        BusError: The hub did not answer within `patience_s`; the way to it is open to strangers;
-            there is no certificate for the role; what answers is not this cell's hub; or the hub
-            let it say what nobody may say.
+        BusError: No reply from the hub within `patience_s`; the endpoint is open to unauthorised
+            clients; the role has no certificate; the peer is not this cell's hub; or the hub
+            enforces no access control.
     """
     endpoint = endpoint_of(cell)
     security = security_of(cell, role, endpoint)
@@ -60,10 +60,10 @@ def open_session(cell: Reachable, role: str, patience_s: float) -> Iterator["Zen
 
 @contextmanager
 def open_router(settings: Mapping[str, object], endpoint: str) -> Iterator["ZenohTransport"]:
-    """Be a hub: a Zenoh router that listens on an endpoint.
+    """Open a hub: a Zenoh router that listens on an endpoint.
 
     Raises:
-        BusError: The endpoint cannot be listened on.
+        BusError: The endpoint is in use.
     """
     config = zenoh.Config.from_json5(json.dumps(settings))
     try:
@@ -78,14 +78,14 @@ def open_router(settings: Mapping[str, object], endpoint: str) -> Iterator["Zeno
 
 
 def log_refusals() -> None:
-    """Let Zenoh say on standard output what it refuses, and all warnings; once in a process."""
+    """Make Zenoh log denials and warnings to standard output; once per process."""
     zenoh.init_log_from_env_or("warn,zenoh_link_tls=debug,zenoh::net::routing::interceptor=trace")
 
 
 def _refuse_an_open_hub(ear: zenoh.Session, mouth: zenoh.Session, key: str, endpoint: str) -> None:
-    """Try to say what nobody may say: whoever is heard is on a hub that keeps nobody from anything.
+    """Self-test of access control: publish on a key that the ACL denies to every role.
 
-    It cannot tell when the hub does not even say that there is a listener; then it lets it be.
+    Receiving it means that the hub enforces no ACL. Without a match it is inconclusive.
     """
     heard = ear.declare_subscriber(key, zenoh.handlers.RingChannel(1))
     said = mouth.declare_publisher(key)
@@ -99,7 +99,7 @@ def _refuse_an_open_hub(ear: zenoh.Session, mouth: zenoh.Session, key: str, endp
     while time.monotonic() < give_up:
         if heard.try_recv() is not None:
             raise BusError(
-                f"refused: the hub at {endpoint} lets anybody say anything: it runs without the "
+                f"refused: the hub at {endpoint} accepts every message: it runs without the "
                 "access control of this cell; start it with `python -m services.hub`"
             )
         time.sleep(0.01)
@@ -107,16 +107,16 @@ def _refuse_an_open_hub(ear: zenoh.Session, mouth: zenoh.Session, key: str, endp
 
 
 def _refuse_a_false_hub(session: zenoh.Session, cell: Reachable, endpoint: str) -> None:
-    """Refuse a hub that shows another name's certificate, though TLS would take it from a server.
+    """Refuse a hub with another name's certificate, although TLS accepts it as a server's.
 
-    Certificates of an older forcemesh, and the hub of another cell under the same authority.
+    Detects certificates of an older forcemesh, and the hub of another cell of the same authority.
     """
     wanted = common_name(HUB, cell.cell)
     shown = {link.auth_identifier for link in session.info.links()} - {None}
     if shown and wanted not in shown:
         raise BusError(
-            f"refused: what answers at {endpoint} shows the certificate of "
-            f"{', '.join(sorted(map(str, shown)))}, and the hub of this cell shows {wanted}"
+            f"refused: the server at {endpoint} shows the certificate of "
+            f"{', '.join(sorted(map(str, shown)))}, but the hub of this cell shows {wanted}"
         )
 
 
@@ -124,7 +124,7 @@ def _connect(
     endpoint: str, role: str, patience_s: float, security: Mapping[str, object]
 ) -> zenoh.Session:
     config = json.dumps(client_settings(endpoint, role, security))
-    refusing = ", or it refuses this certificate: its log says why" if security else ""
+    refusing = ", or it refuses this certificate: see its log" if security else ""
     give_up = time.monotonic() + patience_s
     while True:
         try:
@@ -139,39 +139,39 @@ Subscriber: TypeAlias = "zenoh.Subscriber[zenoh.handlers.Handler[zenoh.Sample]]"
 
 
 class ZenohSource:
-    """A subscriber whose channel holds one sample, or as many as it has room for."""
+    """Subscriber with a ring channel of one or more samples."""
 
     def __init__(
         self, subscriber: "zenoh.Subscriber[zenoh.handlers.Handler[zenoh.Sample]]"
     ) -> None:
-        """Take from an open subscriber."""
+        """Read from an open subscriber."""
         self._subscriber = subscriber
         self._ear: Ear | None = None
 
     def close(self) -> None:
-        """Wait for the thread that listens to end; the session has been closed."""
+        """Wait for the receiver thread to end; the session has been closed."""
         if self._ear is not None:
             self._ear.end()
 
     def take(self) -> bytes | None:
-        """Return the newest payload that was not taken yet."""
+        """Return the next payload not yet taken, None when there is none."""
         if self._ear is not None:
             return self._ear.take()
         sample = self._subscriber.try_recv()
         return None if sample is None else sample.payload.to_bytes()
 
     def wait(self, timeout_s: float) -> None:
-        """Sleep until something has come in, or the time [s] is over."""
-        if self._ear is None:  # only who waits needs a thread
+        """Sleep until a message arrives, at most for a time [s]."""
+        if self._ear is None:  # only waiting needs a thread
             self._ear = Ear(self._subscriber.recv)
         self._ear.news.wait(timeout_s)
 
 
 class Ear:
-    """A thread that keeps the newest sample: to wait for one costs a third of looking for it."""
+    """Receiver thread that keeps the newest sample: waiting costs a third of polling."""
 
     def __init__(self, receive: Callable[[], zenoh.Sample]) -> None:
-        """Listen until the session is closed."""
+        """Receive until the session is closed."""
         self.news = threading.Event()
         self._receive = receive
         self._newest: deque[zenoh.Sample] = deque(maxlen=1)
@@ -179,12 +179,12 @@ class Ear:
         self._thread.start()
 
     def end(self) -> None:
-        """Wait for the thread: one that is still in Zenoh when Python ends aborts the process."""
+        """Join the thread: if it is still in Zenoh when Python exits, the process aborts."""
         self._thread.join(LONGEST_END_S)
 
     def take(self) -> bytes | None:
         """Return the newest payload once."""
-        self.news.clear()  # first: what comes in between wakes once too often, never once too few
+        self.news.clear()  # first: a concurrent arrival causes a spurious wake-up, never a lost one
         try:
             return self._newest.popleft().payload.to_bytes()
         except IndexError:
@@ -199,25 +199,25 @@ class Ear:
 
 @dataclass(slots=True)
 class ZenohCall:
-    """A query that waits for its reply."""
+    """A pending query."""
 
     query: zenoh.Query
     data: bytes
 
     def answer(self, data: bytes) -> None:
-        """Reply and let the asker go; an asker that left is no fault of ours."""
+        """Reply and close the query; a client that has left is not an error."""
         with suppress(zenoh.ZError), self.query:
             self.query.reply(self.query.key_expr, data)
 
 
 @dataclass(slots=True)
 class ZenohCalls:
-    """A queryable whose queries are taken in the service's own loop."""
+    """Queryable whose queries the service takes in its own loop."""
 
     queryable: "zenoh.Queryable[zenoh.handlers.Handler[zenoh.Query]]"
 
     def take(self) -> ZenohCall | None:
-        """Return the oldest query that was not taken yet."""
+        """Return the oldest query not yet taken."""
         query = self.queryable.try_recv()
         if query is None:
             return None
@@ -235,23 +235,23 @@ class ZenohTransport:
         self._puts: deque[tuple[int, int]] = deque(maxlen=PUTS_KEPT)  # begin, duration [ns]
 
     def close(self) -> None:
-        """Close the session, and wait for the threads that listen to it."""
+        """Close the session and join its receiver threads."""
         with suppress(zenoh.ZError):
             self._session.close()
         for source in self._sources:
             source.close()
 
     def links_by_name(self) -> Counter[str]:
-        """Return how many links each certificate has open here, by its name."""
+        """Return the number of open links of each certificate name."""
         shown = (link.auth_identifier for link in self._session.info.links())
         return Counter(name for name in shown if name)
 
     def longest_put_s(self, since_ns: int) -> float:
-        """Return how long the longest put took that began after a monotonic time [s]."""
+        """Return the duration of the longest put that began after a monotonic time [s]."""
         return max((took for at, took in list(self._puts) if at >= since_ns), default=0) / NS_PER_S
 
     def publish(self, key: str, qos: Qos) -> Callable[[bytes], None]:
-        """Return the function that puts bytes on a key; it never blocks on a slow reader."""
+        """Return the function that publishes bytes on a key; it never blocks on a slow reader."""
         urgent = qos == "stream"
         publisher = self._session.declare_publisher(
             key,
@@ -262,7 +262,7 @@ class ZenohTransport:
 
         def put(data: bytes) -> None:
             began_ns = time.monotonic_ns()
-            # A session that has lost its hub drops what is put: readers see staleness.
+            # A session without a hub drops the message: readers detect it as stale.
             with suppress(zenoh.ZError):
                 publisher.put(data)
             self._puts.append((began_ns, time.monotonic_ns() - began_ns))
@@ -270,22 +270,22 @@ class ZenohTransport:
         return put
 
     def subscribe(self, key: str, room: int = 1) -> ZenohSource:
-        """Return the newest payload of a key, or the newest `room` of them in their order."""
+        """Return a source of the newest `room` payloads of a key, in order."""
         subscriber = self._session.declare_subscriber(key, zenoh.handlers.RingChannel(room))
         self._sources.append(ZenohSource(subscriber))
         return self._sources[-1]
 
     def serve(self, key: str) -> ZenohCalls:
-        """Return the queries of a key."""
+        """Return the source of the queries of a key."""
         return ZenohCalls(
             self._session.declare_queryable(key, zenoh.handlers.RingChannel(MAX_WAITING_REQUESTS))
         )
 
     def ask(self, key: str, data: bytes, timeout_s: float) -> bytes | None:
-        """Ask, and ask again while nobody is there, until the time is up.
+        """Send a query, repeat it while no process serves the key, until the timeout.
 
-        A query that found nobody comes back empty at once and was not taken by anyone, so asking
-        again is safe; one that was taken and not answered in time is not repeated.
+        A query without a queryable returns empty at once and was not executed, so a repetition is
+        safe; a query that was taken but not answered in time is not repeated.
         """
         give_up = time.monotonic() + timeout_s
         while (left_s := give_up - time.monotonic()) > 0.0:

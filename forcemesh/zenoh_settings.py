@@ -1,4 +1,4 @@
-"""Settings of Zenoh: the endpoint of the hub, certificates, buffers. Pure but for files."""
+"""Zenoh settings: endpoint of the hub, identity, filters of the hub. Pure except for files."""
 
 import os
 import re
@@ -15,40 +15,40 @@ ENDPOINT = r"[a-z-]+/\S+"
 RUNTIME_VARIABLE = "ZENOH_RUNTIME"
 ONE_THREAD = "(rx: (worker_threads: 1), app: (handover: rx))"
 CONNECT_ATTEMPT_MS = 500
-ROOM_B = 4_000_000  # which the kernel doubles, for its own part
+ROOM_B = 4_000_000  # doubled by the kernel for its overhead
 LEASE_MS = 500
-# Messages of a priority that wait for a thread which does not run just now. Urgent ones are never
-# put together: with Zenoh's two, the third that a millisecond brings is dropped.
+# Transmit queue length per priority. Real-time messages are not batched: with Zenoh's default of
+# two, the third message within a millisecond is dropped.
 WAITING = {"real_time": 16, "data": 16}
-# Each message that nobody has taken yet keeps a buffer of this size, which is cleared before it is
-# used: with Zenoh's 64 kB, to clear them is a third of what it costs to hear a cell.
+# Each message not yet taken occupies a buffer of this size, which is cleared before use: with
+# Zenoh's 64 kB, clearing is a third of the cost of receiving a cell.
 BATCH_B = 8192
 
 
 def listen_with_one_thread() -> None:
-    """Let Zenoh take in with one thread what else wakes three; to be called before its first use.
+    """Configure Zenoh to receive with one thread instead of three; call it before its first use.
 
-    A process that hears all and says little saves a third of what hearing costs.
+    A process that reads all topics and publishes little saves a third of the receiving cost.
     """
     os.environ.setdefault(RUNTIME_VARIABLE, ONE_THREAD)
 
 
 def endpoint_of(cell: Reachable) -> str:
-    """Return where the hub is: the environment may move it, the cell file says where it is.
+    """Return the endpoint of the hub: from the environment, else from the cell file.
 
     Raises:
-        ConfigError: What the environment says is no endpoint.
+        ConfigError: The value in the environment is not an endpoint.
     """
     moved = os.environ.get(ENDPOINT_VARIABLE)
     if moved and not re.fullmatch(ENDPOINT, moved):
         raise ConfigError(
-            ENDPOINT_VARIABLE, [f"{moved!r} is no endpoint, one is like tcp/127.0.0.1:7447"]
+            ENDPOINT_VARIABLE, [f"{moved!r} is not an endpoint such as tcp/127.0.0.1:7447"]
         )
     return moved or cell.bus.endpoint
 
 
 def client_settings(endpoint: str, role: str, security: Mapping[str, object]) -> dict[str, Any]:
-    """Return what makes a Zenoh client of a hub; it tries once."""
+    """Return the Zenoh configuration of a client; it tries to connect once."""
     part = {
         "mode": "client",
         "connect": {
@@ -62,9 +62,9 @@ def client_settings(endpoint: str, role: str, security: Mapping[str, object]) ->
 
 
 def with_room(endpoint: str) -> str:
-    """Return an endpoint whose socket lets seconds of a cell wait, as far as the machine allows.
+    """Return an endpoint with a receive buffer for seconds of traffic, if the machine allows it.
 
-    For a process that must miss nothing and yet goes behind every control loop.
+    For a process that must not lose messages but runs at lower priority than the control loops.
     """
     scheme, _, where = endpoint.partition("/")
     if scheme not in ("tcp", "tls") or "so_rcvbuf" in where:
@@ -73,7 +73,7 @@ def with_room(endpoint: str) -> str:
 
 
 def security_of(cell: Reachable, role: str, endpoint: str) -> Mapping[str, object]:
-    """Return Zenoh's settings of a role's certificate; nothing where none is asked for."""
+    """Return Zenoh's settings of a role's certificate; empty when none is required."""
     refuse_in_the_clear(cell, endpoint)
     return identity_of(cell, role).settings() if is_encrypted(endpoint) else {}
 

@@ -29,7 +29,7 @@ def another_profile(compose: Compose, _cell: Cell, operator: Operator) -> str:
         if lives(compose) != before:
             raise PromiseError("a second `docker compose up` has made containers anew")
         return f"{len(before)} containers as before"
-    sim.says("sim-cell", f"stands back: the profile {compose.profile} replaces the simulation")
+    sim.says("sim-cell", f"on standby: the profile {compose.profile} replaces the simulation")
     if lives(compose) != before:
         raise PromiseError(f"`docker compose up` has changed {before} to {lives(compose)}")
     _is_still("robot-sim", compose)
@@ -90,7 +90,7 @@ def open_to_others(compose: Compose) -> str:
         os.environ[name] = "0.0.0.0"  # noqa: S104 - it must be refused
         try:
             compose("up", "-d", "--no-build")
-            compose.says("sim-cell", f"{name}=0.0.0.0 is reached from outside")
+            compose.says("sim-cell", f"{name}=0.0.0.0 is reachable from outside")
             if any(runs(each, compose) for each in ("hub", "panel", "robot-sim")):
                 raise PromiseError(f"something runs with {name}=0.0.0.0")
             said.append(name)

@@ -1,4 +1,4 @@
-"""The bus inside one process: for a whole cell on a virtual clock. Same bytes, no sockets."""
+"""In-memory transport: the bus of a whole cell in one process, on a virtual clock."""
 
 from collections import deque
 from collections.abc import Callable
@@ -9,27 +9,27 @@ from forcemesh.topics import Qos
 
 @dataclass(slots=True)
 class MemorySource:
-    """Keeps the newest bytes only, or as many as it has room for, as between processes."""
+    """Source that keeps only the newest payloads, as between processes."""
 
     waiting: deque[bytes] = field(default_factory=lambda: deque(maxlen=1))
 
     def take(self) -> bytes | None:
-        """Return the oldest bytes that wait, once."""
+        """Return the oldest waiting payload, or None."""
         return self.waiting.popleft() if self.waiting else None
 
     def wait(self, timeout_s: float) -> None:
-        """Nothing comes in while one waits: on a virtual clock somebody else moves the time on."""
+        """Return at once: on a virtual clock the caller advances the time."""
 
 
 @dataclass(slots=True)
 class MemoryCall:
-    """A request whose answer the asker collects."""
+    """A request whose reply the client collects."""
 
     data: bytes
     reply: bytes | None = None
 
     def answer(self, data: bytes) -> None:
-        """Keep the answer."""
+        """Store the reply."""
         self.reply = data
 
 
@@ -45,7 +45,7 @@ class MemoryCalls:
 
 
 class MemoryTransport:
-    """Everything that is said in one virtual cell. `advance` lets the cell live while one asks."""
+    """Transport of one virtual cell. `advance` runs the cell while a request is pending."""
 
     def __init__(self) -> None:
         """Start with an empty bus."""
@@ -54,7 +54,7 @@ class MemoryTransport:
         self._servers: dict[str, MemoryCalls] = {}
 
     def publish(self, key: str, _qos: Qos) -> Callable[[bytes], None]:
-        """Return the function that puts bytes on a key."""
+        """Return the function that publishes bytes on a key."""
         sources = self._sources.setdefault(key, [])
 
         def put(data: bytes) -> None:
@@ -70,11 +70,11 @@ class MemoryTransport:
         return source
 
     def serve(self, key: str) -> MemoryCalls:
-        """Return the requests of a key."""
+        """Return the source of requests on a key."""
         return self._servers.setdefault(key, MemoryCalls())
 
     def ask(self, key: str, data: bytes, timeout_s: float) -> bytes | None:
-        """Queue the request and let virtual time pass until it is answered."""
+        """Queue the request and advance virtual time until the reply."""
         if key not in self._servers or self.advance is None:
             return None
         call = MemoryCall(data)

@@ -1,7 +1,7 @@
-"""What may be in use in containers: a profile, its cell file, and where the cell is published.
+"""Checks of a container set-up: profile, cell file, and published addresses.
 
-Without certificates and token a cell is for this machine alone: compose publishes hub and panel on
-127.0.0.1, tells the containers so, and on any other address they refuse to start.
+Without certificates and token a cell is limited to this machine: compose publishes hub and panel on
+127.0.0.1 and passes the address to the containers, which refuse to start on any other address.
 """
 
 import os
@@ -11,13 +11,13 @@ from pathlib import Path
 
 from forcemesh.published_ports import HUB_PUBLISHED, PANEL_PUBLISHED, is_loopback
 
-# Who plays robot and sensor in the containers of a profile.
+# Implementations of robot and sensor in the containers of a profile.
 PLAYERS: dict[str, dict[str, tuple[str, ...]]] = {
     "sim": {"robot": ("sim",), "sensor": ("sim",)},
     "emulated": {"robot": ("gateway",), "sensor": ("driver",)},
     "real": {"robot": ("gateway",), "sensor": ("driver", "external")},
 }
-# The simulation is what is there when nothing else is asked for: what is asked for replaces it.
+# The simulation is the default: a requested profile replaces it.
 REPLACED_BY: dict[str, tuple[str, ...]] = {"sim": ("emulated", "real")}
 
 ENCRYPTED = "tls"
@@ -34,7 +34,7 @@ class Choice:
 
 
 def command_of(profile: str, verb: str) -> str:
-    """Return the command that does something with a profile, as a person types it."""
+    """Return the shell command of a compose verb for a profile."""
     word = "" if profile == "sim" else f"--profile {profile} "
     return f"docker compose {word}{verb}"
 
@@ -43,12 +43,12 @@ def misfit(choice: Choice, settings: Mapping[str, str] = os.environ) -> str:
     """Return why a cell file cannot be used with its profile here, empty when it can."""
     if choice.file.is_dir():
         return (
-            f"the profile {choice.profile} needs a cell file of yours, one in cells/: "
+            f"the profile {choice.profile} needs your own cell file in cells/: "
             f"CELL=my-cell.yaml {command_of(choice.profile, 'up')}"
         )
     if why := unsafe(choice.profile, settings):
         return why
-    # Long imports, which a process that only waits is spared.
+    # Slow imports, not needed by a process that only waits.
     from common.config.load import load_cell  # noqa: PLC0415
     from forcemesh.errors import ConfigError  # noqa: PLC0415
 
@@ -71,9 +71,9 @@ def _wrong_player(choice: Choice, role: str, player: str) -> str:
     fitting = [name for name, plays in PLAYERS.items() if player in plays[role]]
     other = command_of(fitting[-1], "up") if fitting else "none"
     return (
-        f"{choice.file} says `{role}: {player}`, and in the profile {choice.profile} it is "
-        f"{' or '.join(PLAYERS[choice.profile][role])}: take another profile "
-        f"(CELL={choice.file.name} {other}), or say another file with CELL"
+        f"{choice.file} has `{role}: {player}`, but the profile {choice.profile} needs "
+        f"{' or '.join(PLAYERS[choice.profile][role])}: use another profile "
+        f"(CELL={choice.file.name} {other}), or another file with CELL"
     )
 
 
@@ -85,24 +85,24 @@ def unsafe(profile: str, settings: Mapping[str, str]) -> str:
     encrypted = settings.get(SCHEME) == ENCRYPTED
     if old := settings.get(RENAMED):
         return (
-            f"{RENAMED}={old} is two settings now, one for each port: FORCEMESH_PUBLISH_HUB and "
-            "FORCEMESH_PUBLISH_PANEL; write them in its place, or leave it out"
+            f"{RENAMED}={old} is two settings now, one per port: FORCEMESH_PUBLISH_HUB and "
+            "FORCEMESH_PUBLISH_PANEL; use them instead, or remove it"
         )
     if encrypted != has_certificates:
         return (
-            "FORCEMESH_PKI (where the certificates are) and FORCEMESH_BUS=tls (that the bus uses "
-            "them) go together: write both into .env, as `make pki` does, or leave out both"
+            "FORCEMESH_PKI (folder of the certificates) and FORCEMESH_BUS=tls (the bus uses "
+            "them) belong together: write both into .env, as `make pki` does, or neither"
         )
     if not is_loopback(hub) and not encrypted:
         return (
-            f"FORCEMESH_PUBLISH_HUB={hub} is reached from outside this machine, and without "
-            "certificates anybody there may move the arm: `make pki` first, or leave it at "
+            f"FORCEMESH_PUBLISH_HUB={hub} is reachable from outside this machine, and without "
+            "certificates any client there may move the arm: `make pki` first, or leave it at "
             "127.0.0.1"
         )
     if not is_loopback(panel) and not (encrypted and settings.get(TOKEN)):
         return (
-            f"FORCEMESH_PUBLISH_PANEL={panel} is reached from outside this machine, and without "
-            f"certificates and {TOKEN} anybody there may move the arm: `make pki` makes both; "
+            f"FORCEMESH_PUBLISH_PANEL={panel} is reachable from outside this machine, and without "
+            f"certificates and {TOKEN} any client there may move the arm: `make pki` makes both; "
             "or leave it at 127.0.0.1"
         )
     if profile == "real" and not encrypted:

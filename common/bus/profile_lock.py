@@ -1,16 +1,16 @@
-"""Which cell file the containers of a cell run with: a profile says it, every process waits.
+"""Lock of the active cell file: all containers of a cell run with the cell file of one profile.
 
-`/in-use` is a small volume in memory. `keep` is what the container of a profile's own does: it puts
-the profile's cell file there, as a link. `run` is how every other container starts: it waits for
-the link and holds a lock while its process lives. The link changes only when nobody holds the lock,
-so processes that run together have one cell file, whatever was started, in whichever order.
+`/in-use` is a small volume in memory. The container of a profile runs `keep`: it links the
+profile's cell file there. Every other container starts with `run`: it waits for the link and holds
+a lock while its process lives. The link changes only when no process holds the lock, so all running
+processes have the same cell file, whatever was started, in any order.
 
-The simulation needs no profile, so compose starts it with every other one too: while another
-profile's `keep` lives, that of the simulation stands back, and what runs with it is ended.
+The simulation needs no profile, so compose also starts it with every other profile: while another
+profile's `keep` runs, that of the simulation is on standby, and its processes are ended.
 
-    python -m common.bus.profile_lock keep PROFILE                    FORCEMESH_CELL says which file
+    python -m common.bus.profile_lock keep PROFILE                    FORCEMESH_CELL names the file
     python -m common.bus.profile_lock check PROFILE                   exit code 0 once it is in use
-    python -m common.bus.profile_lock run [PROFILE ...] -- COMMAND    of these profiles, or of any
+    python -m common.bus.profile_lock run [PROFILE ...] -- COMMAND    with these profiles, or any
 """
 
 import ctypes
@@ -29,18 +29,18 @@ from common.runtime.heartbeat import Heartbeat, heartbeat_of_this_process
 
 FOLDER = Path("/in-use")
 LINK = "cell.yaml"
-LOCK = "profile"  # its text is the profile's name
+LOCK = "profile"  # holds the profile's name
 
 POLL_S = 0.1
 RETRY_S = 0.5  # while another profile is in use, or the cell file holds mistakes
-PATIENCE_S = 8.0  # a profile that was started has said its cell file by then
-GRACE_S = 2.0  # what was started together has been heard of by then
+PATIENCE_S = 8.0  # longest time until a started profile has linked its cell file
+GRACE_S = 2.0  # longest time between containers started together
 END_WITHIN_S = 3.0
 PR_SET_PDEATHSIG = 1
 
 
 def chosen(folder: Path) -> Choice | None:
-    """Return what is in use, None when nothing is."""
+    """Return the choice in use, None when there is none."""
     try:
         return Choice((folder / LOCK).read_text("utf-8"), (folder / LINK).readlink())
     except FileNotFoundError:
@@ -48,19 +48,19 @@ def chosen(folder: Path) -> Choice | None:
 
 
 def announce(folder: Path, profile: str) -> int:
-    """Say that a profile is asked for, until the lock that is returned is closed."""
+    """Announce that a profile is requested, until the returned lock is closed."""
     lock = os.open(folder / f"asked-{profile}", os.O_RDWR | os.O_CREAT, 0o644)
     fcntl.flock(lock, fcntl.LOCK_EX)
     return lock
 
 
 def replaced_by(folder: Path, profile: str) -> str:
-    """Return the profile that is asked for and replaces another one, empty when none does."""
+    """Return the requested profile that replaces another one, empty when there is none."""
     return next((each for each in REPLACED_BY.get(profile, ()) if _is_asked(folder, each)), "")
 
 
 def _is_asked(folder: Path, profile: str) -> bool:
-    """Tell whether the container of a profile lives. Whoever asks shares: they never meet."""
+    """Return whether the container of a profile runs. Shared locks do not block each other."""
     try:
         lock = os.open(folder / f"asked-{profile}", os.O_RDONLY)
     except FileNotFoundError:
@@ -75,16 +75,16 @@ def _is_asked(folder: Path, profile: str) -> bool:
 
 
 def claim(folder: Path, wanted: Choice) -> int | None:
-    """Put a choice in use where nobody runs with another one.
+    """Put a choice in use, if no process runs with another one.
 
     Returns:
-        The lock that keeps it in use, None when another choice is.
+        The lock that keeps it in use, None when another choice is in use.
     """
     lock = os.open(folder / LOCK, os.O_RDWR | os.O_CREAT, 0o644)
     try:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
-        pass  # somebody runs, perhaps with this very choice
+        pass  # a process runs, perhaps with this choice
     else:
         (folder / LINK).unlink(missing_ok=True)
         (folder / LOCK).write_text(wanted.profile, "utf-8")
@@ -93,10 +93,10 @@ def claim(folder: Path, wanted: Choice) -> int | None:
 
 
 def hold(folder: Path, profiles: tuple[str, ...]) -> int | None:
-    """Take part in what is in use, if it is one of these profiles; in any, where none is named.
+    """Share the choice in use, if it is one of these profiles, or any if none is named.
 
     Returns:
-        The lock that keeps it in use, None when there is nothing to take part in.
+        The lock that keeps it in use, None when there is none to share.
     """
     there = chosen(folder)
     if there is None or (profiles and there.profile not in profiles):
@@ -110,39 +110,39 @@ def _share(lock: int, folder: Path, wanted: Choice) -> int | None:
     fcntl.flock(lock, fcntl.LOCK_SH)
     if chosen(folder) == wanted:
         return lock
-    os.close(lock)  # another choice came before the lock was had
+    os.close(lock)  # the choice changed before the lock was acquired
     return None
 
 
 def taken(there: Choice | None, wanted: Choice) -> str:
-    """Return what to say while a choice is not in use, though nothing speaks against it.
+    """Return the message while a valid choice is not in use.
 
-    One that goes on waiting would be as good as the other after the next start of the machine.
+    A choice left waiting could be the first one after the next boot.
     """
     if there is None:
-        return "not in use yet; the log of this container says why"
+        return "not in use yet; see the log of this container"
     return (
-        f"the profile {there.profile} is in use with {there.file}, and one cell has one profile "
-        f"and one file: first `{command_of(there.profile, 'down')}`, or take this one "
-        f"back: `{command_of(wanted.profile, f'rm -s -f {wanted.profile}-cell')}`"
+        f"the profile {there.profile} is in use with {there.file}, and a cell has only one profile "
+        f"and file: first `{command_of(there.profile, 'down')}`, or remove this one: "
+        f"`{command_of(wanted.profile, f'rm -s -f {wanted.profile}-cell')}`"
     )
 
 
 def stands_back(other: str) -> str:
-    """Return what the simulation says while another profile is asked for."""
+    """Return the message of the simulation while another profile is requested."""
     return (
-        f"stands back: the profile {other} replaces the simulation, until "
+        f"on standby: the profile {other} replaces the simulation, until "
         f"`{command_of(other, 'down')}`"
     )
 
 
 class Keeper:
-    """Keeps a choice in use, or says once what is in the way."""
+    """Keeper of a choice: puts it in use, or reports once what prevents it."""
 
     def __init__(self, folder: Path, wanted: Choice) -> None:
-        """Announce it; the profiles that it replaces go."""
+        """Announce the choice; the profiles that it replaces end."""
         self._folder, self._wanted = folder, wanted
-        (folder / LOCK).touch()  # who waits need not say that no profile was started
+        (folder / LOCK).touch()  # waiting containers then do not report a missing profile
         self._asked = announce(folder, wanted.profile)
         self._lock: int | None = None
         self._said = ""
@@ -150,7 +150,7 @@ class Keeper:
         self._heartbeat = heartbeat_of_this_process()
 
     def step(self) -> str:
-        """Do what is due; return what is in the way, empty when it is in use or stands back."""
+        """Run one step; return what prevents the use, empty when in use or on standby."""
         if other := replaced_by(self._folder, self._wanted.profile):
             self._give_back()
             return self._tell("", stands_back(other))
@@ -173,7 +173,7 @@ class Keeper:
             self._lock = None
 
     def _tell(self, complaint: str, words: str) -> str:
-        """Say something new. What only looks wrong until another container is there, waits."""
+        """Log a new message. A complaint that another container may resolve is delayed."""
         self._heartbeat.beat(time.monotonic_ns(), complaint)
         replaceable = self._wanted.profile in REPLACED_BY
         too_early = time.monotonic() - self._since_s < GRACE_S
@@ -192,7 +192,7 @@ def keep(folder: Path, wanted: Choice) -> NoReturn:
 
 
 def run(folder: Path, profiles: tuple[str, ...], command: list[str]) -> NoReturn:
-    """Run a command with the cell file that is in use; wait anew when that one is replaced."""
+    """Run a command with the cell file in use; wait again when the file is replaced."""
     heartbeat = heartbeat_of_this_process()
     while True:
         lock = _wait(folder, profiles, command, heartbeat)
@@ -205,7 +205,7 @@ def run(folder: Path, profiles: tuple[str, ...], command: list[str]) -> NoReturn
 
 
 def _wait(folder: Path, profiles: tuple[str, ...], command: list[str], heartbeat: Heartbeat) -> int:
-    """Return the lock of what is in use, once there is something to take part in."""
+    """Wait for a choice to share; return its lock."""
     patient_until_s = time.monotonic() + PATIENCE_S
     said = ""
     while (lock := hold(folder, profiles)) is None:
@@ -245,26 +245,26 @@ def _end(child: subprocess.Popen[bytes]) -> None:
 
 
 def _die_with_parent() -> None:
-    """Let the kernel end a command whose `run` was killed: nobody would end it otherwise."""
+    """Make the kernel end the command when its `run` process is killed."""
     prctl = getattr(ctypes.CDLL(None), "prctl", None)
     if prctl is not None:
         prctl(PR_SET_PDEATHSIG, int(signal.SIGKILL), 0, 0, 0)
 
 
 def waiting(folder: Path, profiles: tuple[str, ...] = ()) -> str:
-    """Return why there is nothing to take part in, empty where a profile's container says it."""
+    """Return why no choice can be shared, empty if a profile's container reports it."""
     if other := next((each for name in profiles if (each := replaced_by(folder, name))), ""):
         return stands_back(other)
     there = chosen(folder)
     if there is not None and not replaced_by(folder, there.profile):
-        return f"the profile {there.profile} is in use, and this container belongs to another one"
+        return f"the profile {there.profile} is in use, but this container belongs to another one"
     if (folder / LOCK).exists():
         return ""
     return "no cell file is in use: start the whole cell, `docker compose up`"
 
 
 def check(folder: Path, wanted: Choice) -> int:
-    """Wait a little until a choice is in use; say why it is not; return the exit code."""
+    """Wait until a choice is in use, or print why it is not; return the exit code."""
     patient_until_s = time.monotonic() + PATIENCE_S
     while chosen(folder) != wanted or replaced_by(folder, wanted.profile):
         complaint = misfit(wanted)
@@ -285,7 +285,7 @@ def _say(line: str) -> None:
 
 
 def main(words: list[str], folder: Path = FOLDER) -> int:
-    """Do what the first word says."""
+    """Run the command named by the first word."""
     file = Path(os.environ.get("FORCEMESH_CELL", ""))
     match words:
         case ["keep", profile] if profile in PLAYERS:

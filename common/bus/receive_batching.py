@@ -1,7 +1,7 @@
-"""Being woken seldom: for a process that hears all of a cell and has time.
+"""Receive batching (SO_RCVLOWAT) for a process that reads all topics without deadline.
 
-Half of what hearing 1500 messages a second costs is to be woken for each. The kernel can let bytes
-wait until there are many (SO_RCVLOWAT, tcp(7)).
+Half of the CPU cost of receiving 1500 messages a second is the wake-up for each. The kernel can
+delay the wake-up until many bytes have arrived (SO_RCVLOWAT, tcp(7)).
 """
 
 import socket
@@ -10,28 +10,28 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 OPEN_FILES = Path("/proc/self/fd")
-MANY_B = 16_384  # some 60 ms of a cell at work
+MANY_B = 16_384  # about 60 ms of an active cell
 AT_ONCE = 1
-BUSY = 50  # messages in a step: with fewer there is nothing to be won
-LOOKS = 20  # one in so many steps looks what connections there are
+BUSY = 50  # messages in a step: with fewer, batching has no benefit
+LOOKS = 20  # steps between searches for new connections
 
 
 class Wakes:
-    """The connections of this process, whoever in it has made them."""
+    """Receive batching on all TCP connections of this process."""
 
     def __init__(self) -> None:
-        """Be woken at once, until there is much to hear."""
+        """Start without batching."""
         self._seldom = False
         self._steps = 0
 
     def step(self, heard: int) -> None:
-        """After a busy step let what comes wait for more; after another, take it in at once.
+        """Enable batching after a busy step, disable it after another.
 
-        So what is too little to wake anybody is taken in two steps later at the latest.
+        Bytes below the threshold are therefore read two steps later at the latest.
         """
         was, self._seldom = self._seldom, heard >= BUSY
         if self._seldom != was or (self._seldom and self._steps % LOOKS == 0):
-            for number in connections():  # also those that were made meanwhile
+            for number in connections():  # also new ones
                 _let_wait(number, MANY_B if self._seldom else AT_ONCE)
         self._steps += 1
 
@@ -42,7 +42,7 @@ def _let_wait(number: int, least_B: int) -> None:
 
 
 def connections() -> list[int]:
-    """Return the TCP connections that are open; where the system has no such list, none."""
+    """Return the open TCP connections; empty if the system has no such list."""
     found = []
     with suppress(OSError):
         for number in [int(entry.name) for entry in OPEN_FILES.iterdir()]:
@@ -55,7 +55,7 @@ def connections() -> list[int]:
 
 @contextmanager
 def _borrowed(number: int) -> Iterator[socket.socket]:
-    """Use an open file as the socket that it is, and leave it open. Raise OSError if it is none."""
+    """Use an open file as a socket, and leave it open. Raise OSError if it is not a socket."""
     found = socket.socket(fileno=number)
     try:
         yield found

@@ -1,7 +1,7 @@
-"""The calibration of a cell's sensor: payload and bias, what they hold for, how good they are.
+"""Calibration of a cell's sensor: payload and bias, their validity, and the fit residuals.
 
-`forcemesh calibrate` writes it as a file of its own, which the cell file names, so that files
-written by hand are never written over. SI units; payload in sensor axes, from the sensor's origin.
+`forcemesh calibrate` writes it to a separate file, named in the cell file, and so never overwrites
+a file written by hand. SI units; payload in sensor axes, from the sensor's origin.
 """
 
 import hashlib
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 Gains = tuple[AxisGain, AxisGain, AxisGain]
 REVISION_CHARS = 8
-UNIT_TOLERANCE = 1e-3  # of a length that should be 1
+UNIT_TOLERANCE = 1e-3  # of the length of a unit vector
 
 
 ComPart = Annotated[float, Field(ge=-1.0, le=1.0)]  # [m] from the sensor's origin
@@ -35,7 +35,7 @@ BiasTorque = tuple[TorquePart, TorquePart, TorquePart]
 
 
 class DriftSection(Section):
-    """How the bias moved while a fit was recorded: kept with the payload, used by no process."""
+    """Bias drift during the recording of a fit: stored with the payload, not used at run time."""
 
     start_s: float
     end_s: float
@@ -46,7 +46,7 @@ class DriftSection(Section):
 
 
 class PayloadSection(Section):
-    """Weight below the sensor and the sensor's bias: what `forcemesh payload fit --out` writes."""
+    """Payload on the sensor and sensor bias, as written by `forcemesh payload fit --out`."""
 
     mass_kg: float = Field(ge=0.0, le=50.0)
     com_m: tuple[ComPart, ComPart, ComPart]
@@ -54,7 +54,7 @@ class PayloadSection(Section):
     bias_torque_Nm: BiasTorque = (0.0, 0.0, 0.0)
     gravity_direction_in_base: Vec3 = (0.0, 0.0, -1.0)
     mounting_rotation_rad: Vec3 = (0.0, 0.0, 0.0)
-    force_gain: Gains = (1.0, 1.0, 1.0)  # what each axis reads per unit of load
+    force_gain: Gains = (1.0, 1.0, 1.0)  # reading of each axis per unit of load
     torque_gain: Gains = (1.0, 1.0, 1.0)
     drift: DriftSection | None = None
     accept_uncalibrated: bool = False  # arm for force feedback although mass and centre are zero
@@ -74,24 +74,24 @@ class PayloadSection(Section):
 
     @classmethod
     def of(cls, payload: "Payload") -> "PayloadSection":
-        """Return a payload as a file says it."""
+        """Return the file section of a payload."""
         return cls(**asdict(payload))
 
     @property
     def payload(self) -> "Payload":
-        """What a process computes with: the bias of the end of the recording, without its drift."""
-        from common.config.payload import Payload  # noqa: PLC0415 - half a second of mathematics
+        """The run-time payload: the bias at the end of the recording, without its drift."""
+        from common.config.payload import Payload  # noqa: PLC0415 - its imports take half a second
 
         return Payload(**self.model_dump(exclude={"accept_uncalibrated", "drift"}))
 
     @property
     def weighs(self) -> bool:
-        """Whether somebody has put in what hangs below the sensor."""
+        """Whether mass or centre of mass is set."""
         return self.mass_kg > 0.0 or any(self.com_m)
 
 
 class Residuals(Section):
-    """What a payload left unexplained, pose by pose, in free space."""
+    """Residuals of a payload over its poses, in free space."""
 
     poses: int = Field(ge=1)
     force_mean_N: NotNegative
@@ -101,18 +101,18 @@ class Residuals(Section):
 
 
 class CalibrationSection(Section):
-    """A payload with its origin: for which tool, which sensor, when, how, how well."""
+    """A payload with its provenance: tool, sensor, date, method, residuals."""
 
-    revision: str = ""  # of all that follows; empty in a file: it is worked out
+    revision: str = ""  # hash of all fields below; empty in a file: it is computed
     cell: str
     made_at: AwareDatetime
-    method: Literal["arm", "manual", "recording"]  # who moved: the wizard, a person, nobody
+    method: Literal["arm", "manual", "recording"]  # moved by the wizard, by a person, not at all
     tool: str = ""  # name of the tool, as in the cell file
     T_flange_tcp: FrameSection
     T_flange_sensor: FrameSection
-    sensor: str = ""  # serial number, as far as the sensor says one
+    sensor: str = ""  # serial number, if the sensor reports one
     fit: Residuals
-    verified: Residuals | None = None  # poses that the fit has not seen
+    verified: Residuals | None = None  # at poses not used in the fit
     payload: PayloadSection
 
     @model_validator(mode="after")
@@ -121,15 +121,15 @@ class CalibrationSection(Section):
         revision = hashlib.sha256(text.encode()).hexdigest()[:REVISION_CHARS]
         if self.revision not in ("", revision):
             raise ValueError(
-                f"revision {self.revision} is of other numbers: the file was changed after it was "
-                "written; delete the line `revision` if the change is meant, else move the file "
+                f"revision {self.revision} is of other content: the file was changed after it was "
+                "written; delete the line `revision` if the change is intended, else move the file "
                 "away, start the cell and calibrate"
             )
         object.__setattr__(self, "revision", revision)
         return self
 
     def save(self, path: Path) -> None:
-        """Write the file that a cell file names. Raises DataError when it cannot be written."""
+        """Write the calibration file. Raises DataError when it cannot be written."""
         text = "# Written by forcemesh calibrate. SI units; payload in sensor axes.\n"
         tree = self.model_dump(mode="json", exclude_none=True)
         text += yaml.safe_dump(tree, sort_keys=False, default_flow_style=None)
@@ -137,6 +137,6 @@ class CalibrationSection(Section):
             path.parent.mkdir(parents=True, exist_ok=True)
             unfinished = path.with_name(f".{path.name}.new")
             unfinished.write_text(text, encoding="utf-8")
-            unfinished.replace(path)  # whole or not at all
+            unfinished.replace(path)  # atomic
         except OSError as error:
             raise DataError(f"{path}: cannot be written: {error.strerror}") from error

@@ -1,4 +1,4 @@
-"""What a cell file may say: one robot cell, every field with its unit, its bounds, its default.
+"""Model of the cell file: one robot cell, every field with its unit, bounds and default.
 
 SI units. Angles of frames are Kawasaki's O, A, T in degrees, as on the teach pendant.
 """
@@ -26,10 +26,10 @@ from forcemesh.units import (
 
 SHORTEST_DEADLINE_PERIODS = 3.0
 SLOWEST_INERTIAL_HZ = 100.0
-SETPOINT_SHARE = 0.7  # of the ceiling: what the law overshoots, and a hold after it, fit above
-USUAL_FORCE_N = 50.0  # above these two a person has thought of what is between tool and plate
+SETPOINT_SHARE = 0.7  # of the ceiling: leaves room for overshoot and for a hold after it
+USUAL_FORCE_N = 50.0  # above these two a risk assessment must be named
 USUAL_SPEED_M_S = 0.25
-FARTHEST_M = 10.0  # that any arm reaches, on a rail too
+FARTHEST_M = 10.0  # beyond the reach of any arm, also on a rail
 
 Angles = tuple[Angle, Angle, Angle, Angle, Angle, Angle]
 JointSpeed = Annotated[float, Field(gt=0.0, le=3000.0)]  # [degrees/s]
@@ -39,14 +39,14 @@ Place = tuple[Far, Far, Far]
 
 
 class Roles(Section):
-    """Which process plays the robot and which the sensor: the swap of sim and real."""
+    """Implementation of the roles robot and sensor: simulated or real."""
 
     robot: Literal["sim", "gateway"]
     sensor: Literal["sim", "driver", "external"]
 
 
 class Rates(Section):
-    """How often things happen in this cell [Hz]."""
+    """Rates of this cell [Hz]."""
 
     robot_hz: float = Field(250.0, ge=5.0, le=1000.0)
     sensor_hz: float = Field(500.0, ge=50.0, le=8000.0)
@@ -56,7 +56,7 @@ class Rates(Section):
 
 
 class Deadlines(Section):
-    """Shortest stale time of each class of input; three of its periods when those are longer."""
+    """Minimum stale time of each class of input; three of its periods if that is longer."""
 
     command_s: float = Field(0.040, ge=0.040, le=1.0)
     sensor_s: float = Field(0.020, ge=0.020, le=1.0)
@@ -65,11 +65,11 @@ class Deadlines(Section):
 
 
 class RobotSection(Section):
-    """What the regulator must know of the robot, whoever plays it."""
+    """Robot parameters of the regulator, for any implementation of the robot."""
 
-    hosts: tuple[Host, ...] = ("pc",)  # where force feedback can run
-    delay_s: float = Field(0.0, ge=0.0, le=0.5)  # pure delay from command to first motion
-    lag_s: float = Field(0.012, gt=0.0, le=0.5)  # area lag of servo and set-point smoothing
+    hosts: tuple[Host, ...] = ("pc",)  # hosts that can run force feedback
+    delay_s: float = Field(0.0, ge=0.0, le=0.5)  # dead time from command to first motion
+    lag_s: float = Field(0.012, gt=0.0, le=0.5)  # lag (area method) of servo and smoothing
     bandwidth_rad_s: float = Field(150.0, gt=0.0, le=5000.0)  # -3 dB of the same
     joint_min_deg: Angles
     joint_max_deg: Angles
@@ -79,8 +79,8 @@ class RobotSection(Section):
     def _joints_are_in_degrees(self) -> "RobotSection":
         if joints_in_radians(self.joint_min_deg, self.joint_max_deg):
             raise ValueError(
-                f"joint_min_deg {self.joint_min_deg} to joint_max_deg {self.joint_max_deg}: no arm "
-                "turns as little as that; is that in radians?"
+                f"joint_min_deg {self.joint_min_deg} to joint_max_deg {self.joint_max_deg}: too "
+                "small for an arm; is that in radians?"
             )
         if max(self.joint_speed_max_deg_s) <= SLOWEST_DEG_S:
             raise ValueError(
@@ -105,21 +105,21 @@ class RobotSection(Section):
 
 
 class SensorSection(Section):
-    """The force/torque sensor: where it sits, what it can read, how it is reached."""
+    """The force/torque sensor: mounting, range, connection."""
 
     T_flange_sensor: FrameSection
     force_range_N: float = Field(500.0, gt=0.0, le=10_000.0)
     torque_range_Nm: float = Field(20.0, gt=0.0, le=1000.0)
-    frozen_s: float = Field(0.08, ge=0.0, le=0.1)  # one reading for so long; 0: it has no noise
+    frozen_s: float = Field(0.08, ge=0.0, le=0.1)  # longest constant reading; 0: no noise
     driver: Literal["rdt", "robotiq", "bota"] = "rdt"  # rdt: ATI Net F/T, ATI Axia, OnRobot
     address: str = "192.168.1.1"
     port: int = Field(49152, ge=1, le=65535)
     counts_per_N: Positive = 1_000_000.0
     counts_per_Nm: Positive = 1_000_000.0
-    # Whose counts hold: those above, those of the sensor's page netftapi2.xml, or both must agree.
+    # Source of the counts: the two above, the sensor's page netftapi2.xml, or both (must agree).
     calibration: Literal["cell", "page", "both"] = "cell"
     page_port: int = Field(80, ge=1, le=65535)
-    device: str = "/dev/ttyUSB0"  # robotiq: its serial line; bota: its configuration file
+    device: str = "/dev/ttyUSB0"  # robotiq: serial port; bota: configuration file
 
     @model_validator(mode="after")
     def _ranges_belong_together(self) -> "SensorSection":
@@ -136,20 +136,20 @@ class SensorSection(Section):
 class ToolSection(Section):
     """Tool centre point in the flange frame; its z axis points out of the tool."""
 
-    name: str = Field("", max_length=100)  # two tools with one name have one calibration
+    name: str = Field("", max_length=100)  # tools of the same name share one calibration
     T_flange_tcp: FrameSection
 
 
 class FilterSection(Section):
-    """Filter of the wrench: median of `median` samples, then a first-order low-pass."""
+    """Wrench filter: median of `median` samples, then a first-order low-pass."""
 
     median: Literal[1, 3, 5] = 3
     lowpass_s: float = Field(0.005, ge=0.0, le=0.5)
-    inertial: bool = False  # take away what the tool's acceleration adds; costs no delay, but noise
+    inertial: bool = False  # inertial compensation of the tool; adds noise, no delay
 
 
 class ContactSection(Section):
-    """Stiffest contact that the gains must be safe for: the gain rule starts here."""
+    """Stiffest contact for which the gains must be stable: basis of the gain rule."""
 
     stiffness_N_m: float = Field(ge=250.0, le=1e7)
     tilt_stiffness_Nm_rad: float = Field(gt=0.0, le=1e4)
@@ -160,67 +160,63 @@ class ContactSection(Section):
 
 
 class ForceSection(Section):
-    """How the regulator behaves around its gains."""
+    """Parameters of the regulator other than its gains."""
 
     chain_s: float = Field(
         0.004, ge=0.0, le=0.1
-    )  # from sensor sample to robot, as the demo's last line says
+    )  # latency from sensor sample to robot, as printed in the last line of the demo
     deadband_N: float = Field(0.3, ge=0.0, le=20.0)
     deadband_Nm: float = Field(0.02, ge=0.0, le=2.0)
     speed_max_m_s: float = Field(0.05, gt=0.0, le=0.25)
     speed_max_rad_s: float = Field(0.5, gt=0.0, le=2.0)
     approach_m_s: float = Field(0.01, gt=0.0, le=0.25)
-    approach_budget_N: float = Field(10.0, gt=0.0, le=200.0)  # force that the first touch may add
+    approach_budget_N: float = Field(10.0, gt=0.0, le=200.0)  # permitted force at first contact
     idle_max_N: float = Field(
         2.0, gt=0.0, le=50.0
-    )  # more than this left in free space: payload or bias is wrong
-    idle_max_Nm: float = Field(0.3, gt=0.0, le=5.0)  # the same of the torque about the TCP
-    touch_N: float = Field(2.0, gt=0.0, le=50.0)  # contact begins above, ends below half of it
-    search_m: float = Field(0.05, gt=0.0, le=0.5)  # longest way to the first contact
-    lost_m: float = Field(
-        0.005, gt=0.0, le=0.1
-    )  # longest way to the next one after contact was lost
+    )  # larger residual force in free space: payload or bias is wrong
+    idle_max_Nm: float = Field(0.3, gt=0.0, le=5.0)  # the same for the torque about the TCP
+    touch_N: float = Field(2.0, gt=0.0, le=50.0)  # contact begins above it, ends below half
+    search_m: float = Field(0.05, gt=0.0, le=0.5)  # longest travel to the first contact
+    lost_m: float = Field(0.005, gt=0.0, le=0.1)  # longest travel to regain a lost contact
     given_J: float = Field(
         0.002, gt=0.0, le=1.0
-    )  # work that what is pressed on may do on the tool, beyond what it got
+    )  # net work that the environment may do on the tool
     setpoint_ramp_N_s: float = Field(200.0, gt=0.0, le=5000.0)
     setpoint_max_N: float = Field(40.0, gt=0.0, le=1000.0)
-    law: Law = "plain"  # adaptive: gains from the stiffness met, not from the stiffest
-    delay_compensation: bool = True  # adaptive: foresee the force of commands on their way
-    surface_tracking: bool = True  # adaptive: follow a surface that moves
-    # Opt-in: above 80 % of a ceiling the tool goes back along its axis by so much, then holds.
+    law: Law = "plain"  # adaptive: gains from the identified stiffness, not from the stiffest
+    delay_compensation: bool = True  # adaptive: Smith predictor for commands in flight
+    surface_tracking: bool = True  # adaptive: track a moving surface
+    # Opt-in: above 80 % of a ceiling the tool retreats along its axis by this distance, then holds.
     retreat_m: float = Field(0.0, ge=0.0, le=0.002)
     retreat_m_s: float = Field(0.005, gt=0.0, le=0.01)
-    tare_max_N: float = Field(5.0, gt=0.0, le=100.0)  # a larger change of bias is taken for contact
+    tare_max_N: float = Field(5.0, gt=0.0, le=100.0)  # a larger change of bias counts as contact
     tare_max_Nm: float = Field(1.0, gt=0.0, le=10.0)
-    tare_age_max_s: float = Field(
-        28_800.0, ge=60.0, le=864_000.0
-    )  # of the last tare when the arm is armed
+    tare_age_max_s: float = Field(28_800.0, ge=60.0, le=864_000.0)  # age of the last tare at arming
 
 
 class PlaneSection(Section):
-    """A wall in base axes: the TCP must stay on the side that the normal points to."""
+    """Workspace plane in base axes: the TCP must stay on the side of the normal."""
 
-    point_m: Place  # any point of the wall
-    normal: Vec3  # its length does not matter
+    point_m: Place  # any point of the plane
+    normal: Vec3  # of any length
 
     @model_validator(mode="after")
     def _normal_points_somewhere(self) -> "PlaneSection":
         if not any(abs(part) > 1e-6 for part in self.normal):
-            raise ValueError("the normal has no length, so the plane has no sides")
+            raise ValueError("the normal has length zero")
         return self
 
 
 class LimitsSection(Section):
-    """What the arbiter and, again, the robot's own process let through at most.
+    """Limits on motion and force, checked by the arbiter and again by the robot's own process.
 
-    The upper bounds here are ceilings of the code: a cell file above them is not loaded.
+    The upper bounds of the fields are hard: a cell file above them is not loaded.
     """
 
     workspace_min_m: Vec3  # of the TCP
     workspace_max_m: Vec3
-    planes: tuple[PlaneSection, ...] = Field((), max_length=16)  # walls inside the box
-    joint_speed_share: Fraction = 0.5  # of robot.joint_speed_max_deg_s, as measured
+    planes: tuple[PlaneSection, ...] = Field((), max_length=16)  # planes inside the box
+    joint_speed_share: Fraction = 0.5  # share of robot.joint_speed_max_deg_s, for measured speeds
     step_m: float = Field(0.02, gt=0.0, le=0.2)
     step_deg: float = Field(10.0, gt=0.0, le=90.0)
     speed_m_s: float = Field(0.25, gt=0.0, le=2.0)
@@ -229,13 +225,13 @@ class LimitsSection(Section):
     accel_deg_s2: float = Field(480.0, gt=0.0, le=5000.0)
     tracking_m: float = Field(0.01, gt=0.0, le=0.2)  # between commanded and measured pose
     tracking_deg: float = Field(5.0, gt=0.0, le=90.0)
-    tether_m: float = Field(1.0, gt=0.0, le=5.0)  # of the flange, from where it was armed
-    # How far the flange may turn from there: below 180, or a tool could be turned round and round.
+    tether_m: float = Field(1.0, gt=0.0, le=5.0)  # of the flange, from the pose at arming
+    # Rotation of the flange from there: below 180, because larger rotations are ambiguous.
     tether_deg: float = Field(150.0, gt=0.0, le=175.0)
     force_N: float = Field(50.0, gt=0.0, le=1000.0)
     torque_Nm: float = Field(10.0, gt=0.0, le=100.0)
-    move_rise_N: float = Field(20.0, gt=0.0, le=1000.0)  # that a move may add to the least force
-    # Above 50 N or 250 mm/s: which assessment of the risks of this cell says that it may be.
+    move_rise_N: float = Field(20.0, gt=0.0, le=1000.0)  # rise above the lowest force of a move
+    # Above 50 N or 250 mm/s: the risk assessment of this cell that permits it.
     risk_assessment: str = Field("", max_length=500)
 
     @model_validator(mode="after")
@@ -266,7 +262,7 @@ class LimitsSection(Section):
 
 
 class GatewaySection(Section):
-    """How the controller is reached, and the scales it is asked for (design section 3)."""
+    """Address of the controller, and the scales requested from it (design section 3)."""
 
     host: str = "192.168.0.2"
     port: int = Field(49152, ge=8192, le=65535)
@@ -276,9 +272,9 @@ class GatewaySection(Section):
     force_per_N: int = Field(100, ge=1, le=999)
     torque_per_Nm: int = Field(1000, ge=10, le=9999)
     speed_per_mm_s: int = Field(10, ge=1, le=1000)
-    arm: int = Field(1, ge=0, le=999)  # its number, fm.num in fm.config: swapped cables are found
-    # Longest time between two set points that the controller takes; none goes farther in it than
-    # limits.speed_m_s allows, and the controller refuses one that does.
+    arm: int = Field(1, ge=0, le=999)  # its number, fm.num in fm.config: detects swapped cables
+    # Longest time between two set points that the controller accepts; within it none moves farther
+    # than limits.speed_m_s allows; the controller refuses one that does.
     segment_s: float = Field(0.1, ge=0.02, le=1.0)
     max_untaken_setpoints: int = Field(1, ge=1, le=10)
     watchdog_s: float = Field(0.25, ge=0.1, le=2.0)
@@ -298,8 +294,8 @@ class Cell(Section):
     robot: RobotSection
     sensor: SensorSection
     tool: ToolSection
-    payload: PayloadSection  # until there is a calibration
-    # In the file: the name of another one beside it, which `forcemesh calibrate` writes.
+    payload: PayloadSection  # used until a calibration exists
+    # In the file: the name of a calibration file next to it, written by `forcemesh calibrate`.
     calibration: CalibrationSection | None = None
     filter: FilterSection = FilterSection()
     contact: ContactSection
@@ -313,15 +309,15 @@ class Cell(Section):
         if self.roles.robot == "gateway" and self.gateway is None:
             raise ValueError("roles.robot is gateway, so a section `gateway` is needed")
         if "sim" in (self.roles.robot, self.roles.sensor) and self.sim is None:
-            raise ValueError("a role is played by sim, so a section `sim` is needed")
+            raise ValueError("a role is sim, so a section `sim` is needed")
         if self.sim is not None and self.sim.netft and self.roles.sensor != "driver":
             raise ValueError(
-                "sim.netft: the sensor on the arm talks RDT, so roles.sensor is driver"
+                "sim.netft: the simulated sensor serves RDT, so roles.sensor must be driver"
             )
         if self.filter.inertial and self.rates.robot_hz < SLOWEST_INERTIAL_HZ:
             raise ValueError(
-                f"filter.inertial: poses at {self.rates.robot_hz:g} Hz do not show accelerations, "
-                f"rates.robot_hz must be {SLOWEST_INERTIAL_HZ:g} at least"
+                f"filter.inertial: {self.rates.robot_hz:g} Hz is too slow to measure acceleration, "
+                f"rates.robot_hz must be at least {SLOWEST_INERTIAL_HZ:g}"
             )
         is_sim = self.roles.sensor == "sim" or (self.sim is not None and self.sim.netft)
         noiseless = is_sim and self.sim is not None and self.sim.noiseless
@@ -335,8 +331,8 @@ class Cell(Section):
         if self.force.setpoint_max_N > most_N:
             raise ValueError(
                 f"force.setpoint_max_N is {self.force.setpoint_max_N:g} N, at most {most_N:g} N is "
-                f"allowed ({SETPOINT_SHARE:g} of limits.force_N, {self.limits.force_N:g} N): a "
-                "press near the ceiling would be stopped by it"
+                f"allowed ({SETPOINT_SHARE:g} of limits.force_N, {self.limits.force_N:g} N): "
+                "overshoot near the ceiling would stop the arm"
             )
         return self
 
@@ -375,9 +371,9 @@ class Cell(Section):
 
     @property
     def loop_delay_s(self) -> float:
-        """Time from a change of force to the arm's answer to it, tau [s].
+        """Delay from a change of force to the arm's response, tau [s].
 
-        Controller's delay, servo lag, wrench filter, half a control period, and the processes.
+        Sum of controller delay, servo lag, wrench filter, half a control period, and the processes.
         """
         waiting_s = 0.5 / self.rates.control_hz
         robot_s = self.robot.delay_s + self.robot.lag_s
@@ -385,23 +381,23 @@ class Cell(Section):
 
     @property
     def filter_delay_s(self) -> float:
-        """Time by which the wrench's filter delays what the sensor reads [s]."""
+        """Delay of the wrench filter [s]."""
         return self.filter.lowpass_s + (self.filter.median - 1) / 2 / self.rates.sensor_hz
 
     @property
     def approach_limit_m_s(self) -> float:
-        """Fastest approach whose first touch adds no more than the force budget [m/s].
+        """Fastest approach whose first contact stays within the force budget [m/s].
 
-        Until the arm answers, the force grows by stiffness times speed times tau.
+        Until the arm responds, the force grows by stiffness times speed times tau.
         """
         return self.force.approach_budget_N / (self.contact.stiffness_N_m * self.loop_delay_s)
 
     def rate_hz(self, topic: Topic[Any]) -> float:
-        """Return how often a topic comes in this cell [Hz]."""
+        """Return the rate of a topic in this cell [Hz]."""
         rate: float = getattr(self.rates, f"{topic.rate}_hz")
         return rate
 
     def stale_after_s(self, topic: Topic[Any]) -> float:
-        """Return the age [s] from which on a topic is stale: three periods, or its deadline."""
+        """Return the age [s] above which a topic is stale: three periods, or its deadline."""
         deadline_s: float = getattr(self.deadlines, f"{topic.deadline}_s")
         return max(SHORTEST_DEADLINE_PERIODS / self.rate_hz(topic), deadline_s)

@@ -1,4 +1,4 @@
-"""The section `panel` of a cell file: where the cockpit is served, and who may open it."""
+"""Section `panel` of a cell file: address of the web panel, and its access tokens."""
 
 from pydantic import Field, field_validator, model_validator
 
@@ -6,20 +6,20 @@ from forcemesh.connection import Section
 from forcemesh.patterns import TOKEN
 
 SHORTEST_TOKEN = 16
-SAME_TOKEN = "token and view_token are the same: who looks could operate"  # noqa: S105 - a sentence
+SAME_TOKEN = "token and view_token are the same: a viewer could operate"  # noqa: S105 - a sentence
 
 
 class PanelSection(Section):
-    """The cockpit in a browser (docs/panel.md).
+    """The web panel (docs/panel.md).
 
-    Others than this machine reach it only by a token: the panel refuses to listen wider without.
+    Without a token the panel listens on this machine only.
     """
 
     host: str = Field("127.0.0.1", min_length=1, max_length=200)
     port: int = Field(8080, ge=1024, le=65535)
-    # Whoever has it may do what an operator may. FORCEMESH_PANEL_TOKEN goes before it.
+    # Grants the rights of an operator. FORCEMESH_PANEL_TOKEN takes precedence.
     token: str = Field("", pattern=TOKEN, max_length=200)
-    view_token: str = Field("", pattern=TOKEN, max_length=200)  # may look, no more
+    view_token: str = Field("", pattern=TOKEN, max_length=200)  # read-only
 
     @field_validator("token", "view_token")
     @classmethod
@@ -36,10 +36,10 @@ class PanelSection(Section):
 
 
 def guessable(token: str) -> str:
-    """Return why a token can be guessed, empty when it cannot, or when there is none."""
+    """Return why a token can be guessed, empty when it cannot or is empty."""
     if not token or len(token) >= SHORTEST_TOKEN:
         return ""
     return (
-        f"a token of {len(token)} characters can be guessed: take at least {SHORTEST_TOKEN}, "
+        f"a token of {len(token)} characters can be guessed: use at least {SHORTEST_TOKEN}, "
         "`openssl rand -hex 16` makes one"
     )

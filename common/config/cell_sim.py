@@ -1,4 +1,4 @@
-"""What a cell file may say of a simulated arm, its controller, its sensor and what it touches."""
+"""Section `sim` of a cell file: simulated arm, controller, sensor and contact plate."""
 
 from typing import Annotated
 
@@ -18,7 +18,7 @@ class SimSection(Section):
     smoothing_s: float = Field(0.008, ge=0.001, le=0.1)  # of its set points
     as_step_s: float = Field(0.0001, ge=1e-6, le=0.01)  # of the emulated controller's programs
     netft: bool = False  # the emulated controller serves its sensor over RDT at sensor.port
-    as_pessimistic: bool = False  # the worse reading of what the controller's manuals leave open
+    as_pessimistic: bool = False  # worst-case reading where the controller manuals are unclear
     stiffness_N_m: float = Field(2e4, ge=1e3, le=2e5)  # of the plate
     tilt_stiffness_Nm_rad: float | None = Field(None, gt=0.0, le=1e4)
     tilt_deg: float = Field(0.0, ge=0.0, le=20.0)
@@ -39,6 +39,6 @@ class SimSection(Section):
 
     @property
     def noiseless(self) -> bool:
-        """Whether the sensor may repeat itself at rest: its noise hides within its quanta."""
+        """Whether readings may repeat at rest: the noise is below the quantization step."""
         forces = self.noise_force_N <= self.quantum_force_N
         return forces and self.noise_torque_Nm <= self.quantum_torque_Nm

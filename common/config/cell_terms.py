@@ -1,4 +1,4 @@
-"""What every section of a cell file is made of."""
+"""Common base class and field types of the sections of a cell file."""
 
 from math import radians
 from typing import TYPE_CHECKING, Annotated
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 Positive = Annotated[float, Field(gt=0.0)]
 NotNegative = Annotated[float, Field(ge=0.0)]
-Coordinate = Annotated[float, Field(ge=-2.0, le=2.0)]  # [m] of something on the flange
+Coordinate = Annotated[float, Field(ge=-2.0, le=2.0)]  # [m] in the flange frame
 Angle = Annotated[float, Field(ge=-720.0, le=720.0)]  # [degrees]
 AxisGain = Annotated[float, Field(ge=0.5, le=1.5)]
 Fraction = Annotated[float, Field(gt=0.0, le=1.0)]
@@ -27,7 +27,7 @@ class FrameSection(Section):
     @property
     def pose(self) -> "pin.SE3":
         """The pose."""
-        # Loading the mathematics takes half a second, and most verbs only need the bus's address.
+        # Importing the maths takes half a second, and most verbs only need the bus's address.
         from common.motion.frames import Oat, R_from_oat, pose  # noqa: PLC0415
 
         return pose(self.position_m, R_from_oat(Oat(*(radians(angle) for angle in self.oat_deg))))

@@ -1,4 +1,4 @@
-"""Reads a cell file: all its mistakes at once, each with its path and the nearest valid name."""
+"""Loader of cell files: reports all mistakes at once, each with its path and a suggestion."""
 
 import difflib
 import hashlib
@@ -15,7 +15,7 @@ from common.config.cell import Cell
 from forcemesh.errors import ConfigError
 from forcemesh.validation_texts import what_is_wrong
 
-TUNED = (  # what the file that a cell file names as `tuning` may say
+TUNED = (  # fields permitted in the file that a cell file names as `tuning`
     "robot.delay_s",
     "robot.lag_s",
     "robot.bandwidth_rad_s",
@@ -29,7 +29,7 @@ def load_cell(path: Path | str, overrides: dict[str, Any] | None = None) -> Cell
     """Read a cell file.
 
     Args:
-        path: The YAML file, or a link to it: what it names is beside the file itself.
+        path: The YAML file, or a link to it: files that it names are next to the real file.
         overrides: Values that replace the file's, by dotted path ("sim.tilt_deg").
 
     Raises:
@@ -47,7 +47,7 @@ def load_cell(path: Path | str, overrides: dict[str, Any] | None = None) -> Cell
 
 
 def calibration_file(path: Path) -> Path | None:
-    """Return where the calibration of a cell file is or would be, None when it names no place.
+    """Return the path of a cell file's calibration, None when the cell file names none.
 
     Raises:
         ConfigError: The cell file cannot be read.
@@ -66,7 +66,7 @@ def _calibration_file(tree: Any, path: Path) -> Path | None:
 
 
 def _take_tuning(tree: Any, path: Path, source: str) -> None:
-    """Put what `forcemesh tune` has measured before the cell file's own numbers."""
+    """Override values of the cell file with those measured by `forcemesh tune`."""
     named = tree.get("tuning") if isinstance(tree, dict) else None
     if not isinstance(named, str):
         return
@@ -74,12 +74,12 @@ def _take_tuning(tree: Any, path: Path, source: str) -> None:
     measured = _read_tree(file, str(file))
     sections = measured.values() if isinstance(measured, dict) else [None]
     if not all(isinstance(section, dict) for section in sections):
-        raise ConfigError(str(file), ["it must hold sections of what `forcemesh tune` measures"])
+        raise ConfigError(str(file), ["it must hold sections of `forcemesh tune` values"])
     for section, values in measured.items():
         for name, value in values.items():
             dotted = f"{section}.{name}"
             if dotted not in TUNED:
-                mistake = f"{dotted}: not of a tuning, known here: {', '.join(TUNED)}"
+                mistake = f"{dotted}: not a tuning field, valid: {', '.join(TUNED)}"
                 raise ConfigError(str(file), [mistake])
             _set(tree, dotted, value, source)
 
@@ -97,8 +97,8 @@ def cell_from_tree(tree: object, source: str) -> Cell:
 def cell_hash(cell: Cell) -> str:
     """Return a short hash of the effective configuration: equal in every process of a cell.
 
-    The calibration is left out: one process uses it, says which one, and may get a newer one. So
-    are the sections of panel and recorder: nobody who moves the arm reads them.
+    The calibration is excluded: one process uses it, reports its revision, and may load another.
+    The sections panel and recorder are excluded too: no control loop reads them.
     """
     text = cell.model_dump_json(exclude={"calibration", "panel", "recorder"})
     return hashlib.sha256(text.encode()).hexdigest()[:12]
@@ -142,9 +142,9 @@ def _read_tree(path: Path, source: str) -> Any:
 
 @lru_cache(maxsize=16)
 def _parsed(text: str) -> tuple[yaml.Node | None, tuple[str, ...]]:
-    """Return what a text says, and what it says twice.
+    """Return the YAML tree of a text, and its duplicate names.
 
-    The parser in C would be quicker, but a file of nothing but brackets ends the process in it.
+    The C parser is faster, but a file of nothing but brackets crashes the process.
     """
     node = yaml.compose(text, Loader=yaml.SafeLoader)
     return node, tuple(_said_twice(node))
@@ -153,14 +153,14 @@ def _parsed(text: str) -> tuple[yaml.Node | None, tuple[str, ...]]:
 def _said_twice(
     node: yaml.Node | None, path: str = "", inside: tuple[yaml.Node, ...] = ()
 ) -> Iterator[str]:
-    """Yield the names that stand twice in one section; YAML itself takes the last one."""
+    """Yield the duplicate names of each section; YAML itself takes the last one."""
     if not isinstance(node, yaml.MappingNode) or any(node is other for other in inside):
         return
     lines: dict[str, int] = {}
     for key, value in node.value:
         name, line = f"{path}{key.value}", key.start_mark.line + 1
         if name in lines:
-            yield f"{name}: stands there twice, in lines {lines[name]} and {line}"
+            yield f"{name}: defined twice, in lines {lines[name]} and {line}"
         lines.setdefault(name, line)
         yield from _said_twice(value, f"{name}.", (*inside, node))
 
@@ -168,12 +168,12 @@ def _said_twice(
 def _set(tree: Any, dotted: str, value: object, source: str) -> None:
     keys = dotted.split(".")
     if not isinstance(tree, dict):
-        return  # there is no cell file here, which will be said of the whole
+        return  # not a cell file: reported for the whole file
     for depth, key in enumerate(keys[:-1], start=1):
         tree[key] = {} if tree.get(key) is None else tree[key]
         tree = tree[key]
         if not isinstance(tree, dict):
-            mistake = f"{dotted}: {'.'.join(keys[:depth])} holds no section"
+            mistake = f"{dotted}: {'.'.join(keys[:depth])} is not a section"
             raise ConfigError(source, [mistake])
     tree[keys[-1]] = value
 
@@ -183,17 +183,17 @@ def _explain(item: Any) -> str:
     if item["type"] == "extra_forbidden":
         names = _names_at(item["loc"][:-1])
         near = difflib.get_close_matches(str(item["loc"][-1]), names, n=1, cutoff=0.5)
-        hint = f"did you mean {near[0]}?" if near else f"known here: {', '.join(sorted(names))}"
+        hint = f"did you mean {near[0]}?" if near else f"valid names: {', '.join(sorted(names))}"
         return f"{path}: unknown name; {hint}"
     what = what_is_wrong(item)
     return f"{path}: {what}" if path else what
 
 
 def _names_at(location: tuple[int | str, ...]) -> list[str]:
-    """Return the field names of the section that a location points into."""
+    """Return the field names of the section at a location."""
     section: type[BaseModel] = Cell
     for part in location:
-        if isinstance(part, int):  # a place in a list of sections
+        if isinstance(part, int):  # index in a list of sections
             continue
         annotation = section.model_fields[part].annotation
         choices = (annotation, *get_args(annotation))

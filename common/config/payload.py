@@ -1,4 +1,4 @@
-"""What hangs below the force/torque sensor, what it makes the sensor read, and its YAML file."""
+"""Payload of the force/torque sensor: its model, the readings it causes, and its YAML file."""
 
 import difflib
 import math
@@ -17,8 +17,8 @@ Vector = tuple[float, float, float]
 
 DOWN: Vector = (0.0, 0.0, -1.0)
 UNIT_TOLERANCE = 1e-3
-GAIN_LEAST, GAIN_MOST = 0.5, 1.5  # beyond it a sensor is broken, or its unit is another
-# Beyond these a file is in another unit; the same numbers as in common/config/calibration.py.
+GAIN_LEAST, GAIN_MOST = 0.5, 1.5  # outside: broken sensor, or wrong unit
+# Larger values mean a wrong unit; the same limits as in common/config/calibration.py.
 MOST = {
     "mass_kg": 50.0,
     "com_m": 1.0,
@@ -29,15 +29,15 @@ MOST = {
     "force_bend_N": 1000.0,
     "torque_bend_Nm": 100.0,
 }
-REACH = 1.0  # so many of its lengths beyond a recording its clock, and its drift, are believed
+REACH = 1.0  # validity of the drift beyond the recording, in lengths of the recording
 
 
 @dataclass(frozen=True, slots=True)
 class Drift:
-    """How the bias moved during the recording of a fit: of use for readings of the same hours.
+    """Bias drift during the recording of a fit, for readings taken near that time.
 
-    The first two are the clock of the recording. `force_N` and `torque_Nm` are the change of the
-    bias from its start to its end, the bends how far it was off a straight line in between.
+    The first two are start and end on the clock of the recording. `force_N` and `torque_Nm` are the
+    change of the bias between them, the bends its deviation from a straight line in between.
     """
 
     start_s: float
@@ -48,21 +48,22 @@ class Drift:
     torque_bend_Nm: Vector = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
-        """Refuse numbers that cannot be, as Payload does."""
+        """Reject invalid numbers, as Payload does."""
         _check_shapes(self, "payload: drift", ("start_s", "end_s"))
         if self.end_s <= self.start_s:
             raise DataError("payload: drift: end_s must be after start_s")
 
     def covers(self, time_s: Array) -> bool:
-        """Tell whether readings were taken near the recording, by the same clock."""
+        """Return whether readings were taken near the recording, on the same clock."""
         reach = REACH * (self.end_s - self.start_s)
         return bool(time_s.min() >= self.start_s - reach and time_s.max() <= self.end_s + reach)
 
     def since_end(self, time_s: Array) -> tuple[Array, Array]:
-        """Return how far the bias at each time was from that at the end. Shapes (n, 3).
+        """Return the bias at each time relative to that at the end. Shapes (n, 3).
 
-        Before and after the recording the straight part goes on for half its length, then the bias
-        stays: a warm-up slows down, and a random walk has no direction. The bend does not go on.
+        Outside the recording the linear part is extrapolated over half its length, then the bias is
+        constant: a warm-up slows down, and a random walk has no direction. The bend is not
+        extrapolated.
         """
         u = 2.0 * (time_s - self.start_s) / (self.end_s - self.start_s) - 1.0
         change = ((np.clip(u, -2.0, 2.0) - 1.0) / 2.0)[:, None]
@@ -75,14 +76,14 @@ class Drift:
 
 @dataclass(frozen=True, slots=True)
 class Payload:
-    """Weight and bias in sensor axes, seen from the sensor origin.
+    """Weight and bias in sensor axes, about the sensor origin.
 
-    The fields with defaults are corrections that a recording may reveal; their defaults correct
+    The fields with defaults are corrections that a fit may identify; their defaults correct
     nothing. `gravity_direction_in_base` is a unit vector, straight down on a level base.
     `mounting_rotation_rad` is a rotation vector: R_base_true = R_base_recorded @ exp([w]x), and
-    all other fields and all readings are in the axes of the true sensor. The gains are what each
-    axis reads per unit of load. The bias is that at the end of the recording; `drift` tells of
-    earlier readings and changes nothing without a time.
+    all other fields and all readings are in the axes of the true sensor. The gains are the reading
+    of each axis per unit of load. The bias is that at the end of the recording; `drift` corrects
+    earlier readings and has no effect without a time.
     """
 
     mass_kg: float
@@ -96,7 +97,7 @@ class Payload:
     drift: Drift | None = None
 
     def __post_init__(self) -> None:
-        """Refuse a payload that cannot exist: every user of it would have to check."""
+        """Reject an impossible payload, so that its users need no checks."""
         _check_shapes(self, "payload", ("mass_kg",))
         if self.mass_kg < 0.0:
             raise DataError(f"payload: mass_kg must not be negative, it is {self.mass_kg:g}")
@@ -109,7 +110,7 @@ class Payload:
 
 
 def _check_shapes(data: Payload | Drift, where: str, numbers: tuple[str, ...]) -> None:
-    """Refuse what is no finite number or vector: every user of it would have to check."""
+    """Reject values that are not finite or of the wrong shape."""
     for field in fields(data):
         value = getattr(data, field.name)
         if field.name == "drift":
@@ -124,7 +125,7 @@ def gravity_in_sensor(payload: Payload, R_base_sensor: Array) -> Array:
     """Return g_s = (R_base_sensor R_mount)^T g [m/s^2], in the axes of the true sensor.
 
     Args:
-        payload: Carries the direction of gravity and the mounting rotation.
+        payload: Holds the direction of gravity and the mounting rotation.
         R_base_sensor: Orientation of the sensor in base. Shape (3, 3) or (n, 3, 3).
     """
     R_mount = rotation_from_vector(np.array(payload.mounting_rotation_rad))
@@ -133,14 +134,14 @@ def gravity_in_sensor(payload: Payload, R_base_sensor: Array) -> Array:
 
 
 def predict(payload: Payload, R_base_sensor: Array) -> tuple[Array, Array]:
-    """Return force [N] and torque [Nm] that the sensor reads at rest and free of contact.
+    """Return force [N] and torque [Nm] that the sensor reads at rest and without contact.
 
     F = k_F m g_s + b_F and M = k_M (c x m g_s) + b_M, gains k axis by axis: the load on the sensor,
     about its origin, in its axes (Kubus, Kroeger, Wahl: On-line rigid object recognition and pose
     estimation, IROS 2007).
 
     Args:
-        payload: What hangs below the sensor.
+        payload: Payload of the sensor.
         R_base_sensor: Orientation of the sensor in base. Shape (3, 3) or (n, 3, 3).
     """
     force, torque = weight_in_sensor(payload, R_base_sensor)
@@ -151,7 +152,7 @@ def predict(payload: Payload, R_base_sensor: Array) -> tuple[Array, Array]:
 
 
 def weight_in_sensor(payload: Payload, R_base_sensor: Array) -> tuple[Array, Array]:
-    """Return the weight below the sensor and its moment, as a perfect sensor would read them."""
+    """Return the weight of the payload and its moment, as an ideal sensor would read them."""
     weight = payload.mass_kg * gravity_in_sensor(payload, R_base_sensor)
     return weight, np.cross(np.array(payload.com_m), weight)
 
@@ -164,14 +165,14 @@ def residual(
     torque_Nm: Array,
     time_s: Array | None = None,
 ) -> tuple[Array, Array]:
-    """Return true load minus weight, in sensor axes: what the environment does, or the error.
+    """Return true load minus weight, in sensor axes: load of the environment, or the residual.
 
     Args:
-        payload: What hangs below the sensor.
+        payload: Payload of the sensor.
         R_base_sensor: Orientation of the sensor in base. Shape (3, 3) or (n, 3, 3).
         force_N: Reading in sensor axes. Shape (3,) or (n, 3).
         torque_Nm: Reading in sensor axes, about the sensor origin. Shape (3,) or (n, 3).
-        time_s: Times of the readings on the clock of the fit, so that its drift counts. Shape (n,).
+        time_s: Times of the readings on the clock of the fit, to apply its drift. Shape (n,).
     """
     force, torque = weight_in_sensor(payload, R_base_sensor)
     b_F, b_M = np.array(payload.bias_force_N), np.array(payload.bias_torque_Nm)
@@ -196,7 +197,7 @@ def save(payload: Payload, path: Path) -> None:
 
 
 def _plain(data: dict[str, Any]) -> dict[str, Any]:
-    """Return what YAML can say: lists for tuples, and nothing for what is not there."""
+    """Return plain YAML types: lists for tuples; fields that are None are omitted."""
     plain: dict[str, Any] = {}
     for key, value in data.items():
         if isinstance(value, dict):
@@ -207,7 +208,7 @@ def _plain(data: dict[str, Any]) -> dict[str, Any]:
 
 
 def load(path: Path) -> Payload:
-    """Read a payload file. Raises DataError naming file, key and what would be right."""
+    """Read a payload file. Raises DataError naming file, key and expected value."""
     data = _mapping(path)
     try:
         values = _values(path, data, Payload, "")
@@ -219,7 +220,7 @@ def load(path: Path) -> Payload:
 
 
 def _values(path: Path, data: dict[Any, Any], kind: type, where: str) -> dict[str, Any]:
-    """Return the numbers and vectors of a mapping, its keys checked against those of `kind`."""
+    """Return the numbers and vectors of a mapping, with keys checked against those of `kind`."""
     known = {field.name: field for field in fields(kind)}
     for key in data:
         if key not in known:
@@ -239,7 +240,7 @@ def _values(path: Path, data: dict[Any, Any], kind: type, where: str) -> dict[st
 
 
 def _refuse_implausible(where: str, key: str, value: float | Vector) -> None:
-    """Refuse what can only be in another unit, and ask for it."""
+    """Reject values that suggest a wrong unit."""
     if key == "mounting_rotation_rad" and isinstance(value, tuple):
         if objection := mounting_objection(value):
             raise DataError(f"{where}: {objection}")
@@ -283,7 +284,7 @@ def _vector(path: Path, key: str, value: Any) -> Vector:
 
 
 def _number(path: Path, key: str, value: Any) -> float:
-    # YAML 1.1 reads 1e-3 (without a dot) as text, so text that is a number is taken as one.
+    # YAML 1.1 reads 1e-3 (without a dot) as text, so text that is a number is accepted.
     try:
         number = math.nan if isinstance(value, bool) else float(value)
     except (TypeError, ValueError):

@@ -1,9 +1,9 @@
-"""Backing off: how a person frees an arm above a ceiling or outside the workspace. Pure.
+"""Backing off: planned motion that frees an arm above a ceiling or outside the workspace. Pure.
 
-The way is computed from what is measured, never asked for: straight along the force that pushes
-the tool; outside the workspace straight back in; where no force can be followed, a little back
-along the tool's axis. Arbiter and robot each compute and judge it by themselves, with these rules.
-The ceilings are a ratchet: they come down with the load, and never rise.
+The path is computed from measured values, never from a request: straight along the force on the
+tool; outside the workspace straight back in; without a usable force, a short distance back along
+the tool's axis. Arbiter and robot each compute and check it independently, with these rules.
+The ceilings are a ratchet: they fall with the load and never rise.
 """
 
 from dataclasses import dataclass, replace
@@ -20,20 +20,20 @@ from forcemesh.messages import Speed, Trip, WrenchAtTcp
 
 SPEED_M_S = 0.005
 FARTHEST_M = 0.020
-BLIND_M = 0.005  # without a force to follow
+BLIND_M = 0.005  # path without a usable force
 RISE_N, RISE_Nm = 3.0, 0.3  # above the lowest load so far
 ENDS_BELOW = 0.5  # of the ceilings
-LEAST_FORCE_N = 5.0  # a smaller one has no direction that could be trusted
-MOST_FORWARD = 0.5  # cosine: a force that points farther out of the tool has a wrong sign or bias
-OUTWARD_SHARE = 0.3  # of a way that may be left out of it
-INSIDE_M = 1e-3  # so far inside the workspace the way back in ends
+LEAST_FORCE_N = 5.0  # the direction of a smaller force is unreliable
+MOST_FORWARD = 0.5  # cosine: a force pointing more out of the tool has a wrong sign or bias
+OUTWARD_SHARE = 0.3  # largest share of a path that may be removed
+INSIDE_M = 1e-3  # distance inside the workspace at which the return path ends
 SHORTEST_M = 1e-3
 LONGEST_S = 10.0
-TURN_RAD = radians(1.0)  # of the flange as it is measured
-# A force that does not fall over half the way is no contact: a lost bias, or what is hooked.
+TURN_RAD = radians(1.0)  # measured rotation of the flange
+# A force that does not fall over half the path is no contact force: a lost bias, or a hooked tool.
 MUST_FALL_AFTER_M, MUST_FALL_N = 0.5 * FARTHEST_M, 3.0
-LATE_M, FAST = 2e-3, 1.5  # what the measured way may be ahead of the speed: rounding, reports
-SAME_WAY = 0.9  # cosine between the ways that two processes compute from their own readings
+LATE_M, FAST = 2e-3, 1.5  # tolerance of the measured travel: rounding, report latency
+SAME_WAY = 0.9  # cosine between the paths that two processes compute from their own readings
 SAME_WAY_M, SAME_TURN_RAD = 1e-3, radians(0.2)
 
 Kind = Literal["force", "workspace", "blind"]
@@ -41,17 +41,17 @@ Kind = Literal["force", "workspace", "blind"]
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """A way of the tool, straight and without a turn, in base axes."""
+    """A straight path of the tool without rotation, in base axes."""
 
     kind: Kind
     way_m: Array  # shape (3,)
 
     def goal(self, T_base_flange: pin.SE3) -> pin.SE3:
-        """Return where the flange is at the end."""
+        """Return the flange pose at the end."""
         return pin.SE3(T_base_flange.rotation, T_base_flange.translation + self.way_m)
 
     def __str__(self) -> str:
-        """Return it in words."""
+        """Return a description."""
         along = {
             "force": "along the measured force",
             "workspace": "straight back into the workspace",
@@ -69,14 +69,14 @@ def plan(
     *,
     confirmed: bool,
 ) -> Plan | Trip:
-    """Return the way out, or why there is none.
+    """Return the path, or why there is none.
 
     Args:
         limits: The cell's own.
-        T_base_flange: Where the flange is.
-        T_flange_tcp: The tool.
-        wrench: What is measured now; None when it is not known.
-        confirmed: Whether a person has agreed to go back without a force to follow.
+        T_base_flange: Flange pose in base.
+        T_flange_tcp: Tool frame.
+        wrench: Measured wrench; None when unknown.
+        confirmed: Whether a person has confirmed a path without a usable force.
     """
     if not is_finite_pose(T_base_flange):
         return tripped("not_finite", "the pose of the flange is not finite")
@@ -109,17 +109,17 @@ def _followed(limits: Limits, T_base_tcp: pin.SE3, wrench: WrenchAtTcp | None) -
 
 def _along(T_base_tcp: pin.SE3, force: Array, force_N: float) -> Plan | Trip:
     if force_N < LEAST_FORCE_N:
-        text = f"a force of {force_N:.1f} N is too small for a direction: it is the torque"
+        text = f"a force of {force_N:.1f} N has no reliable direction: the torque is too high"
         return tripped("no_direction", text, value=force_N, limit=LEAST_FORCE_N)
     forward = float(force @ T_base_tcp.rotation[:, 2]) / force_N
     if forward > MOST_FORWARD:
-        text = "the measured force pulls the tool forward: a sign or the bias is wrong, or it hooks"
+        text = "the measured force pulls the tool forward: wrong sign or bias, or tool is hooked"
         return tripped("no_direction", text, value=forward, limit=MOST_FORWARD)
     return Plan("force", FARTHEST_M / force_N * force)
 
 
 def _inside(limits: Limits, p: Array) -> Array:
-    """Return a point in the workspace, the nearest one to p where the walls are square."""
+    """Return a point in the workspace, the nearest to p if the planes are orthogonal."""
     low, high = limits.workspace_min_m + INSIDE_M, limits.workspace_max_m - INSIDE_M
     for _ in range(10):
         p = np.clip(p, low, np.maximum(low, high))
@@ -129,7 +129,7 @@ def _inside(limits: Limits, p: Array) -> Array:
 
 
 def _not_outward(limits: Limits, p: Array, way: Array) -> Array:
-    """Return a way without the little that leads farther out on an axis that is outside."""
+    """Return a path without its small outward part on an axis that is outside."""
     low, high = p < limits.workspace_min_m, p > limits.workspace_max_m
     outward = (low & (way < 0.0)) | (high & (way > 0.0))
     little = np.abs(way) < OUTWARD_SHARE * length(way)
@@ -137,7 +137,7 @@ def _not_outward(limits: Limits, p: Array, way: Array) -> Array:
 
 
 def _within(limits: Limits, T_base_tcp: pin.SE3, found: Plan) -> Plan | Trip:
-    """Return as much of a way as leads nowhere more outside, or why that is too little."""
+    """Return the part of a path that leads no farther outside, or why that is too short."""
     way_m = length(found.way_m)
     for share in np.linspace(1.0, 0.0, 41):
         T = pin.SE3(T_base_tcp.rotation, T_base_tcp.translation + share * found.way_m)
@@ -145,14 +145,14 @@ def _within(limits: Limits, T_base_tcp: pin.SE3, found: Plan) -> Plan | Trip:
             if share * way_m < min(SHORTEST_M, way_m):
                 break
             return replace(found, way_m=share * found.way_m)
-    text = "the way out would lead farther out of the workspace: move the walls of the cell file"
+    text = "the path would lead farther out of the workspace: move the planes in the cell file"
     return tripped("workspace", text)
 
 
 def freed(limits: Limits, T_base_tcp: pin.SE3, slack_m: float = 0.0) -> Limits:
-    """Return limits for backing off: nowhere more outside than now, no farther, no turn.
+    """Return limits for backing off: no farther outside than now, limited travel, no rotation.
 
-    The ceilings are left out: `Load` judges those.
+    The ceilings are removed: `Load` checks the load.
     """
     p = np.asarray(T_base_tcp.translation)
     planes = tuple(
@@ -177,7 +177,7 @@ def freed(limits: Limits, T_base_tcp: pin.SE3, slack_m: float = 0.0) -> Limits:
 
 
 def is_loaded(limits: Limits, wrench: WrenchAtTcp) -> bool:
-    """Tell whether a force or torque is above half of its ceiling."""
+    """Return whether a force or torque is above half of its ceiling."""
     return (
         hypot(*wrench.force_N) > ENDS_BELOW * limits.force_N
         or hypot(*wrench.torque_Nm) > ENDS_BELOW * limits.torque_Nm
@@ -185,13 +185,13 @@ def is_loaded(limits: Limits, wrench: WrenchAtTcp) -> bool:
 
 
 def is_over(kind: Kind, limits: Limits, T_base_tcp: pin.SE3, wrench: WrenchAtTcp | None) -> bool:
-    """Tell whether what the arm backs off from is gone; without a force to follow that is unknown.
+    """Return whether the reason for backing off is gone; unknown without a usable force.
 
     Args:
-        kind: What the arm backs off from.
+        kind: Reason for backing off.
         limits: The cell's own.
-        T_base_tcp: Where the tool is.
-        wrench: What is measured.
+        T_base_tcp: Pose of the TCP in base.
+        wrench: Measured wrench.
     """
     if kind == "force":
         return wrench is not None and not is_loaded(limits, wrench)
@@ -199,11 +199,11 @@ def is_over(kind: Kind, limits: Limits, T_base_tcp: pin.SE3, wrench: WrenchAtTcp
 
 
 def goal_trip(own: Plan | Trip, T_from: pin.SE3, T_to: pin.SE3, speed: Speed) -> Trip | None:
-    """Judge a goal by the way that this process has computed itself.
+    """Check a goal against the path that this process has computed itself.
 
     Args:
-        own: What `plan` returned here, with this process's own readings.
-        T_from: Where the flange is.
+        own: Result of `plan` with this process's own readings.
+        T_from: Present flange pose in base.
         T_to: The goal, flange in base.
         speed: How fast.
     """
@@ -218,19 +218,19 @@ def goal_trip(own: Plan | Trip, T_from: pin.SE3, T_to: pin.SE3, speed: Speed) ->
     way, own_m = T_to.translation - T_from.translation, length(own.way_m)
     way_m, turn_rad = length(way), length(rotation_between(T_from.rotation, T_to.rotation))
     if turn_rad > SAME_TURN_RAD:
-        text = f"backing off would turn the tool by {degrees(turn_rad):.2f} degrees"
+        text = f"backing off would rotate the tool by {degrees(turn_rad):.2f} degrees"
         return tripped("state", text, value=turn_rad, limit=SAME_TURN_RAD)
     if way_m > own_m + SAME_WAY_M:
-        text = f"backing off by {way_m * 1e3:.1f} mm, {own_m * 1e3:.1f} mm are right from here"
+        text = f"backing off by {way_m * 1e3:.1f} mm, {own_m * 1e3:.1f} mm are expected from here"
         return tripped("state", text, value=way_m, limit=own_m)
     if way_m > SAME_WAY_M and float(way @ own.way_m) < SAME_WAY * way_m * own_m:
-        return tripped("state", "backing off in another direction than is right from here")
+        return tripped("state", "backing off in a direction other than expected from here")
     return None
 
 
 @dataclass(frozen=True, slots=True)
 class Load:
-    """The lowest load so far: a later one may not be much above it."""
+    """Lowest load so far, as a ratchet: a later load must not rise much above it."""
 
     rise_N: float = RISE_N
     rise_Nm: float = RISE_Nm
@@ -249,7 +249,7 @@ class Load:
         )
 
     def trip(self, wrench: WrenchAtTcp, what: str) -> Trip | None:
-        """Judge a sample by those before it; `what` names the motion."""
+        """Check a sample against the lowest load; `what` names the motion."""
         force_N, torque_Nm = hypot(*wrench.force_N), hypot(*wrench.torque_Nm)
         limit_N, limit_Nm = self.lowest_N + self.rise_N, self.lowest_Nm + self.rise_Nm
         if force_N > limit_N:
@@ -262,7 +262,7 @@ class Load:
 
 
 def in_move(limits: Limits, load: Load | None, wrench: WrenchAtTcp) -> tuple[Load, Trip | None]:
-    """Judge the load of a move by the least one since it began; return that one, too."""
+    """Check the load of a move against its lowest load; return the updated lowest load, too."""
     load = load or Load(rise_N=limits.move_rise_N, rise_Nm=inf)
     trip = load.trip(wrench, "in the move: limits.move_rise_N")
     return load.after(wrench), trip
@@ -270,26 +270,26 @@ def in_move(limits: Limits, load: Load | None, wrench: WrenchAtTcp) -> tuple[Loa
 
 @dataclass(frozen=True, slots=True)
 class BackOff:
-    """One backing off under way, as one process sees it."""
+    """State of one back-off motion in one process."""
 
     T_start: pin.SE3
     since_ns: int
     load: Load = Load()
 
     def felt(self, wrench: WrenchAtTcp | None) -> tuple["BackOff", Trip | None]:
-        """Return it after one more wrench, and why it must end; None is no wrench."""
+        """Return the state after one more wrench, and why it must end; None is no wrench."""
         if wrench is None:
             return self, None
         trip = self.load.trip(wrench, "while backing off")
         return replace(self, load=self.load.after(wrench)), trip
 
     def moved(self, T_base_flange: pin.SE3, now_ns: int) -> Trip | None:
-        """Judge how far and how fast the arm went, and whether that takes the force away."""
+        """Check travel and speed of the arm, and whether the force falls."""
         time_s = max(0, now_ns - self.since_ns) * 1e-9
         way_m = length(T_base_flange.translation - self.T_start.translation)
         most_m = LATE_M + FAST * SPEED_M_S * time_s
         if way_m > most_m:
-            text = f"the arm went {way_m * 1e3:.1f} mm within {time_s:.1f} s while backing off"
+            text = f"the arm moved {way_m * 1e3:.1f} mm within {time_s:.1f} s while backing off"
             return tripped("speed", text, value=way_m, limit=most_m)
         if time_s > LONGEST_S:
             text = f"backing off took longer than {LONGEST_S:g} s"
@@ -298,8 +298,8 @@ class BackOff:
         is_loaded = LEAST_FORCE_N < load.lowest_N < inf
         if way_m > MUST_FALL_AFTER_M and is_loaded and load.first_N - load.lowest_N < MUST_FALL_N:
             text = (
-                f"the force is still {load.lowest_N:.1f} N after {way_m * 1e3:.1f} mm, it was "
-                f"{load.first_N:.1f} N: no contact does that; tare where nothing is touched"
+                f"the force is still {load.lowest_N:.1f} N after {way_m * 1e3:.1f} mm, initially "
+                f"{load.first_N:.1f} N: this is no contact force; tare in free space"
             )
             return tripped("still_loaded", text, value=load.lowest_N, limit=load.first_N)
         return None

@@ -1,4 +1,4 @@
-"""Between the tuples that messages carry and the arrays and poses that mathematics wants."""
+"""Conversion between tuples of messages and arrays and poses of the maths."""
 
 import numpy as np
 import pinocchio as pin
@@ -8,25 +8,25 @@ from forcemesh.messages import PoseRecord, RobotState, Vec3, Vec6
 
 
 def vec3(array: Array) -> Vec3:
-    """Return three numbers as a message carries them."""
+    """Return an array of three numbers as a message tuple."""
     x, y, z = array.tolist()
     return (x, y, z)
 
 
 def vec6(array: Array) -> Vec6:
-    """Return six numbers as a message carries them."""
+    """Return an array of six numbers as a message tuple."""
     a, b, c, d, e, f = array.tolist()
     return (a, b, c, d, e, f)
 
 
 def record_of(T: pin.SE3) -> PoseRecord:
-    """Return a pose as a message carries it."""
+    """Return a pose as a message record."""
     px, py, pz, x, y, z, w = pin.SE3ToXYZQUAT(T).tolist()
     quaternion = (-x, -y, -z, -w) if w < 0.0 else (x, y, z, w)
     return PoseRecord(position_m=(px, py, pz), orientation_xyzw=quaternion)
 
 
 def pose_of(record: PoseRecord | RobotState) -> pin.SE3:
-    """Return the pose that a message carries."""
+    """Return the pose of a message record."""
     quaternion = unit_quaternion(*record.orientation_xyzw)
     return pin.XYZQUATToSE3(np.array(record.position_m + quaternion))

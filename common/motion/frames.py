@@ -1,4 +1,4 @@
-"""Pure frame maths. No clock, no bus, no configuration: arrays in, arrays out.
+"""Frame maths: rotations, poses and Kawasaki's O, A, T. Pure: arrays in, arrays out.
 
 `R_a_b` is the orientation of frame b in frame a, so `v_a = R_a_b @ v_b`: inner names touch.
 `T_a_b` is the pose of frame b in frame a (`pin.SE3`), so `T_a_c = T_a_b * T_b_c`.
@@ -19,7 +19,7 @@ GRAVITY_M_S2 = 9.80665
 GRAVITY_IN_BASE = np.array([0.0, 0.0, -GRAVITY_M_S2])
 GRAVITY_IN_BASE.setflags(write=False)
 
-# Below this sin(A) the sum (or difference) of O and T is all that the matrix still tells.
+# Below this sin(A) the matrix only determines the sum (or difference) of O and T.
 # Half of the finest packet step for angles, 0.002 degrees (design section 3).
 POLE_TOLERANCE_RAD = math.radians(0.001)
 
@@ -39,21 +39,21 @@ def skew(v: Array) -> Array:
 
 
 def cross(a: Array, b: Array) -> Array:
-    """Return a x b. Shape (3,). In plain numbers: numpy's own costs ten times as much."""
+    """Return a x b. Shape (3,). In plain numbers: numpy's function takes ten times as long."""
     ax, ay, az = a.tolist()
     bx, by, bz = b.tolist()
     return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
 
 
 def length(vector: Array) -> float:
-    """Return a length; unlike numpy's it overflows only where the length itself does."""
+    """Return the norm; unlike numpy's it overflows only when the norm itself does."""
     return math.hypot(*vector.tolist())
 
 
 def is_finite(numbers: Iterable[float]) -> bool:
-    """Tell whether every number is finite; for a few of them plain numbers are the fast ones."""
+    """Return whether every number is finite; plain numbers are faster for short lists."""
     numbers = tuple(numbers)
-    # A sum is not finite if one of them is not; where it overflows, each is looked at.
+    # The sum is not finite if one number is not; if the sum overflows, each number is checked.
     return math.isfinite(sum(numbers)) or all(map(math.isfinite, numbers))
 
 
@@ -68,18 +68,18 @@ def vector_from_rotation(R: Array) -> Array:
 
 
 def rotate_about_base_axes(R_base_x: Array, rotation_in_base: Array) -> Array:
-    """Turn a frame about the base axes: R' = exp([w]x) R (specification task c).
+    """Rotate a frame about the base axes: R' = exp([w]x) R (specification task c).
 
     Args:
-        R_base_x: Orientation to turn. Shape (3, 3).
+        R_base_x: Orientation to rotate. Shape (3, 3).
         rotation_in_base: Rotation vector in base axes [rad]. Shape (3,).
     """
     return rotation_from_vector(rotation_in_base) @ R_base_x
 
 
 def rotation_between(R_base_from: Array, R_base_to: Array) -> Array:
-    """Return the rotation vector in base axes [rad] that turns one orientation into another."""
-    return vector_from_rotation(R_base_to.dot(R_base_from.T))  # half the time that `@` takes
+    """Return the rotation vector in base axes [rad] from one orientation to another."""
+    return vector_from_rotation(R_base_to.dot(R_base_from.T))  # twice as fast as `@`
 
 
 def quaternion_from_R(R: Array) -> tuple[float, float, float, float]:
@@ -90,15 +90,15 @@ def quaternion_from_R(R: Array) -> tuple[float, float, float, float]:
 
 
 def R_from_quaternion(xyzw: tuple[float, float, float, float] | Array) -> Array:
-    """Return the rotation matrix of a quaternion (x, y, z, w), as `unit_quaternion` has it."""
+    """Return the rotation matrix of a quaternion (x, y, z, w), normalised by `unit_quaternion`."""
     x, y, z, w = unit_quaternion(*map(float, xyzw))
     return np.asarray(pin.Quaternion(w, x, y, z).toRotationMatrix())
 
 
 def unit_quaternion(x: float, y: float, z: float, w: float) -> tuple[float, float, float, float]:
-    """Return a quaternion x, y, z, w with its length divided out.
+    """Return a quaternion x, y, z, w normalised to length one.
 
-    One of length zero has no direction: it gives NaN, which every limit refuses, not "unturned".
+    A zero quaternion gives NaN, which every limit refuses, not the identity.
     """
     # Divided first: squares overflow long before the numbers do.
     largest = max(abs(x), abs(y), abs(z), abs(w)) or math.nan
@@ -124,10 +124,10 @@ def R_from_oat(oat: Oat) -> Array:
 def oat_from_R(R: Array, previous: Oat | None = None) -> Oat:
     """Return the O, A, T of a rotation, A in [0, pi], O and T in (-pi, pi].
 
-    At A = 0 only O + T is defined, at A = 180 degrees only O - T: there O keeps its previous
-    value, T takes the rest, and A is exactly 0 or pi. Everywhere else the triple is unique in
-    these ranges, so the previous one is only used at the poles: callers that send a stream
-    pass the last triple, and the stream stays continuous as far as the ranges allow.
+    At the poles, A = 0 defines only O + T and A = 180 degrees only O - T: O keeps its previous
+    value, T takes the remainder, and A is exactly 0 or pi. Elsewhere the triple is unique in
+    these ranges, so `previous` is only used at the poles: callers that send a stream pass the
+    last triple, and the stream stays continuous as far as the ranges allow.
 
     Args:
         R: Orientation. Shape (3, 3).
@@ -145,7 +145,7 @@ def oat_from_R(R: Array, previous: Oat | None = None) -> Oat:
 
 
 def unwrap_oat(oat: Oat, previous: Oat) -> Oat:
-    """Return the equal triple that lies nearest to the previous one, for plots and interpolation.
+    """Return the equivalent triple nearest to the previous one, for plots and interpolation.
 
     (O, A, T), (O + pi, -A, T + pi) and any added full turns are the same rotation.
     """
@@ -155,17 +155,17 @@ def unwrap_oat(oat: Oat, previous: Oat) -> Oat:
 
 
 def pose(position_m: Array | tuple[float, ...], R: Array) -> pin.SE3:
-    """Return the pose made of a position [m] and an orientation (3, 3)."""
+    """Return the pose of a position [m] and an orientation (3, 3)."""
     return pin.SE3(np.asarray(R, dtype=float), np.asarray(position_m, dtype=float))
 
 
 def is_finite_pose(T: pin.SE3) -> bool:
-    """Tell whether every number of a pose is finite."""
+    """Return whether every number of a pose is finite."""
     return is_finite(T.homogeneous.ravel().tolist())
 
 
 def _wrap(angle_rad: float) -> float:
-    """Fold into (-pi, pi]; minus zero becomes zero."""
+    """Wrap into (-pi, pi]; minus zero becomes zero."""
     folded = math.remainder(angle_rad, math.tau)
     return math.pi if folded == -math.pi else folded + 0.0
 

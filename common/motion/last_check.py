@@ -1,7 +1,7 @@
-"""The arbiter's limits once more, at the last hop before the robot: own process, config and state.
+"""Last check of the arbiter's limits before the robot, with its own process, config and state.
 
-Both robots use it, the gateway and the simulated arm. Pure: it is told what is measured and when.
-Every rule answers with a `Trip`; what is let through was within all of them.
+The gateway and the simulated arm both use it. Pure: measurements and times are arguments.
+Every rule returns a `Trip`; an accepted command is within all limits.
 """
 
 from collections import deque
@@ -29,28 +29,28 @@ from common.motion.setpoint_monitor import S_PER_NS, StreamBudget
 from forcemesh.faults import tripped
 from forcemesh.messages import Feedback, Goal, Purpose, Speed, Trip, Vec6, WrenchAtTcp
 
-# What the arm may be beyond a limit that its commands keep: rounding of reports, settling.
+# Tolerance of measured values beyond a limit on commands: rounding of reports, settling.
 MEASURED_SLACK_M = 2e-3
 MEASURED_SLACK_RAD = radians(0.5)
 JOINT_SPEED_MARGIN = 1.1
 JOINT_SPEED_OVER_S = 0.1
-LONGEST_LEVER_M = 0.3  # from the TCP to a point of contact: no tool is larger
+LONGEST_LEVER_M = 0.3  # from the TCP to a contact point: beyond any tool
 SAMPLES_OF_A_WAY = 25
-ROUNDING_M = 2e-4  # between two looks at an arm at rest
+ROUNDING_M = 2e-4  # between two readings of an arm at rest
 
 FlangeAt = Callable[[Array], pin.SE3]
 
 
 class Guard:
-    """Refuses commands that break a limit of this cell, and an arm that has broken one."""
+    """Limit check of commands and of the measured arm, with the limits of this cell."""
 
     def __init__(self, cell: Cell, flange_at: FlangeAt | None = None) -> None:
-        """Keep the cell's limits; nothing is allowed before `start`.
+        """Store the cell's limits; nothing is allowed before `start`.
 
         Args:
             cell: The cell file.
-            flange_at: Pose of the flange at joint angles [rad], where the arm's geometry is known:
-                moves of joints are then judged by where the tool goes, too.
+            flange_at: Forward kinematics from joint angles [rad], if the arm's geometry is known:
+                joint moves are then also checked by the path of the tool.
         """
         self._cell_limits = self._limits = Limits.of(cell)
         self._wide = _widened(self._limits)
@@ -66,9 +66,9 @@ class Guard:
         self._joints: deque[tuple[int, Array]] = deque()
 
     def start(self, T_base_flange: pin.SE3, now_ns: int = 0, purpose: Purpose = "all") -> None:
-        """Begin a lease: the tether is fastened where the arm is.
+        """Begin a lease: the tether starts at the present pose.
 
-        One for `back_off` has limits of its own (common/motion/back_off.py) until the next lease.
+        A lease for `back_off` has its own limits (common/motion/back_off.py) until the next lease.
         """
         self._T_armed = T_base_flange.copy()
         self._limits, self._back_off, self._load = self._cell_limits, None, None
@@ -89,7 +89,7 @@ class Guard:
         )
 
     def setpoint(self, T_wanted: pin.SE3, T_measured: pin.SE3, now_ns: int) -> Trip | None:
-        """Judge a set point; one that is let through uses up its way."""
+        """Check a set point; an accepted one consumes its share of the stream budget."""
         return (
             self._only_backing_off()
             or self.place(T_wanted)
@@ -100,13 +100,13 @@ class Guard:
     def goal(
         self, goal: Goal, speed: Speed, T_measured: pin.SE3, joint_rad: Vec6 | Array
     ) -> Trip | None:
-        """Judge a move, its end and as much of its way as is known.
+        """Check a move: its end, and its path as far as known.
 
         Args:
             goal: The move.
             speed: How fast.
-            T_measured: Where the flange is.
-            joint_rad: Where the joints are [rad].
+            T_measured: Measured flange pose in base.
+            joint_rad: Measured joint angles [rad].
         """
         if self._back_off is not None:
             return self._back_off_trip(goal, speed, T_measured)
@@ -127,7 +127,7 @@ class Guard:
         return trip
 
     def feedback(self, feedback: Feedback) -> Trip | None:
-        """Judge what force feedback in the controller is asked for; it keeps its own speeds."""
+        """Check a request for force feedback in the controller, which limits its own speeds."""
         if (trip := self._only_backing_off()) is not None:
             return trip
         setpoint_N = float(np.linalg.norm(feedback.setpoint_force_N))
@@ -136,13 +136,13 @@ class Guard:
             return tripped("setpoint", text, value=setpoint_N, limit=self._setpoint_max_N)
         lever_m = float(np.linalg.norm(feedback.lever_m))
         if lever_m > LONGEST_LEVER_M:
-            text = f"to turn about a point {lever_m * 1e3:.0f} mm away from the TCP"
+            text = f"centre of rotation {lever_m * 1e3:.0f} mm away from the TCP"
             return tripped("malformed", text, value=lever_m, limit=LONGEST_LEVER_M)
         self._budget.moved_otherwise()
         return None
 
     def wrench(self, wrench: WrenchAtTcp | None, *, in_move: bool = False) -> Trip | None:
-        """Judge the wrench, where one is known; a move may not add much to the least load in it."""
+        """Check the wrench, if known; a move must not rise much above its lowest load."""
         self._wrench = wrench
         if self._back_off is not None:
             self._back_off, trip = self._back_off.felt(wrench)
@@ -157,7 +157,7 @@ class Guard:
         return trip
 
     def place(self, T_wanted: pin.SE3) -> Trip | None:
-        """Judge where a flange pose lies: its tool in the workspace, itself on the tether."""
+        """Check a flange pose: TCP inside the workspace, flange within the tether."""
         if self._T_armed is None:
             return tripped("no_lease", "no lease has begun")
         trip = check_workspace(self._limits, T_wanted * self._T_flange_tcp)
@@ -166,7 +166,7 @@ class Guard:
     # --- the arm ----------------------------------------------------------------------------------
 
     def arm(self, T_measured: pin.SE3, joint_rad: Vec6 | Array, now_ns: int) -> Trip | None:
-        """Judge where the arm is and how fast its joints turn; call it for every report."""
+        """Check pose and joint speeds of the arm; call it for every report."""
         q = np.array(joint_rad)
         return (
             check_joints(self._wide, q)
@@ -177,7 +177,7 @@ class Guard:
         )
 
     def _joint_speed_trip(self, q: Array, now_ns: int) -> Trip | None:
-        """Compare with a tenth of a second ago: reports come with jitter, and rounded."""
+        """Check the mean over a tenth of a second, because reports are rounded and have jitter."""
         joints = self._joints
         joints.append((now_ns, q))
         while len(joints) > 2 and (now_ns - joints[1][0]) * S_PER_NS >= JOINT_SPEED_OVER_S:
@@ -191,7 +191,7 @@ class Guard:
             return None
         limit = float(self._joint_speed_max[worst])
         value = float(share[worst]) * limit
-        text = f"joint {worst + 1} turns with {np.degrees(value):.0f} degrees/s"
+        text = f"joint {worst + 1} turns at {np.degrees(value):.0f} degrees/s"
         return tripped("joint_speed", text, value=value, limit=limit)
 
     # --- inside -----------------------------------------------------------------------------------
@@ -199,10 +199,10 @@ class Guard:
     def _only_backing_off(self) -> Trip | None:
         if self._back_off is None:
             return None
-        return tripped("state", "the arm was armed to back off: it takes that one goal alone")
+        return tripped("state", "the arm was armed to back off: it accepts only that goal")
 
     def _back_off_trip(self, goal: Goal, speed: Speed, T_measured: pin.SE3) -> Trip | None:
-        """Compare a goal with the way out that this process computes itself."""
+        """Compare a goal with the path that this process computes itself."""
         if goal.kind != "pose" or goal.pose is None:
             return self._only_backing_off()
         limits, wrench = self._cell_limits, self._wrench
@@ -217,7 +217,7 @@ class Guard:
         return None if self._T_armed is None else check_tether(limits, self._T_armed, T)
 
     def _pose_trip(self, T_from: pin.SE3, T_to: pin.SE3) -> Trip | None:
-        """Judge a straight move: its end first, then what the tool passes when it turns."""
+        """Check a straight move: its end first, then the path of the rotating tool."""
         trip = self.place(T_to)
         return trip or self._way_trip(_between(T_from, T_to))
 
@@ -232,18 +232,18 @@ class Guard:
         return self._way_trip(flange_at(q_from + share * (q_to - q_from)) for share in shares)
 
     def _way_trip(self, way: Iterable[pin.SE3]) -> Trip | None:
-        """Judge a way; its beginning is where the arm is, which `arm` judges."""
+        """Check a path without its first pose, which `arm` checks."""
         poses = list(way)
         for T in poses[1:-1]:
             trip = check_workspace(self._wide, T * self._T_flange_tcp)
             trip = trip or self._tether_trip(self._wide, T)
             if trip is not None:
-                return trip.model_copy(update={"text": f"on the way: {trip.text}"})
+                return trip.model_copy(update={"text": f"on the path: {trip.text}"})
         return self.place(poses[-1])
 
 
 def _between(T_from: pin.SE3, T_to: pin.SE3) -> Iterable[pin.SE3]:
-    """Yield poses on a straight line, turning evenly about one axis."""
+    """Yield poses on a straight line with uniform rotation about one axis."""
     if not (is_finite_pose(T_from) and is_finite_pose(T_to)):
         yield from (T_from, T_to)
         return
@@ -255,7 +255,7 @@ def _between(T_from: pin.SE3, T_to: pin.SE3) -> Iterable[pin.SE3]:
 
 
 def _widened(limits: Limits) -> Limits:
-    """Return the limits for what is measured: a little wider than for what is commanded."""
+    """Return the limits of measured values: slightly wider than those of commands."""
     return replace(
         limits,
         workspace_min_m=limits.workspace_min_m - MEASURED_SLACK_M,

@@ -1,6 +1,6 @@
-"""What motion is let through at most. Pure; used by the arbiter and again by the robot's process.
+"""Motion limits. Pure; used by the arbiter and again by the robot's process.
 
-Every rule answers with a `Trip` that names the rule, what was found and the number that it broke.
+Every check returns a `Trip` with the rule, the finding, the value and the limit.
 """
 
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ from forcemesh.messages import Trip, Vec3, Vec6
 
 @dataclass(frozen=True, slots=True)
 class Plane:
-    """A wall in base axes; the TCP must stay on the side that the normal points to."""
+    """Workspace plane in base axes; the TCP must stay on the side of the normal."""
 
     point_m: Array
     normal: Array  # of length 1
@@ -54,7 +54,7 @@ class Limits:
 
     @classmethod
     def of(cls, cell: Cell) -> "Limits":
-        """Take the limits out of a cell file."""
+        """Return the limits of a cell file."""
         limits = cell.limits
         return cls(
             workspace_min_m=np.array(limits.workspace_min_m),
@@ -103,7 +103,7 @@ def check_workspace(limits: Limits, T_base_tcp: pin.SE3) -> Trip | None:
 
 
 def check_step(limits: Limits, T_from: pin.SE3, T_to: pin.SE3) -> Trip | None:
-    """Refuse a set point too far from where the robot is."""
+    """Refuse a set point too far from the robot's pose."""
     if not (is_finite_pose(T_from) and is_finite_pose(T_to)):
         return _not_finite("the set point or the arm's pose")
     distance_m = length(T_to.translation - T_from.translation)
@@ -118,17 +118,17 @@ def check_step(limits: Limits, T_from: pin.SE3, T_to: pin.SE3) -> Trip | None:
 
 
 def check_tether(limits: Limits, T_start: pin.SE3, T_now: pin.SE3) -> Trip | None:
-    """Refuse to go or turn further from the flange pose at which the arm was armed."""
+    """Refuse a flange pose too far from that at which the arm was armed."""
     if not (is_finite_pose(T_start) and is_finite_pose(T_now)):
         return _not_finite("the pose")
     distance_m = length(T_now.translation - T_start.translation)
     if distance_m > limits.tether_m:
-        text = f"{distance_m * 1e3:.0f} mm away from where it was armed"
+        text = f"{distance_m * 1e3:.0f} mm away from the pose at arming"
         return tripped("tether", text, value=distance_m, limit=limits.tether_m)
     angle_rad = length(rotation_between(T_start.rotation, T_now.rotation))
     if angle_rad > limits.tether_rad:
         text = (
-            f"turned {degrees(angle_rad):.1f} degrees away from how it was armed, "
+            f"rotated {degrees(angle_rad):.1f} degrees from the pose at arming, "
             f"limits.tether_deg is {degrees(limits.tether_rad):g}"
         )
         return tripped("tether", text, value=angle_rad, limit=limits.tether_rad)
@@ -136,7 +136,7 @@ def check_tether(limits: Limits, T_start: pin.SE3, T_now: pin.SE3) -> Trip | Non
 
 
 def check_joints(limits: Limits, joint_rad: Vec6 | Array, *, slack_rad: float = 0.0) -> Trip | None:
-    """Refuse joint angles outside the arm's range, or by more than a slack beyond it."""
+    """Refuse joint angles outside the arm's range, with a tolerance."""
     if not is_finite(joint_rad):
         return _not_finite("a joint angle")
     bounds = (limits.joint_min_rad.tolist(), limits.joint_max_rad.tolist())
@@ -150,20 +150,20 @@ def check_joints(limits: Limits, joint_rad: Vec6 | Array, *, slack_rad: float = 
 
 
 def check_joint_speed(limits: Limits, speed_rad_s: Array) -> Trip | None:
-    """Refuse joints that turn faster than the arm should. Shape (6,)."""
+    """Refuse joint speeds above the limit. Shape (6,)."""
     speeds = [abs(speed) for speed in speed_rad_s.tolist()]
     if not is_finite(speeds):
         return _not_finite("a joint's speed")
     fastest_rad_s = limits.joint_speed_rad_s.tolist()
     for number, (speed, fastest) in enumerate(zip(speeds, fastest_rad_s, strict=True), start=1):
         if speed > fastest:
-            text = f"joint {number} turns with {degrees(speed):.0f} degrees/s"
+            text = f"joint {number} turns at {degrees(speed):.0f} degrees/s"
             return tripped("joint_speed", text, value=speed, limit=fastest)
     return None
 
 
 def check_wrench(limits: Limits, force_N: Vec3 | Array, torque_Nm: Vec3 | Array) -> Trip | None:
-    """Refuse to go on above the force or torque ceiling."""
+    """Refuse a wrench above the force or torque ceiling."""
     if not (is_finite(force_N) and is_finite(torque_Nm)):
         return _not_finite("the wrench")
     force = hypot(*force_N)
@@ -178,9 +178,9 @@ def check_wrench(limits: Limits, force_N: Vec3 | Array, torque_Nm: Vec3 | Array)
 
 
 def limit_speed(limits: Limits, T_from: pin.SE3, T_to: pin.SE3, dt_s: float) -> pin.SE3:
-    """Return the pose on the way to `T_to` that the speed limits allow after `dt_s`.
+    """Return the pose on the path to `T_to` that the speed limits allow after `dt_s`.
 
-    A wish that is not finite comes back as it is, for `check_workspace` to refuse.
+    A target that is not finite is returned unchanged, for `check_workspace` to refuse.
     """
     if not is_finite_pose(T_to):
         return T_to

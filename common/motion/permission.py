@@ -1,12 +1,12 @@
-"""The robot's side of the arbiter's permission: the same gate in every process that moves an arm.
+"""Command gate on the robot's side: checks lease and permission in every process that moves an arm.
 
-A command counts while it is fresh and carries a permission. Once a permission was missed or taken
-away, its lease is dead: whatever comes under it later is refused, until the arbiter opens a new
-lease (and it does so only when a person arms again). So nothing resumes by itself after a freeze.
+A command is valid while it is fresh and carries a permission. Once a permission is missed or
+withdrawn, its lease is dead: every later command under it is refused, until the arbiter opens a new
+lease, which requires a person to arm again. So motion never resumes by itself after a freeze.
 
-Under one lease the arm passes from owner to owner; each has a turn with a number of its own. The
-number is echoed, and neither leases nor turns of one arbiter go back: what belongs to an owner
-before is refused, and kills the lease, because only a stranger would send it.
+Under one lease the arm passes from owner to owner; each has its own turn number. The number is
+echoed, and leases and turns of one arbiter only increase: a command of an earlier owner is refused
+and ends the lease, because only an unexpected publisher would send it.
 """
 
 from dataclasses import dataclass
@@ -18,31 +18,31 @@ from forcemesh.messages import Accepted, Permission, RobotCommand
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """What the robot may do now: obey a command, or hold and say why."""
+    """Decision of the gate: execute a command, or hold for a reason."""
 
     command: RobotCommand | None
-    hold_reason: str  # empty when the command is to be obeyed
-    hold_code: str  # the same as a code of forcemesh/faults.py
-    accepted: Accepted | None  # echo of the last command that was obeyed
-    is_new: bool = False  # the command was not seen before
+    hold_reason: str  # empty when the command is to be executed
+    hold_code: str  # the same reason as a code of forcemesh/faults.py
+    accepted: Accepted | None  # echo of the last accepted command
+    is_new: bool = False  # first time that this command is received
 
 
-MOST_DEAD = 64  # leases that are remembered: the reader of the bus bounds former writers alike
+MOST_DEAD = 64  # stored leases: the bus reader bounds former publishers in the same way
 NO_COMMAND_YET = Verdict(None, "no command yet", "no_lease", None)
 
 
 class CommandGate:
-    """Judges `robot/command` each period; keeps dead leases dead."""
+    """Check of `robot/command` in each period; dead leases stay dead."""
 
     def __init__(self) -> None:
         """Start without permission."""
         self._accepted: Accepted | None = None
         self._live_lease: tuple[int, int] | None = None  # arbiter's epoch, lease
-        self._dead: dict[tuple[int, int], tuple[str, str]] = {}  # lease: why it ended, as a code
+        self._dead: dict[tuple[int, int], tuple[str, str]] = {}  # lease: reason, code of its end
         self._newest = (0, 0, 0)  # arbiter's epoch, lease, turn
 
     def judge(self, reading: Reading[RobotCommand], now_ns: int) -> Verdict:
-        """Return what the robot may do at this time."""
+        """Return the decision at this time."""
         command, header = reading.fresh, reading.header
         if command is None or header is None:
             return self._refuse(reading.fault, reading.code)
@@ -78,7 +78,7 @@ class CommandGate:
         return Verdict(command, "", "", self._accepted, is_new)
 
     def _is_over(self, epoch: int, permission: Permission) -> bool:
-        """Tell whether a newer turn of this arbiter was seen, and be it one that was refused."""
+        """Return whether a newer turn of this arbiter was received, even a refused one."""
         seen = (epoch, permission.lease, permission.turn)
         if epoch == self._newest[0] and seen < self._newest:
             return True
@@ -86,11 +86,11 @@ class CommandGate:
         return False
 
     def revoke(self, reason: str, code: str) -> Verdict:
-        """End the live lease from the robot's side: it was asked for what it cannot do."""
+        """End the live lease from the robot's side, after a command that it cannot execute."""
         return self._refuse(reason, code)
 
     def _refuse(self, reason: str, code: str) -> Verdict:
-        """Hold, and let nothing come back under the lease that was live."""
+        """Hold, and mark the live lease as dead."""
         if self._live_lease is not None:
             self._dead[self._live_lease] = (reason, code)
             self._live_lease = None

@@ -1,7 +1,7 @@
-"""How commanded poses may move from one period to the next. Pure: state in, state out.
+"""Rate limiter of commanded poses: speed and acceleration per period. Pure: state in, state out.
 
-Speed and acceleration are limited, not refused: a wish that asks for more fades. Way and turn are
-cut by the same share, so a tool that turns about its tip still turns about its tip.
+Excess speed and acceleration are clipped, not refused. Translation and rotation are scaled by the
+same factor, so a tool that rotates about its tip still does so.
 """
 
 from dataclasses import dataclass, replace
@@ -15,53 +15,53 @@ from common.motion.limits import Limits
 from forcemesh.faults import tripped
 from forcemesh.messages import Trip
 
-WINDOW_S = 0.25  # no flood of commands gets farther in it than the speed limit allows
+WINDOW_S = 0.25  # the path in it is limited, however many commands arrive
 WINDOW_MARGIN = 1.25  # periods begin and end inside the window
-JOINT_WINDOW_S = 0.1  # joint speeds are a mean over it: samples repeat, and come with jitter
+JOINT_WINDOW_S = 0.1  # averaging window of joint speeds: samples repeat and have jitter
 AT_REST = 1e-9  # m/s and rad/s
-INSTANT_S = 1e-6  # in less time nothing moves
+INSTANT_S = 1e-6  # shorter periods do not move the pose
 NS_PER_S = 1_000_000_000
 
 
 @dataclass(frozen=True, slots=True)
 class Pace:
-    """A commanded flange pose and how it moves, in base axes."""
+    """A commanded flange pose and its velocity, in base axes."""
 
     T_base_flange: pin.SE3
-    T_wished: pin.SE3  # what was asked for in this period
+    T_wished: pin.SE3  # target of this period
     speed_m_s: Array  # shape (3,)
     turning_rad_s: Array  # shape (3,)
-    lags: bool = False  # behind the wish by more than acceleration alone explains
+    lags: bool = False  # behind the target by more than acceleration explains
 
     @property
     def is_there(self) -> bool:
-        """Whether the pose is the very one that was asked for."""
+        """Whether the pose equals the target."""
         return self.T_base_flange is self.T_wished
 
     @property
     def is_still(self) -> bool:
-        """Whether the pose has come to rest."""
+        """Whether the pose is at rest."""
         speeds = self.speed_m_s.tolist() + self.turning_rad_s.tolist()
         return all(abs(speed) <= AT_REST for speed in speeds)
 
 
 def still(T_base_flange: pin.SE3) -> Pace:
-    """Return the pace of a pose at rest."""
+    """Return the state of a pose at rest."""
     return Pace(T_base_flange, T_base_flange, np.zeros(3), np.zeros(3))
 
 
 def limit_motion(limits: Limits, before: Pace, T_wished: pin.SE3, dt_s: float) -> Pace:
-    """Return the pose on the way to a wish that speed and acceleration allow after `dt_s` [s].
+    """Return the pose towards a target that speed and acceleration allow after `dt_s` [s].
 
-    A wish within the limits comes back as the very same object. A standing one is reached without
-    going beyond it: the way that is left is closed no faster than it can be braked, measured from
-    the wish as it moves. While a stream changes its speed it runs ahead a little and is caught up
-    with; it `lags` when it runs ahead farther than a motion at full speed takes to brake.
+    A target within the limits is returned as the same object. A target at rest is reached without
+    overshoot: the closing speed, relative to the moving target, is limited to what can be braked in
+    the remaining distance. While the target changes its speed, the pose falls behind a little and
+    catches up; it `lags` when the distance exceeds the braking distance from full speed.
 
     Args:
         limits: The cell's limits.
-        before: What the last period commanded.
-        T_wished: Flange in base; must be finite.
+        before: Result of the last period.
+        T_wished: Target of the flange in base; must be finite.
         dt_s: Time since the last period.
     """
     if dt_s < INSTANT_S:
@@ -83,14 +83,14 @@ def limit_motion(limits: Limits, before: Pace, T_wished: pin.SE3, dt_s: float) -
 
 
 def brake(limits: Limits, before: Pace, dt_s: float) -> Pace:
-    """Return the next pose on the shortest way to rest."""
+    """Return the next pose of the fastest stop."""
     now = np.array([before.speed_m_s, before.turning_rad_s])
     reached = now * (1.0 - _Most(limits, dt_s).change(now))
     return _moved(before.T_base_flange, before.T_wished, reached, dt_s)
 
 
 def resting_place(limits: Limits, pace: Pace) -> pin.SE3:
-    """Return the flange pose where this motion would end if it were braked now."""
+    """Return the flange pose at the end of braking from now."""
     way, turn = pace.speed_m_s, pace.turning_rad_s
     half_s = 0.5 * max(length(way) / limits.accel_m_s2, length(turn) / limits.accel_rad_s2)
     return _along(pace.T_base_flange, np.array([way, turn]) * half_s)
@@ -98,7 +98,7 @@ def resting_place(limits: Limits, pace: Pace) -> pin.SE3:
 
 @dataclass(frozen=True, slots=True)
 class _Most:
-    """The share of a pair (way, turn) that the limits allow, at most one."""
+    """Scale factors, at most one, that the limits allow for a pair (translation, rotation)."""
 
     limits: Limits
     dt_s: float
@@ -111,7 +111,7 @@ class _Most:
         return _share(pair, *accel)
 
     def closing(self, pair: Array) -> float:
-        """Speeds from which steps, each slower by the limit, end exactly at the wish."""
+        """Return the factor for a closing speed that brakes exactly at the target."""
         way = _closing_share(length(pair[0]), 0.5 * self.limits.accel_m_s2 * self.dt_s)
         return min(way, _closing_share(length(pair[1]), 0.5 * self.limits.accel_rad_s2 * self.dt_s))
 
@@ -123,7 +123,7 @@ class _Most:
 
 
 def _closing_share(speed: float, half: float) -> float:
-    """Return (sqrt(h (h + 4 v)) - h) / v, at most one, without losing digits where v is small."""
+    """Return (sqrt(h (h + 4 v)) - h) / v, at most one, without cancellation for small v."""
     return min(1.0, 4.0 * half / (sqrt(half * (half + 4.0 * speed)) + half))
 
 
@@ -150,7 +150,7 @@ def _moved(T: pin.SE3, T_wished: pin.SE3, speeds: Array, dt_s: float) -> Pace:
 
 @dataclass(frozen=True, slots=True)
 class Window:
-    """What was commanded in the last quarter of a second: time [ns], way [m], turn [rad]."""
+    """Commands of the last quarter of a second: time [ns], distance [m], angle [rad]."""
 
     steps: tuple[tuple[int, float, float], ...] = ()
 
@@ -163,7 +163,7 @@ class Window:
 
 
 def check_rate(limits: Limits, window: Window) -> Trip | None:
-    """Refuse more way in a window than the speed limits allow, however many commands it took."""
+    """Refuse a longer path in a window than the speed limits allow, for any number of commands."""
     longest_s = WINDOW_S * WINDOW_MARGIN
     way_m = sum([step[1] for step in window.steps])
     if way_m > limits.speed_m_s * longest_s:
@@ -183,7 +183,7 @@ class JointTrack:
     samples: tuple[tuple[int, Array], ...] = ()
 
     def after(self, stamp_ns: int, joint_rad: Array) -> "JointTrack":
-        """Return the track with one more sample; one that is not newer changes nothing."""
+        """Return the track with one more sample; a sample that is not newer changes nothing."""
         if self.samples and stamp_ns <= self.samples[-1][0]:
             return self
         samples = (*self.samples, (stamp_ns, joint_rad))
@@ -194,7 +194,7 @@ class JointTrack:
 
     @property
     def speed_rad_s(self) -> Array | None:
-        """Mean speed over the window, shape (6,); None before there is a whole one."""
+        """Mean speed over the window, shape (6,); None before the window is full."""
         if not self.samples:
             return None
         (from_ns, q_from), (to_ns, q_to) = self.samples[0], self.samples[-1]

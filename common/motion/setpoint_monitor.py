@@ -1,9 +1,9 @@
-"""How far and how suddenly a stream of set points may go, judged by the robot's own clock. Pure.
+"""Monitor of a set point stream on the robot's own clock: speed, path and acceleration. Pure.
 
-Three rules that do not know each other: the way of one set point (time refills it, up to a step),
-the way in any 250 ms, and how much the mean velocity changes from one 60 ms to the next, and the
-way gone in them: to and fro is no rest. What was used up stays used up over streams and leases: a
-flood of new ones gains nothing.
+Three independent rules: the distance of one set point (a token bucket, refilled over time up to one
+step), the path length in any 250 ms, and the change of mean velocity and of path length from one
+60 ms to the next, so that oscillation does not pass as rest. The state persists over streams and
+leases, so that a flood of new ones gains nothing.
 """
 
 from collections import deque
@@ -17,18 +17,18 @@ from common.motion.frames import Array, length, rotation_between
 from forcemesh.faults import tripped
 from forcemesh.messages import Trip
 
-# The arbiter limits speed with its own clock and period; a set point may come a little early.
+# The arbiter limits speed with its own clock and period; a set point may arrive slightly early.
 SPEED_MARGIN = 1.25
 ACCEL_MARGIN = 1.5
 WINDOW_S = 0.25
-HALF_S = 0.06  # of what acceleration is measured over
-EARLY_S = 0.02  # how much earlier or later than planned a set point may come
+HALF_S = 0.06  # half of the window of the acceleration
+EARLY_S = 0.02  # permitted jitter of a set point
 S_PER_NS = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """A pose that was commanded: when, and how far it was from the one before."""
+    """One commanded pose: time, and distance from the previous one."""
 
     at_ns: int
     T: pin.SE3
@@ -37,24 +37,24 @@ class Step:
 
 
 class StreamBudget:
-    """Lets a set point through, or says which limit the stream has broken."""
+    """Monitor of a set point stream: accepts a set point, or returns the broken limit."""
 
     def __init__(self, limits: LimitsSection) -> None:
-        """Begin with one step to go."""
+        """Begin with a budget of one step."""
         self._speed_m_s, self._speed_rad_s = limits.speed_m_s, radians(limits.speed_deg_s)
         self._accel_m_s2, self._accel_rad_s2 = limits.accel_m_s2, radians(limits.accel_deg_s2)
         self._step_m, self._step_rad = limits.step_m, radians(limits.step_deg)
         self._left_m, self._left_rad = self._step_m, self._step_rad
         self._left_at_ns: int | None = None
-        self._steps: deque[Step] = deque()  # of the last window, and one before
+        self._steps: deque[Step] = deque()  # of the last window, and the one before
         self._last: pin.SE3 | None = None  # commanded last, None when something else moved the arm
 
     def moved_otherwise(self) -> None:
-        """The arm goes where no set point said: the next one begins at the measured pose."""
+        """Register another motion of the arm: the next stream begins at the measured pose."""
         self._last = None
 
     def begin(self, T_measured: pin.SE3, now_ns: int) -> Trip | None:
-        """Begin a stream where the arm is; a jump back from the last set point counts as way."""
+        """Begin a stream at the measured pose; a jump from the last set point counts as path."""
         if self._last is not None and now_ns - self._steps[-1].at_ns < WINDOW_S / S_PER_NS:
             return self.spend(T_measured, now_ns)
         self._last = None
@@ -62,9 +62,9 @@ class StreamBudget:
         return None
 
     def spend(self, T_wanted: pin.SE3, now_ns: int) -> Trip | None:
-        """Judge the next set point of the stream; one that is let through uses up its way."""
+        """Check the next set point of the stream; an accepted one consumes budget."""
         if self._last is None:
-            return tripped("no_stream", "no stream of set points has begun")
+            return tripped("no_stream", "no stream of set points is active")
         way = T_wanted.translation - self._last.translation
         turn = rotation_between(self._last.rotation, T_wanted.rotation)
         step = Step(now_ns, T_wanted, length(way), length(turn))
@@ -80,7 +80,7 @@ class StreamBudget:
 
     def _speed_trip(self, step: Step) -> Trip | None:
         grown_m, grown_rad = self._grown(step.at_ns)
-        text = "set points run faster than the speed limit"
+        text = "set points are faster than the speed limit"
         if step.way_m > grown_m:
             return tripped("speed", text, limit=self._speed_m_s)
         if step.turn_rad > grown_rad:
@@ -100,7 +100,7 @@ class StreamBudget:
         way_m = step.way_m + sum([one.way_m for one in recent])
         turn_rad = step.turn_rad + sum([one.turn_rad for one in recent])
         time_s = SPEED_MARGIN * WINDOW_S
-        text = f"more way in {WINDOW_S * 1e3:g} ms than the speed limit allows"
+        text = f"longer path in {WINDOW_S * 1e3:g} ms than the speed limit allows"
         if way_m > self._speed_m_s * time_s:
             return tripped("rate", text, value=way_m, limit=self._speed_m_s * time_s)
         if turn_rad > self._speed_rad_s * time_s:
@@ -113,7 +113,7 @@ class StreamBudget:
         way_m = (step.T.translation - middle.translation) - (middle.translation - first.translation)
         turn_rad = _turn(middle, step.T) - _turn(first, middle)
         more_m, more_rad = self._more_than_before(step, half_ns)
-        text = "set points change their speed faster than the limit"
+        text = "acceleration of the set points is above the limit"
         for change, accel, speed in (
             (max(length(way_m), more_m), self._accel_m_s2, self._speed_m_s),
             (max(length(turn_rad), more_rad), self._accel_rad_s2, self._speed_rad_s),
@@ -123,7 +123,7 @@ class StreamBudget:
         return None
 
     def _more_than_before(self, step: Step, half_ns: float) -> tuple[float, float]:
-        """Return by how much way and turning of the last 60 ms exceed those of the 60 before."""
+        """Return by how much distance and angle of the last 60 ms exceed those of the 60 before."""
         way_m = turn_rad = 0.0
         for one in (*self._steps, step):
             age_ns = step.at_ns - one.at_ns
@@ -134,15 +134,15 @@ class StreamBudget:
         return way_m, turn_rad
 
     def _at(self, at_ns: float) -> pin.SE3:
-        """Return what was commanded at a time: each set point holds until the next."""
+        """Return the commanded pose at a time: each set point holds until the next."""
         for step in reversed(self._steps):
             if step.at_ns <= at_ns:
                 return step.T
         return self._steps[0].T
 
     def _put(self, step: Step) -> None:
-        """Remember a step, and no more than the window needs; one before tells where it began."""
-        if self._last is None:  # poses of before are of another motion: only their ways count
+        """Store a step and drop those older than the window, except the one at its start."""
+        if self._last is None:  # earlier poses are of another motion: only their distances count
             kept = [Step(one.at_ns, step.T, one.way_m, one.turn_rad) for one in self._steps]
             self._steps = deque(kept)
         self._steps.append(step)

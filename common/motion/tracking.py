@@ -1,8 +1,8 @@
-"""Whether the arm is where it was commanded: or a collision, HOLD on the pendant, too slow. Pure.
+"""Tracking monitor: detects collision, HOLD on the pendant, or a slow arm. Pure.
 
-How late the arm is nobody knows exactly. So it must be near something that it was commanded within
-its delay: near the way of the last set points, on the line of a move, at the place where it rests.
-Force feedback in the controller goes where the gateway does not know: there nothing is compared.
+The delay of the arm is not known exactly. So the arm must be near a pose commanded within its
+delay: near the path of the last set points, on the line of a move, or at its position at rest.
+The motion of force feedback in the controller is unknown to the gateway, so it is not monitored.
 """
 
 from collections import deque
@@ -17,26 +17,26 @@ from common.motion.frames import Array, length, rotation_between
 from forcemesh.faults import tripped
 from forcemesh.messages import Trip, Vec6
 
-PERIODS = 5  # of reports that may be off, one after the other
-# The robot's delay in the cell file is a mean; a planning step or a full ring make it longer.
+PERIODS = 5  # permitted consecutive reports off the commanded pose
+# The delay in the cell file is a mean; a planning step or a full ring buffer makes it longer.
 DELAY_MARGIN = 2.0
 SLACK_S = 0.1
 
 
 @dataclass(slots=True)
 class Commanded:
-    """What the arm may be near: the newest entry counts for ever, an older one for the delay."""
+    """Commanded poses: the newest is valid without time limit, older ones for the delay."""
 
     poses: deque[tuple[int, pin.SE3]] = field(default_factory=deque)
-    is_line: bool = False  # a move: its whole line counts, however long ago it was commanded
-    joints: tuple[Array, Array] | None = None  # a move of the joints, from and to
+    is_line: bool = False  # a move: its whole line is valid, without time limit
+    joints: tuple[Array, Array] | None = None  # a joint move, from and to
 
 
 class Tracking:
-    """Compares each report with what was commanded; more than five that are off are a trip."""
+    """Comparison of each report with the commanded poses; more than five deviations trip."""
 
     def __init__(self, cell: Cell) -> None:
-        """Compare nothing before something was commanded."""
+        """Begin without a command: nothing is compared."""
         self._limit_m = cell.limits.tracking_m
         self._limit_rad = radians(cell.limits.tracking_deg)
         report_s = 1.0 / cell.rates.robot_hz
@@ -47,27 +47,27 @@ class Tracking:
         self._off = 0  # reports in a row
 
     def free(self) -> None:
-        """The arm goes where we do not know: compare nothing."""
+        """Stop comparing: the motion of the arm is unknown."""
         self._commanded, self._is_resting, self._off = Commanded(), False, 0
 
     def stream(self, T_wanted: pin.SE3, now_ns: int) -> None:
-        """A set point was commanded."""
+        """Register a commanded set point."""
         if self._is_resting or self._commanded.is_line or self._commanded.joints is not None:
             self.free()
         self._commanded.poses.append((now_ns, T_wanted))
 
     def line(self, T_from: pin.SE3, T_to: pin.SE3) -> None:
-        """A straight move was commanded."""
+        """Register a commanded straight move."""
         self.free()
         self._commanded = Commanded(deque([(0, T_from), (0, T_to)]), is_line=True)
 
     def turn(self, from_rad: Vec6 | Array, to_rad: Vec6 | Array) -> None:
-        """A move of the joints was commanded: all start and arrive together."""
+        """Register a commanded joint move: all joints start and arrive together."""
         self.free()
         self._commanded = Commanded(joints=(np.array(from_rad), np.array(to_rad)))
 
     def rest(self, T_measured: pin.SE3, *, moving: bool) -> None:
-        """Nothing is commanded: once the arm is at rest, it has to stay there."""
+        """Register that nothing is commanded: an arm at rest must stay there."""
         if self._is_resting:
             return
         self.free()
@@ -76,7 +76,7 @@ class Tracking:
             self._commanded.poses.append((0, T_measured))
 
     def judge(self, T_measured: pin.SE3, joint_rad: Vec6 | Array, now_ns: int) -> Trip | None:
-        """Judge a report; call it once for each."""
+        """Check a report; call it once for each."""
         if self._commanded.joints is not None:
             away_m, away_rad = 0.0, _beside(*self._commanded.joints, np.array(joint_rad))
         else:
@@ -88,23 +88,23 @@ class Tracking:
         if self._off <= PERIODS:
             return None
         if away_m > self._limit_m:
-            text = f"the arm is {away_m * 1e3:.1f} mm away from where it was commanded"
+            text = f"the arm is {away_m * 1e3:.1f} mm away from its commanded pose"
             return tripped("tracking", text, value=away_m, limit=self._limit_m)
-        text = f"the arm is {degrees(away_rad):.1f} degrees away from where it was commanded"
+        text = f"the arm is {degrees(away_rad):.1f} degrees away from its commanded pose"
         return tripped("tracking", text, value=away_rad, limit=self._limit_rad)
 
     def _away(self, T: pin.SE3, now_ns: int) -> tuple[float, float]:
-        """Return way [m] and turn [rad] to the nearest of what was commanded."""
+        """Return distance [m] and angle [rad] to the nearest commanded pose."""
         poses = self._commanded.poses
         if not self._commanded.is_line:
-            # The one before the delay began was still in force then.
+            # The last pose before the delay was still valid at its start.
             while len(poses) > 1 and now_ns - poses[1][0] >= self._delay_ns:
                 poses.popleft()
         if not poses:
             return 0.0, 0.0
         known = [pose for _, pose in poses]
         away_m = away_rad = np.inf
-        # From the newest on: it nearly always is the one, and the rest need not be looked at.
+        # Newest first: it nearly always matches, and the rest need no check.
         for k in range(max(1, len(known) - 1)):
             b = known[-1 - k]
             a = known[-2 - k] if len(known) > 1 else b
@@ -116,7 +116,7 @@ class Tracking:
 
 
 def _beside(a: Array, b: Array, point: Array) -> float:
-    """Return how far a point is from a straight line's part between two others."""
+    """Return the distance of a point from a line segment."""
     way = b - a
     square = float(way @ way)
     share = 0.0 if square == 0.0 else min(1.0, max(0.0, float((point - a) @ way) / square))

@@ -1,8 +1,8 @@
 #!/bin/sh
 # Health check of a container: the heartbeat of its process (common/runtime/heartbeat.py) is fresh and names
-# no fault; it says why not. The shell does it by itself, but to let an engine start even a shell
-# costs 50 ms. So `watch`, which compose asks for, answers at once the first time and after trouble;
-# otherwise it goes on watching for a minute, and ends at once when something is wrong.
+# no fault; otherwise it prints the reason. Starting even a shell costs the container engine 50 ms.
+# So `watch`, which compose uses, returns at once the first time and after a failure; otherwise it
+# keeps checking for a minute, and ends at once on a failure.
 #   sh common/runtime/alive.sh [watch]
 limit_s=5
 watched_s=60

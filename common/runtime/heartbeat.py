@@ -1,8 +1,8 @@
-"""The heartbeat of a process for its container's health check: a file that costs nothing to judge.
+"""Heartbeat file of a process for its container's health check.
 
-The loop that does the work writes one line a second into the file that the environment names:
-seconds since the machine's start, as in /proc/uptime, and the fault of the moment. A few lines of
-shell read it (common/runtime/alive.sh); a process that hangs, or whose loop has ended, goes stale.
+The main loop writes one line per second to the file named in the environment: seconds since boot,
+as in /proc/uptime, and the present fault. A short shell script reads it at low cost
+(common/runtime/alive.sh); if the process hangs or its loop ends, the file becomes stale.
 """
 
 import os
@@ -13,11 +13,11 @@ from forcemesh.clock import NS_PER_S
 
 HEARTBEAT_VARIABLE = "FORCEMESH_HEARTBEAT"
 PERIOD_S = 1.0
-LINE_B = 256  # always as long: an update needs no room on a disk that is full
+LINE_B = 256  # constant: an update needs no space on a full disk
 
 
 class Heartbeat:
-    """Writes the line; without a file it does nothing."""
+    """Writer of the heartbeat line; without a file it does nothing."""
 
     def __init__(self, path: Path | None) -> None:
         """Open the file. The first beat writes it."""
@@ -26,7 +26,7 @@ class Heartbeat:
         self._fault = ""
 
     def beat(self, now_ns: int, fault: str) -> None:
-        """Write when a second has gone by (monotonic time [ns]), or the fault is another one."""
+        """Write after a second (monotonic time [ns]), or when the fault has changed."""
         if self._file is None or (now_ns < self._next_ns and fault == self._fault):
             return
         self._next_ns, self._fault = now_ns + round(PERIOD_S * NS_PER_S), fault
@@ -34,7 +34,7 @@ class Heartbeat:
 
 
 def line(at_s: int, fault: str) -> bytes:
-    """Return a heartbeat as the file holds it."""
+    """Return a heartbeat line in the file's format."""
     words = " ".join(f"{at_s} {fault}".split()).encode("ascii", "replace")[: LINE_B - 1]
     return words.ljust(LINE_B - 1) + b"\n"
 
@@ -45,6 +45,6 @@ def since_boot_s() -> int:
 
 
 def heartbeat_of_this_process() -> Heartbeat:
-    """Return the heartbeat that the environment asks for."""
+    """Return the heartbeat configured in the environment."""
     named = os.environ.get(HEARTBEAT_VARIABLE)
     return Heartbeat(Path(named) if named else None)

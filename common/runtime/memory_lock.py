@@ -1,4 +1,4 @@
-"""Memory that stays in memory: a page that was swapped out costs a control loop milliseconds."""
+"""Memory locking (mlockall): a page fault to swap costs a control loop milliseconds."""
 
 import ctypes
 import os
@@ -12,12 +12,12 @@ _locked = False
 
 
 def lock_memory() -> bool:
-    """Lock this process's pages, those to come at their first use; tell whether it was allowed.
+    """Lock this process's pages, future ones at first use; return whether it was allowed.
 
-    Only without a limit (`ulimit -l unlimited`, or CAP_IPC_LOCK): under a limit the kernel would
-    refuse memory later, in the middle of the work.
+    Only without a limit (`ulimit -l unlimited`, or CAP_IPC_LOCK): with a limit the kernel would
+    refuse memory later, at run time.
     """
-    global _locked  # noqa: PLW0603 - it is a property of the process
+    global _locked  # noqa: PLW0603 - a property of the process
     if not _may_lock_without_limit():
         return False
     try:
@@ -29,7 +29,7 @@ def lock_memory() -> bool:
 
 
 def is_memory_locked() -> bool:
-    """Tell whether `lock_memory` was allowed in this process."""
+    """Return whether `lock_memory` succeeded in this process."""
     return _locked
 
 

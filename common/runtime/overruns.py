@@ -1,11 +1,11 @@
-"""Counts how often a loop comes far too late to its next step. Pure.
+"""Overrun counter of a loop: steps that come far too late. Pure.
 
 Measured with cells/demo.yaml on two shared cores, longest gap between two steps in 12 s, where
 67 ms are allowed (13 ms to 27 ms with a lab's usual deadlines):
 
-    real-time priority, 4 processes that burn the processor   7 ms, no overrun
+    real-time priority, 4 processes at full CPU load          7 ms, no overrun
     without the priority, the same                           59 ms, no overrun
-    without it, beside other cells that have it             115 ms, up to 8 in a second
+    without it, next to other cells that have it            115 ms, up to 8 in a second
 """
 
 from collections import deque
@@ -15,10 +15,10 @@ from forcemesh.clock import NS_PER_S
 from forcemesh.topics import TOPICS
 
 WINDOW_NS = 1 * NS_PER_S
-# Of the time after which what the role says is stale: two periods where that is three of them.
-# A cell on a noisy machine has longer deadlines, and so is judged by them here as well.
+# Share of the stale time of the role's streams: two periods if that is three of them.
+# A cell on a loaded machine has longer deadlines and thus a longer permitted gap.
 ALLOWED_SHARE = 2.0 / 3.0
-MOST_OVERRUNS = 3  # within the window; more of them in a loop that commands motion is a fault
+MOST_OVERRUNS = 3  # within the window; more in a loop that commands motion is a fault
 
 
 def allowed_gap_s(cell: Cell, role: str) -> float | None:
@@ -45,7 +45,7 @@ class Overruns:
         self._peaks: deque[tuple[int, float]] = deque()  # when and how long, longest first
 
     def stepped(self, now_ns: int) -> None:
-        """Note a step."""
+        """Register a step."""
         gap_s = 0.0 if self._last_ns is None else (now_ns - self._last_ns) / NS_PER_S
         self._last_ns, self.gap_s = now_ns, gap_s
         if self._allowed_s is not None and gap_s > self._allowed_s:
@@ -61,10 +61,10 @@ class Overruns:
 
     @property
     def count(self) -> int:
-        """How many gaps of the last second were too long."""
+        """Number of overruns in the last second."""
         return len(self._late_ns)
 
     @property
     def longest_s(self) -> float:
-        """The longest gap of the last second [s]."""
+        """Longest gap of the last second [s]."""
         return self._peaks[0][1] if self._peaks else 0.0

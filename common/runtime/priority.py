@@ -1,19 +1,19 @@
-"""Real-time priority for the processes of a control loop, where the machine grants it."""
+"""Real-time priority (SCHED_FIFO) for the processes of a control loop, if permitted."""
 
 import os
 from contextlib import suppress
 from pathlib import Path
 
-PRIORITY = 20  # above everything ordinary, below what the kernel and sound servers use
+PRIORITY = 20  # above ordinary processes, below kernel threads and sound servers
 
 
 def take_realtime_priority(priority: int = PRIORITY) -> bool:
-    """Let all threads of this process go before ordinary ones; tell whether the machine allowed it.
+    """Set real-time priority for all threads of this process; return whether it was permitted.
 
-    To be called when the process is ready to work, not before: starting up takes whole tenths of a
-    second of a core, and with this priority it would take them from the loops that run already.
-    Threads that are started later inherit it. Without the right (CAP_SYS_NICE or an rtprio limit)
-    the process runs as it is; its health says so.
+    Call it after start-up: starting takes tenths of a second of CPU time, which at this priority
+    would be taken from loops that already run. Threads started later inherit the priority. Without
+    the right (CAP_SYS_NICE or an rtprio limit) the process keeps its priority; its health reports
+    that.
     """
     try:
         for thread in Path("/proc/self/task").iterdir():
@@ -24,14 +24,14 @@ def take_realtime_priority(priority: int = PRIORITY) -> bool:
 
 
 def give_up_realtime_priority() -> None:
-    """Let this process end as an ordinary one, for the same reason."""
+    """Return to ordinary priority before shutdown, for the same reason."""
     with suppress(AttributeError, OSError):
         for thread in Path("/proc/self/task").iterdir():
             _set(int(thread.name), os.SCHED_OTHER, 0)
 
 
 def has_realtime_priority() -> bool:
-    """Tell whether this process goes before ordinary ones."""
+    """Return whether this process has real-time priority."""
     try:
         return os.sched_getscheduler(0) == os.SCHED_FIFO
     except (AttributeError, OSError):

@@ -1,7 +1,7 @@
-"""How every service runs: the same object in its own process or in a cell on a virtual clock.
+"""Runner of services: the same object in its own process or in a cell on a virtual clock.
 
-A service is woken by its trigger (a newer message of its main input) or, when none comes, by its
-period, so that it always has a word to say. It reads a snapshot, steps, publishes: nothing else.
+A service runs on its trigger (a newer message of its main input) or, without one, on its period, so
+that it always publishes. Each step reads a snapshot, computes and publishes.
 """
 
 import argparse
@@ -36,14 +36,14 @@ from forcemesh.messages import Health, Trip
 from forcemesh.topics import EVERY_HEALTH
 from forcemesh.version import __version__
 
-LONGEST_PAUSE_S = 0.05  # a process that waits longer would be slow to stop
-PATIENCE_PERIODS = 1.5  # a triggered service that hears nothing steps after this many periods
+LONGEST_PAUSE_S = 0.05  # longer waits would delay the stop of the process
+PATIENCE_PERIODS = 1.5  # a triggered service without input steps after this many periods
 LATENESS_WINDOW = 512
-BREAKDOWN_SHOWN_NS = 2 * NS_PER_S  # after the last error: longer than health takes to be seen
+BREAKDOWN_SHOWN_NS = 2 * NS_PER_S  # after the last error: longer than the health period
 
 
 class Service(Protocol):
-    """What the runner needs of a service."""
+    """Interface of a service for the runner."""
 
     @property
     def period_s(self) -> float:
@@ -51,41 +51,41 @@ class Service(Protocol):
 
     @property
     def trigger(self) -> Reader[Any] | None:
-        """Input whose every newer message wants a step."""
+        """Input whose newer messages trigger a step."""
 
     @property
     def fault(self) -> str:
-        """What is wrong with this service right now, empty when nothing is."""
+        """Present fault of this service, empty when there is none."""
 
     def step(self, now_ns: int) -> None:
         """Read, compute, publish."""
 
     def counters(self) -> dict[str, int]:
-        """Return what is worth counting."""
+        """Return the counters for the health message."""
 
 
 @runtime_checkable
 class Closable(Protocol):
-    """A service that has something to say goodbye to."""
+    """A service with a clean-up at its end."""
 
     def close(self) -> None:
-        """Say it."""
+        """Release resources."""
 
 
 @runtime_checkable
 class Measuring(Protocol):
-    """A service that measures something beside its work."""
+    """A service that publishes measured numbers in its health."""
 
     def numbers(self, now_ns: int) -> dict[str, float]:
-        """Return what is known of it, units in the names."""
+        """Return the numbers, units in the names."""
 
 
 @runtime_checkable
 class Metered(Protocol):
-    """A transport that knows how long its puts take."""
+    """A transport that measures the duration of its puts."""
 
     def longest_put_s(self, since_ns: int) -> float:
-        """Return how long the longest put took that began after a monotonic time [s]."""
+        """Return the duration of the longest put that began after a monotonic time [s]."""
 
 
 Connect = Callable[[Cell, str], AbstractContextManager[Bus]]
@@ -93,17 +93,17 @@ Connect = Callable[[Cell, str], AbstractContextManager[Bus]]
 
 @runtime_checkable
 class Stoppable(Protocol):
-    """A service that must stop the arm by itself when its own step breaks off."""
+    """A service that must stop the arm itself when its step raises an error."""
 
     def broke_off(self, trip: Trip) -> None:
-        """Latch."""
+        """Latch the trip."""
 
 
 class HealthReporter:
-    """Publishes a role's health from the loop that does its work."""
+    """Publisher of a role's health, from the role's own loop."""
 
     def __init__(self, bus: Bus, cell: Cell, publisher: Publisher[Health]) -> None:
-        """Prepare what does not change."""
+        """Prepare the constant fields."""
         self._clock = bus.clock
         self._transport = bus.transport
         self._publisher = publisher
@@ -119,13 +119,13 @@ class HealthReporter:
     def stepped(
         self, now_ns: int, lateness_s: float, service: Service, breakdown: str = ""
     ) -> None:
-        """Count a step, and report when it is time, or at once what has just broken off.
+        """Count a step; publish health when due, or at once after an error.
 
         Args:
-            now_ns: The time.
-            lateness_s: How late the step was [s].
-            service: What was stepped.
-            breakdown: What it broke off with within the last second, empty when it did not.
+            now_ns: Present time.
+            lateness_s: Lateness of the step [s].
+            service: The service.
+            breakdown: Error of a step in the last seconds, empty when there is none.
         """
         if breakdown and not self._breakdown:
             self._next_ns = now_ns
@@ -158,7 +158,7 @@ class HealthReporter:
         self._steps, self._since_ns = 0, now_ns
 
     def _numbers(self, now_ns: int, service: Service) -> dict[str, float]:
-        """Return what the service measures, and how long the bus kept it at most since before."""
+        """Return the numbers of the service, and the longest put since the last report."""
         numbers = service.numbers(now_ns) if isinstance(service, Measuring) else {}
         if isinstance(self._transport, Metered):
             numbers = {**numbers, "put_max_s": self._transport.longest_put_s(self._since_ns)}
@@ -166,24 +166,24 @@ class HealthReporter:
 
 
 class Containment:
-    """Turns what a step raises into a named fault: the process lives on, the arm stops.
+    """Error containment: turns an exception of a step into a fault; the process survives.
 
-    The step that broke off publishes nothing more, so that its readers miss it; its health says
-    `internal` at once and for as long as a person needs to see it. Later steps are tried: an error
-    that comes again keeps the fault, and one that does not lets a person clear it.
+    The aborted step publishes nothing more, so that its readers detect it as stale; its health
+    reports `internal` at once and long enough to be seen. Later steps are executed: a recurring
+    error keeps the fault, otherwise a person can clear it.
     """
 
     def __init__(self, role: str, say: Callable[[str], object] = sys.stderr.write) -> None:
-        """Watch over a role; `say` writes to its log."""
+        """Contain errors of a role; `say` writes to its log."""
         self.breakdowns = 0
         self._role, self._say = role, say
         self._text, self._until_ns, self._say_ns = "", 0, 0
 
     def step(self, service: Service, now_ns: int) -> str:
-        """Step a service; return what it broke off with within the last second, if it did."""
+        """Step a service; return the error of a step in the last seconds, empty when none."""
         try:
             service.step(now_ns)
-        except Exception as error:  # noqa: BLE001 - whatever it is, a silent end is worse
+        except Exception as error:  # noqa: BLE001 - for any error, a silent exit is worse
             self._broke_off(service, error, now_ns)
         return self._text if now_ns < self._until_ns else ""
 
@@ -193,16 +193,16 @@ class Containment:
         where = f"{Path(place.filename).name}:{place.lineno}"
         self._text = clipped(f"{self._role}: {type(error).__name__} at {where}: {error}")
         self._until_ns = now_ns + BREAKDOWN_SHOWN_NS
-        if now_ns >= self._say_ns:  # at most once a second, however often it comes
+        if now_ns >= self._say_ns:  # at most once a second
             self._say_ns = now_ns + NS_PER_S
             trace = "".join(traceback.format_exception(error))
-            self._say(f"{self._role}: unforeseen error ({self.breakdowns} so far)\n{trace}")
+            self._say(f"{self._role}: unexpected error ({self.breakdowns} so far)\n{trace}")
         if isinstance(service, Stoppable):
             service.broke_off(tripped("internal", self._text))
 
 
 class Runner:
-    """Decides when a service is due and steps it."""
+    """Scheduler of one service: decides when it is due and steps it."""
 
     def __init__(
         self,
@@ -212,7 +212,7 @@ class Runner:
         *,
         contain: Containment | None = None,
     ) -> None:
-        """Make the service due at once; without a containment what it raises is raised."""
+        """Make the service due at once; without a containment exceptions propagate."""
         self.service = service
         self._reporters = reporters
         self._clock = clock
@@ -222,12 +222,12 @@ class Runner:
         self._due_ns = clock.now_ns()
 
     def due(self, now_ns: int) -> bool:
-        """Tell whether the trigger has fired or the time has come."""
+        """Return whether the trigger has fired or the period has elapsed."""
         trigger = self.service.trigger
         return (trigger is not None and trigger.poll()) or now_ns >= self._due_ns
 
     def step(self, now_ns: int) -> None:
-        """Step once; a late step is not made up for."""
+        """Step once; a missed step is not repeated."""
         lateness_s = max(0, now_ns - self._due_ns) / NS_PER_S
         if self._contain is None:
             self.service.step(now_ns)
@@ -243,7 +243,7 @@ class Runner:
             reporter.stepped(now_ns, lateness_s, self.service, breakdown)
 
     def run(self, stop: threading.Event) -> None:
-        """Step whenever due until told to stop; a container's health check hears of each second."""
+        """Step whenever due until stopped; write a heartbeat for the container's health check."""
         heartbeat = heartbeat_of_this_process()
         while not stop.is_set():
             now_ns = self._clock.now_ns()
@@ -261,7 +261,7 @@ class Runner:
 
 
 def reporter_of(bus: Bus, cell: Cell) -> HealthReporter:
-    """Return what publishes the health of the bus's role."""
+    """Return the health publisher of the bus's role."""
     topic = EVERY_HEALTH[bus.role]
     return HealthReporter(bus, cell, bus.publisher(topic))
 
@@ -277,12 +277,12 @@ def main(
     """Run one service as a process until SIGTERM or SIGINT.
 
     Args:
-        roles: The role that the process plays, or several; the first one is its bus's.
-        make_service: Makes the service; if it has a `close`, that is called at the end.
-        player: How the cell file names this process where a role can be played by another one
-            too. A cell that gives such a role to another process is refused.
-        connect: How the process gets onto the bus; the hub opens it instead.
-        realtime: Whether it goes before ordinary processes; a helper does not.
+        roles: The role of the process, or several; the first one opens the bus.
+        make_service: Factory of the service; if it has a `close`, that is called at the end.
+        player: Name of this implementation in the cell file, for roles with several of them. A cell
+            file with another implementation is refused.
+        connect: Connects to the bus; the hub opens it instead.
+        realtime: Whether to use real-time priority; a helper does not.
     """
     roles = (roles,) if isinstance(roles, str) else roles
     cell = cell_from_arguments(roles[0])
@@ -305,15 +305,15 @@ def main(
 
 
 def _granted() -> dict[str, int]:
-    """Return what the machine grants a control loop."""
+    """Return the real-time rights of this process."""
     return {"realtime": int(has_realtime_priority()), "memory_locked": int(is_memory_locked())}
 
 
 def spare_the_loop() -> None:
-    """Make ready for work in real time, after the start: stay in memory, no long collection, first.
+    """Prepare for real time after start-up: collect garbage, lock memory, set the priority.
 
-    What start-up has left in memory stays; to walk through all of it takes tens of milliseconds,
-    and the collector would do so now and then.
+    Objects from start-up stay in memory; a garbage collection over all of them takes tens of
+    milliseconds.
     """
     gc.collect()
     gc.freeze()
@@ -322,22 +322,22 @@ def spare_the_loop() -> None:
 
 
 def refuse_unless_played_by(cell: Cell, role: str, player: str) -> None:
-    """Keep two processes from playing one role.
+    """Prevent two processes from running one role.
 
     Raises:
-        ConfigError: The cell file gives the role to another process than `player`.
+        ConfigError: The cell file names another implementation than `player`.
     """
     chosen = getattr(cell.roles, role)
     if chosen != player:
         mistake = (
-            f"roles.{role} is {chosen}, and this process is the {player}: "
-            f"start the one that plays it, or write `{role}: {player}` in the cell file"
+            f"roles.{role} is {chosen}, but this process is the {player}: "
+            f"start the {chosen}, or write `{role}: {player}` in the cell file"
         )
         raise ConfigError(f"cell {cell.cell}", [mistake])
 
 
 def cell_from_arguments(role: str) -> Cell:
-    """Read the cell file that the command line names; exit with its mistakes if it has any."""
+    """Read the cell file named on the command line; exit and list its mistakes if any."""
     parser = argparse.ArgumentParser(prog=role, description=f"The {role} of a forcemesh cell.")
     parser.add_argument("--cell", required=True, metavar="FILE", help="the cell file")
     with exit_on_error(role):
@@ -353,17 +353,17 @@ def stop_on_signals() -> threading.Event:
 
 
 class exit_on_error:  # noqa: N801 - reads as a statement
-    """End the process with one clear line when forcemesh itself says what is wrong."""
+    """Context manager: end the process with one line on an error of forcemesh."""
 
     def __init__(self, role: str) -> None:
-        """Remember who is speaking."""
+        """Store the role for the message."""
         self._role = role
 
     def __enter__(self) -> None:
-        """Nothing to do."""
+        """Do nothing."""
 
     def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
-        """Turn an expected error into a line on standard error and exit code 2."""
+        """Print an expected error to standard error and exit with code 2."""
         if isinstance(error, ForcemeshError):
             sys.stderr.write(f"{self._role}: {error}\n")
             raise SystemExit(2)

@@ -1,7 +1,7 @@
-"""Who may say and hear what on a bus with certificates, made from the table of topics.
+"""Access control list of a bus with certificates, generated from the topic table.
 
-The hub gives this to Zenoh, which judges every message by the name in the sender's certificate.
-What is not allowed here is refused. Pure: a cell in, settings of Zenoh out.
+The hub passes it to Zenoh, which checks every message by the name in the sender's certificate.
+Everything not allowed here is denied. Pure: a cell in, settings of Zenoh out.
 """
 
 from collections.abc import Iterator, Sequence
@@ -22,25 +22,25 @@ from forcemesh.topics import (
     TOPICS,
 )
 
-# A flood ends at the hub. Streams are not counted: what was kept up comes in bunches, of which
-# nothing must be lost, and who reads a stream keeps the newest anyway.
+# Rate limits against floods. Streams are not limited: delayed messages arrive in bursts, of which
+# none may be lost, and readers of a stream keep only the newest.
 REPORT_ROOM = 20.0  # times the rate of a topic
-QUESTIONS_HZ = 100.0  # of one kind from one client; `hold` is never counted
+QUESTIONS_HZ = 100.0  # of one kind from one client; `hold` is never limited
 DESCRIPTIONS_HZ = 5.0  # they are long
-ANYBODY = "anybody"  # with a certificate of this authority; named, so that Zenoh logs what it tries
+ANYBODY = "anybody"  # with a certificate of this authority; named, so that Zenoh logs denials
 INGRESS, EGRESS = "ingress", "egress"
 
 
 @dataclass(frozen=True, slots=True)
 class Rule:
-    """What one name may do: messages in a direction as the hub sees it, on keys."""
+    """Allow rule of one name: messages in one direction, seen from the hub, on keys."""
 
     flow: str
     messages: tuple[str, ...]
     keys: tuple[str, ...]
 
     def for_zenoh(self, name: str) -> dict[str, Any]:
-        """Return it as Zenoh's configuration spells it."""
+        """Return the rule in Zenoh's configuration format."""
         return {
             "id": name,
             "permission": "allow",
@@ -74,12 +74,12 @@ def access_control(cell: Cell) -> dict[str, Any]:
 
 
 def names_of(cell: Cell) -> frozenset[str]:
-    """Return the names in certificates that have something to say or to hear in a cell."""
+    """Return the certificate names that have rights in a cell."""
     return frozenset(name for name, _ in _everybody(cell)) - {ANYBODY}
 
 
 def rate_limits(cell: Cell) -> list[dict[str, Any]]:
-    """Return Zenoh's section `downsampling`: how much one client may say at most."""
+    """Return Zenoh's section `downsampling`: rate limits of one client."""
     reports = [
         {
             "key_expr": f"{cell.cell}/{topic.key}",
@@ -103,14 +103,14 @@ def rate_limits(cell: Cell) -> list[dict[str, Any]]:
 
 
 def plays(cell: Cell, role: str) -> tuple[str, ...]:
-    """Return the roles that the process with a role's certificate plays: a simulated arm two."""
+    """Return the roles of the process with a role's certificate: two for a simulated arm."""
     both = cell.roles.robot == "sim" and cell.roles.sensor == "sim"
     return ("robot", "sensor") if role == "robot" and both else (role,)
 
 
 def _everybody(cell: Cell) -> Iterator[tuple[str, list[Rule]]]:
     yield ANYBODY, [Rule(INGRESS, ("declare_subscriber",), _keys(cell.cell, [SELF_TEST]))]
-    # The hub itself needs no leave; its healthcheck comes as a client that shows its certificate.
+    # The hub itself needs no rights; its healthcheck is a client with the hub's certificate.
     yield common_name("hub", cell.cell), _hears(_keys(cell.cell, [HEALTH["hub"].key]))
     for role in ROLES:
         if role != "hub":
@@ -130,12 +130,12 @@ def _everybody(cell: Cell) -> Iterator[tuple[str, list[Rule]]]:
 def _role(cell: Cell, role: str) -> list[Rule]:
     played = plays(cell, role)
     heard = [topic.key for topic in TOPICS if set(topic.readers) & set(played)]
-    heard += [HEALTH[each].key for each in played]  # its own: the healthcheck
+    heard += [HEALTH[each].key for each in played]  # its own, for the healthcheck
     return _process(cell, played, heard)
 
 
 def _helper(cell: Cell, helper: str) -> list[Rule]:
-    """Return what a helper may: hear every topic as a client does, say and serve its own."""
+    """Return the rights of a helper: read every topic as a client, publish and serve its own."""
     return _process(cell, (helper,), [topic.key for topic in TOPICS])
 
 
@@ -144,7 +144,7 @@ def _process(cell: Cell, played: tuple[str, ...], heard: Sequence[str]) -> list[
     served = [request.key for request in REQUESTS if request.server in played]
     return [
         Rule(INGRESS, ("put",), _keys(cell.cell, said)),
-        # Who writes must learn that somebody listens, or it sends nothing.
+        # A publisher must learn of subscribers, or it sends nothing.
         Rule(EGRESS, ("declare_subscriber",), (f"{cell.cell}/**",)),
         *_hears(_keys(cell.cell, [*heard, SELF_TEST])),
         Rule(INGRESS, ("declare_queryable", "reply"), _keys(cell.cell, served)),
@@ -157,9 +157,9 @@ def _hears(keys: tuple[str, ...]) -> list[Rule]:
 
 
 def _person(cell: Cell, asked: Sequence[str]) -> list[Rule]:
-    """Return what a client may: hear every topic of these cells, ask its own for some things.
+    """Return the rights of a client: read topics of these cells, send some requests to its own.
 
-    What is said on the bus at all, the hub itself tells everybody with a certificate.
+    Every client with a certificate may query the description of the bus.
     """
     asked = [*asked, DESCRIBE, INFO]
     cells = (cell.cell, *cell.bus.below)
@@ -173,7 +173,7 @@ def _person(cell: Cell, asked: Sequence[str]) -> list[Rule]:
 
 
 def _said_below(other: str) -> list[Rule]:
-    """Return what the hub of a cell below may: say its own topics here, and hear nothing."""
+    """Return the rights of the hub of a cell below: publish its own topics here, read nothing."""
     return [
         Rule(INGRESS, ("put",), _keys(other, [topic.key for topic in TOPICS])),
         Rule(EGRESS, ("declare_subscriber",), (f"{other}/**",)),
@@ -181,7 +181,7 @@ def _said_below(other: str) -> list[Rule]:
 
 
 def _heard_above(cell: str) -> list[Rule]:
-    """Return what the hub above may: hear this cell's topics, and say nothing."""
+    """Return the rights of the hub above: read this cell's topics, publish nothing."""
     return [
         Rule(INGRESS, ("declare_subscriber",), (f"{cell}/**",)),
         Rule(EGRESS, ("put",), _keys(cell, [topic.key for topic in TOPICS])),

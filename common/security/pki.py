@@ -1,9 +1,9 @@
-"""Certificates of a cell's bus: an authority, one certificate for each role and person.
+"""Certificates of a cell's bus (X.509): an authority, one certificate per role and person.
 
-Only the hub's can be shown by a server: TLS turns a hub away that shows any other one.
+Only the hub's certificate is valid for a server: TLS rejects a hub that shows another one.
 
-The authority's own key stays in the folder where it was made: whoever has it can be anybody. Files
-can be read by their owner and by nobody else, and are never written over unless that is asked for.
+The authority's key stays in the folder where it was made: its holder can impersonate any role.
+Files are readable by their owner only, and are never overwritten without an explicit request.
 """
 
 import datetime as dt
@@ -35,7 +35,7 @@ class Pair:
 
 
 def make_authority(cell: str, now: dt.datetime) -> Pair:
-    """Return a new authority, which signs certificates and nothing else signs."""
+    """Return a new authority, which only signs certificates."""
     return _authority(f"forcemesh authority of {cell}", now)
 
 
@@ -51,16 +51,16 @@ def _authority(common: str, now: dt.datetime) -> Pair:
 def make_certificate(
     authority: Pair, name: str, cell: str, *, hosts: Sequence[str], days: int, now: dt.datetime
 ) -> Pair:
-    """Return a certificate that a name of a cell shows.
+    """Return a certificate for a name of a cell.
 
     Args:
-        authority: Signs it.
-        name: A name of forcemesh/identity.py. The hub's certificate is good for both ends of a
-            link, for it may hang on another hub; all others are good for a client's end alone.
-        cell: Of which the name is.
-        hosts: Under which the hub is reached; no other name is reached by anyone.
-        days: How long it is good for.
-        now: The time.
+        authority: The signing authority.
+        name: A name of forcemesh/identity.py. The hub's certificate is valid for both ends of a
+            link, for a hub can connect to another hub; all others are valid for clients only.
+        cell: The cell of the name.
+        hosts: Host names and addresses of the hub; unused for other names.
+        days: Validity [days].
+        now: Present time.
     """
     key = ec.generate_private_key(ec.SECP256R1())
     subject = _name(common_name(name, cell))
@@ -78,10 +78,10 @@ def make_certificate(
 
 
 def make_page_authority(cell: str, now: dt.datetime) -> Pair:
-    """Return the authority that browsers trust for the panel's page, and nobody on the bus.
+    """Return the authority of the panel's page, trusted by browsers but not on the bus.
 
-    Browsers keep their authorities for long and in many places; were it the bus's, a certificate
-    that it signs could be the hub.
+    Browsers store authorities for long and in many places; if it were the bus's authority, a
+    certificate that it signs could impersonate the hub.
     """
     return _authority(f"forcemesh panel authority of {cell}", now)
 
@@ -89,7 +89,7 @@ def make_page_authority(cell: str, now: dt.datetime) -> Pair:
 def make_page_certificate(
     authority: Pair, cell: str, *, hosts: Sequence[str], days: int, now: dt.datetime
 ) -> Pair:
-    """Return the certificate of the panel's page, at the hosts under which it is opened."""
+    """Return the certificate of the panel's page for its hosts."""
     key = ec.generate_private_key(ec.SECP256R1())
     subject = _name(f"forcemesh panel page of {cell}")
     builder = _builder(subject, authority.certificate.subject, key, now, days=days)
@@ -104,13 +104,13 @@ def make_page_certificate(
 
 
 def write_pair(folder: Path, name: str, pair: Pair, *, owner: tuple[int, int] | None) -> None:
-    """Write both files so that only their owner reads them, whole or not at all.
+    """Write both files atomically, readable by their owner only.
 
     Args:
-        folder: Made if it is not there, closed to others.
-        name: Of the files.
-        pair: What to write.
-        owner: User and group that shall have them, if not we.
+        folder: Created if missing, closed to others.
+        name: Base name of the files.
+        pair: Certificate and key.
+        owner: User and group of the files; None: those of this process.
 
     Raises:
         DataError: They cannot be written.
@@ -132,7 +132,7 @@ def write_pair(folder: Path, name: str, pair: Pair, *, owner: tuple[int, int] | 
 def copy_certificate(
     source: Path, target: Path, name: str, *, owner: tuple[int, int] | None
 ) -> None:
-    """Put a certificate, without its key, into another folder. Raise DataError if that fails."""
+    """Copy a certificate, without its key, to another folder. Raise DataError on failure."""
     data = read_certificate(source / f"{name}.pem").public_bytes(serialization.Encoding.PEM)
     try:
         target.mkdir(mode=0o700, parents=True, exist_ok=True)
@@ -145,7 +145,7 @@ def read_authority(folder: Path, name: str = AUTHORITY) -> Pair:
     """Return the authority of a folder.
 
     Raises:
-        DataError: It is not there or not readable; says what to do.
+        DataError: It is missing or unreadable; names the remedy.
     """
     certificate = read_certificate(folder / f"{name}.pem")
     path = folder / f"{name}.key"
@@ -153,16 +153,16 @@ def read_authority(folder: Path, name: str = AUTHORITY) -> Pair:
         key = serialization.load_pem_private_key(path.read_bytes(), password=None)
     except (OSError, ValueError) as error:
         raise DataError(
-            f"{path}: the authority's key cannot be read ({error}); issue where `forcemesh pki "
-            "init` was run, the key stays there"
+            f"{path}: the authority's key cannot be read ({error}); issue it where `forcemesh pki "
+            "init` was run: the key stays there"
         ) from error
     if not isinstance(key, ec.EllipticCurvePrivateKey):
-        raise DataError(f"{path}: not a key that `forcemesh pki init` has made")
+        raise DataError(f"{path}: not a key made by `forcemesh pki init`")
     return Pair(certificate, key)
 
 
 def can_be_the_hub(certificate: x509.Certificate) -> bool:
-    """Tell whether TLS takes a certificate from a server: one that does not say for what, too."""
+    """Return whether TLS accepts a certificate from a server, also one without a stated usage."""
     try:
         usage = certificate.extensions.get_extension_for_class(x509.ExtendedKeyUsage).value
     except x509.ExtensionNotFound:
@@ -172,7 +172,7 @@ def can_be_the_hub(certificate: x509.Certificate) -> bool:
 
 
 def read_certificate(path: Path) -> x509.Certificate:
-    """Return a certificate. Raise DataError if there is none in this file."""
+    """Return the certificate in a file. Raise DataError if there is none."""
     try:
         return x509.load_pem_x509_certificate(path.read_bytes())
     except (OSError, ValueError) as error:

@@ -1,4 +1,4 @@
-"""What is wrong with a folder of certificates, in sentences that say what to do."""
+"""Check of a folder of certificates: findings with their remedies."""
 
 import datetime as dt
 import stat
@@ -23,7 +23,7 @@ REMEDY = "forcemesh pki issue {name} --again"
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One line: what is so, whether that is bad, and what to do."""
+    """One finding: verdict, name, text and remedy."""
 
     verdict: Literal["good", "soon", "wrong"]
     name: str
@@ -32,7 +32,7 @@ class Finding:
 
 
 def check_folder(folder: Path, cell: str, now: dt.datetime) -> list[Finding]:
-    """Return what is to be said of every certificate of a cell; the authority first."""
+    """Return the findings on every certificate of a cell; the authority first."""
     try:
         authority = read_certificate(folder / f"{AUTHORITY}.pem")
     except DataError as error:
@@ -42,7 +42,7 @@ def check_folder(folder: Path, cell: str, now: dt.datetime) -> list[Finding]:
     for name in there:
         found += _of_name(folder, name, cell, authority, now=now)
     missing = [name for name in NAMES if name not in there]
-    # A machine that only watches has one certificate; where the authority is all should be there.
+    # A monitoring machine has one certificate; the authority's folder must hold all of them.
     if missing and (folder / f"{AUTHORITY}.key").exists():
         found += [Finding("wrong", name, "missing", REMEDY.format(name=name)) for name in missing]
     if not there:
@@ -77,16 +77,16 @@ def _of_name(
 
 def _wrong_end(name: str, certificate: x509.Certificate) -> str:
     if name == HUB:
-        return "it is good for clients alone: every client turns a hub away that shows it"
+        return "it is valid for clients only: every client rejects a hub that shows it"
     ends = certificate.not_valid_after_utc
     return (
         f"it is of an older forcemesh and can stand in for the hub until {ends:%Y-%m-%d}; a new "
-        "one cannot, and if others may have this one, `forcemesh pki init --again` ends it"
+        "one cannot; if others may have this one, `forcemesh pki init --again` revokes it"
     )
 
 
 def _of_page(folder: Path, now: dt.datetime) -> Iterator[Finding]:
-    """Judge the certificate of the panel's page where there is one: only browsers are shown it."""
+    """Check the certificate of the panel's page, if there is one; only browsers receive it."""
     if not (folder / f"{PAGE}.pem").exists():
         return
     try:
@@ -132,7 +132,7 @@ def _of_key(path: Path, name: str, certificate: x509.Certificate, remedy: str) -
         yield Finding("wrong", name, f"{path.name}: no key: {error}", remedy)
         return
     if mode & OTHERS:
-        text = f"{path.name} can be read by others (mode {mode:o}): it may be known by now"
+        text = f"{path.name} is readable by others (mode {mode:o}): it may be compromised"
         yield Finding("wrong", name, text, f"chmod 400 {path}; {remedy}")
     if key.public_key() != certificate.public_key():
         yield Finding("wrong", name, f"{path.name} is not the key of {name}.pem", remedy)

@@ -1,7 +1,7 @@
-"""A cell from Python: `with Cell("cells/demo.yaml") as cell: cell.arm(); cell.force.press(15.0)`.
+"""Python client: `with Cell("cells/demo.yaml") as cell: cell.arm(); cell.force.press(15.0)`.
 
-Every verb waits until it is done, up to a time, and raises an exception of `forcemesh.errors` when
-it is not: a refusal with code and remedy, an arm that was stopped, a service that fell silent.
+Every method waits for completion, up to a timeout, and otherwise raises an exception of
+`forcemesh.errors`: a refusal with code and remedy, a stopped arm, a silent service.
 Command line, panel and notebooks use it; it imports neither physics nor plots.
 """
 

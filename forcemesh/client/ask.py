@@ -1,4 +1,4 @@
-"""The one way to ask a cell for something: an answer, or an exception that says what to do."""
+"""Requests of a client: each returns a reply or raises an exception with a remedy."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -18,12 +18,12 @@ Q = TypeVar("Q", bound=Record)
 
 ANSWER_S = 2.0
 AGAIN_S = 0.1
-PASSING = ("not_ready", "moving", "wait")  # refusals that time alone mends
+PASSING = ("not_ready", "moving", "wait")  # refusals that clear by waiting
 
 
 @contextmanager
 def well_formed() -> Iterator[None]:
-    """Raise DataError, which names argument and value, for what no request can say."""
+    """Raise DataError, which names argument and value, for arguments outside a request's bounds."""
     try:
         yield
     except ValidationError as error:
@@ -31,11 +31,11 @@ def well_formed() -> Iterator[None]:
 
 
 def ask(bus: Bus, request: Request[Q], message: Q, timeout_s: float = ANSWER_S) -> Reply:
-    """Ask once.
+    """Send a request once and return the reply.
 
     Raises:
         RefusedError: The service refuses: code, text, remedy.
-        BusError: Nobody answers within `timeout_s`.
+        BusError: No reply within `timeout_s`.
     """
     reply = bus.ask(request, message, timeout_s)
     if reply.accepted:
@@ -45,7 +45,7 @@ def ask(bus: Bus, request: Request[Q], message: Q, timeout_s: float = ANSWER_S) 
 
 
 def ask_until(bus: Bus, request: Request[Q], message: Q, within_s: float) -> Reply:
-    """Ask as `ask`, and again, at most so long, while the refusal is one that time alone mends."""
+    """Send a request as `ask`; repeat it for at most `within_s` while the refusal is transient."""
     give_up_ns = bus.clock.now_ns() + round(within_s * NS_PER_S)
     while True:
         try:
@@ -57,7 +57,7 @@ def ask_until(bus: Bus, request: Request[Q], message: Q, within_s: float) -> Rep
 
 
 def stopped(status: ArbiterStatus, what: str) -> ArmStoppedError:
-    """Return the exception of an arm that may not go on: what ended, and why."""
+    """Return the exception of a stopped arm: what ended, and why."""
     why = "; ".join(trip.text for trip in status.trips) or "no reason given"
     code = status.trips[-1].code if status.trips else "hold"
     text = f"{what}: the arbiter is {status.state}: {why}"
@@ -65,6 +65,6 @@ def stopped(status: ArbiterStatus, what: str) -> ArmStoppedError:
 
 
 def remedy_of(code: str) -> str:
-    """Return what a person should do about a code, empty when the code is no row of the table."""
+    """Return the remedy of a code, empty when the code is not in the fault table."""
     row = FAULTS.get(code)
     return "" if row is None else row.remedy

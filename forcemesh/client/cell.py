@@ -1,4 +1,4 @@
-"""A cell as a program sees it: short verbs that wait until they are done, and what is heard."""
+"""Client of a cell: blocking requests, and feeds of the topics."""
 
 from collections.abc import Callable
 from contextlib import ExitStack
@@ -48,18 +48,18 @@ from forcemesh.zenoh_session import open_session
 M = TypeVar("M", bound=Message)
 Q = TypeVar("Q", bound=Record)
 
-READY_WITHIN_S = 5.0  # the preflight wants a second of good inputs and rest
-SHOWN_WITHIN_S = 1.0  # so long what was granted may take to show in arbiter/status
+READY_WITHIN_S = 5.0  # the preflight needs one second of valid inputs at rest
+SHOWN_WITHIN_S = 1.0  # longest time until arbiter/status shows a granted request
 POLL_S = 0.01
 HEARD_WITHIN_S = 0.3
-BACKED_OFF_S = 20.0  # its longest way, and time to come to rest before
+BACKED_OFF_S = 20.0  # its full travel, and time to come to rest before
 BACKED_OFF = ("back_off", "still_loaded")
 
 
 class Cell:
-    """One cell that is up. Every method may be called from any thread.
+    """Client of one running cell. Every method may be called from any thread.
 
-    Feeds, each a `Feed`: call it for the newest message, iterate for each one.
+    The feeds are `Feed` objects: call one for the newest message, iterate for every message.
     """
 
     def __init__(
@@ -75,17 +75,17 @@ class Cell:
         """Connect.
 
         Args:
-            cell: A cell file, of which `cell` and `bus` are read; or, with `name`, the endpoint of
-                the hub, such as tcp/127.0.0.1:7447.
+            cell: A cell file, of which only the sections `cell` and `bus` are read; or, with
+                `name`, the endpoint of the hub, such as tcp/127.0.0.1:7447.
             name: Name of the cell at that endpoint.
-            commander: Who asks for motion: a person (`operator`) takes the arm from a program.
+            commander: Rank of motion requests: an `operator` preempts a program.
             patience_s: Longest wait for the hub [s].
-            bus: A client's bus that is open already, in virtual time for instance.
-            info: Facts of the cell, where they are known; else the hub is asked for them.
+            bus: An open client bus, for instance in virtual time.
+            info: Facts of the cell; default: those that its hub reports.
 
         Raises:
             ConfigError: The cell file, the endpoint or the name is wrong.
-            BusError: No hub answers: the cell is not up, or it is not the hub of this cell.
+            BusError: No reply from a hub: the cell is not up, or it is another cell's hub.
         """
         reached = connection_of(cell, name)
         self._exits = ExitStack()
@@ -110,7 +110,7 @@ class Cell:
         self.force = Force(session)
 
     def __enter__(self) -> Self:
-        """Be closed at the end."""
+        """Return the client; it is closed on exit."""
         return self
 
     def __exit__(
@@ -119,7 +119,7 @@ class Cell:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Close; the arm goes on with what it was told last."""
+        """Close; the arm continues with its last command."""
         self.close()
 
     def close(self) -> None:
@@ -130,11 +130,11 @@ class Cell:
 
     @well_formed()
     def arm(self, purpose: ArmPurpose = "all", *, within_s: float = READY_WITHIN_S) -> Reply:
-        """Let motion begin, after the preflight; for `jog` moves alone, in contact as well.
+        """Enable motion, after the preflight; for `jog` moves only, also in contact.
 
         Raises:
-            RefusedError: The preflight found something that `within_s` did not mend.
-            ArmStoppedError: The arm was stopped again at once.
+            RefusedError: The preflight still fails after `within_s`.
+            ArmStoppedError: The arm was stopped again immediately.
         """
         reply = self.ask(topics.ARM, ArmRequest(purpose=purpose), within_s=within_s)
         if not self._shows(lambda status: status.goes_on):
@@ -144,16 +144,16 @@ class Cell:
     def back_off(self, *, without_force: bool = False, timeout_s: float = BACKED_OFF_S) -> Trip:
         """Free an arm above a ceiling or outside the workspace, and wait until it holds again.
 
-        The arbiter computes the way: along the measured force or straight back in, at most 20 mm
-        at 5 mm/s. Returns how it ended: `back_off` when the arm is free.
+        The arbiter plans the path: along the measured force or straight back in, at most 20 mm
+        at 5 mm/s. Returns the final trip: `back_off` when the arm is free.
 
         Args:
-            without_force: Confirms 5 mm back along the tool, where no force can be followed.
-            timeout_s: Longest wait for its end [s]; then the arm is held.
+            without_force: Confirms 5 mm back along the tool when no force can be followed.
+            timeout_s: Longest wait for the end [s]; then the arm is held.
 
         Raises:
             RefusedError: There is nothing to free, no force to follow, or the arm may move.
-            ArmStoppedError: It was stopped on its way: the force rose, somebody held it.
+            ArmStoppedError: It was stopped before its end: the force rose, or a client held it.
             NotReachedError: It took too long.
         """
         request = BackOffRequest(without_force=without_force)
@@ -169,7 +169,7 @@ class Cell:
         return end
 
     def hold(self, reason: str = "asked to hold") -> Reply:
-        """Stop the motion and hold, whoever commands. This is not a safety function."""
+        """Stop the motion and hold, for any commander. This is not a safety function."""
         return self.ask(topics.HOLD, HoldRequest(reason=reason[:400]))
 
     def clear(self) -> Reply:
@@ -189,7 +189,7 @@ class Cell:
         accel_fraction: float | None = None,
         decel_fraction: float | None = None,
     ) -> Speed:
-        """Set the speeds of the moves to come and return them; what is left out keeps its value."""
+        """Set the speeds of the following moves and return them; omitted ones keep their values."""
         update = {
             "mechanical_m_s": mechanical_m_s,
             "modular_fraction": modular_fraction,
@@ -218,26 +218,26 @@ class Cell:
         request = CalibrationRequest(calibration_json=calibration_json)
         return self.ask(topics.CALIBRATE, request, within_s=within_s)
 
-    # --- what is heard ----------------------------------------------------------------------------
+    # --- topics -----------------------------------------------------------------------------------
 
     def feed(self, topic: Topic[M]) -> Feed[M]:
-        """Return the feed of any topic of the table."""
+        """Return the feed of a topic."""
         return self.session.feed(topic)
 
     def health(self, role: str) -> Feed[Health] | Feed[SensorWrench]:
-        """Return the feed that shows whether a role is alive; of a foreign sensor its readings."""
+        """Return the health feed of a role; for an external sensor the feed of its readings."""
         return self.session.roles.feeds[role]
 
     def silent(self) -> tuple[str, ...]:
-        """Return the roles that are not heard; takes a second or so the first time."""
+        """Return the roles without messages; takes about a second the first time."""
         return self.session.roles.silent()
 
     def wait_ready(self, within_s: float = 20.0) -> ArbiterStatus:
         """Wait until arming would be granted, or the arm is armed already.
 
         Raises:
-            NotValidError, LostError: As a feed does.
-            NotReachedError: It is not ready within `within_s`; says why.
+            NotValidError, LostError: As a feed.
+            NotReachedError: Not ready within `within_s`; gives the reasons.
         """
         if not self._shows(lambda s: s.goes_on or _is_ready(s), within_s):
             status = self.status()
@@ -246,9 +246,9 @@ class Cell:
         return self.status()
 
     def load_N(self) -> float | None:
-        """Return the force on the tool [N] when it is loaded, None where it is free or not known.
+        """Return the force on the tool [N] when it is loaded, None when it is free or unknown.
 
-        Loaded is more than `force.touch_N` of the cell file; the calibration in use must be valid.
+        Loaded means more than `force.touch_N`, in a wrench with a valid calibration.
         """
         clock = self.session.clock
         give_up_ns = clock.now_ns() + round(HEARD_WITHIN_S * NS_PER_S)
@@ -260,19 +260,19 @@ class Cell:
         return force_N if force_N > self.info.touch_N else None
 
     def describe(self) -> dict[str, Any]:
-        """Return what is said on this cell's bus, with JSON Schema, as its hub tells it."""
+        """Return topics, requests and JSON Schema of this cell's bus, as published by its hub."""
         return ask_for_description(self.session.bus)
 
     # --- anything else ----------------------------------------------------------------------------
 
     def ask(self, request: Request[Q], message: Q, **options: Any) -> Reply:
-        """Ask for anything of the table of requests; options as `Session.ask`."""
+        """Send any request of the table; options as in `Session.ask`."""
         return self.session.ask(request, message, **options)
 
     def _shows(
         self, wanted: Callable[[ArbiterStatus], bool], within_s: float = SHOWN_WITHIN_S
     ) -> bool:
-        """Wait until arbiter/status says so; tell whether it did."""
+        """Wait until arbiter/status fulfils a condition; return whether it did."""
         clock = self.session.clock
         give_up_ns = clock.now_ns() + round(within_s * NS_PER_S)
         while True:

@@ -1,4 +1,4 @@
-"""One topic as a client sees it: the newest message from any thread, or each one that comes."""
+"""Feed of one topic for a client: the newest message, or a stream of all messages."""
 
 import threading
 from collections import deque
@@ -18,37 +18,37 @@ M = TypeVar("M", bound=Message)
 
 FIRST_WITHIN_S = 2.0  # the slowest topic comes four times a second
 SILENCE_S = 3.0
-LOOK_S = 0.05  # so often a stream looks whether it has been silent for too long
+LOOK_S = 0.05  # period of the silence check of a stream
 POLL_S = 0.002
 MARK_NS = NS_PER_S // 10
-MARKS = 16  # over which a rate is taken: more than a second
+MARKS = 16  # window of the rate estimate: more than a second
 
-Lost = Callable[[str], LostError]  # makes the exception: it knows who else is silent
+Lost = Callable[[str], LostError]  # makes the exception: it knows which other roles are silent
 
 
 @dataclass(frozen=True, slots=True)
 class Heard(Generic[M]):
-    """One message that came, good or not, with its header."""
+    """One received message, valid or not, with its header."""
 
     header: Header
     message: M
 
     @property
     def stamp_s(self) -> float:
-        """When it was written, on its writer's monotonic clock [s]."""
+        """Time of publication on the publisher's monotonic clock [s]."""
         return self.header.stamp_ns / NS_PER_S
 
 
 class Pace:
-    """How often a topic is written, by the numbers that its messages carry: none is missed."""
+    """Rate of a topic from the sequence numbers of its messages, so that none is missed."""
 
     def __init__(self) -> None:
-        """Know nothing yet."""
+        """Start without a message."""
         self._marks: deque[Header] = deque(maxlen=MARKS)
         self._newest: Header | None = None
 
     def saw(self, header: Header) -> None:
-        """Note a header; most are like the last one, and are forgotten."""
+        """Add a header; most of them are not stored."""
         if self._marks and self._marks[-1].epoch != header.epoch:
             self._marks.clear()
         if not self._marks or header.stamp_ns - self._marks[-1].stamp_ns >= MARK_NS:
@@ -57,7 +57,7 @@ class Pace:
 
     @property
     def hz(self) -> float | None:
-        """Messages per second, None while only one has come."""
+        """Messages per second, None before the second message."""
         first, last = (self._marks[0] if self._marks else None), self._newest
         if first is None or last is None or last.stamp_ns <= first.stamp_ns:
             return None
@@ -65,10 +65,10 @@ class Pace:
 
 
 class Feed(Generic[M]):
-    """Newest message of a topic; subscribes when it is first asked. Safe from any thread."""
+    """Newest message of a topic; subscribes at the first read. Thread-safe."""
 
     def __init__(self, bus: Bus, topic: Topic[M], lost: Lost) -> None:
-        """Subscribe to nothing yet."""
+        """Prepare the feed; subscribe later."""
         self.topic = topic
         self._bus = bus
         self._lost = lost
@@ -77,11 +77,11 @@ class Feed(Generic[M]):
         self._pace = Pace()
 
     def __call__(self, within_s: float = FIRST_WITHIN_S) -> M:
-        """Return the newest message; wait for a good one.
+        """Return the newest message; wait for a valid one.
 
         Raises:
-            LostError: Its writer was not heard within `within_s`.
-            NotValidError: Its writer said that it cannot answer.
+            LostError: No message within `within_s`.
+            NotValidError: The publisher sends `valid=False`.
         """
         clock = self._bus.clock
         give_up_ns = clock.now_ns() + round(within_s * NS_PER_S)
@@ -92,7 +92,7 @@ class Feed(Generic[M]):
         return reading.fresh
 
     def reading(self) -> Reading[M]:
-        """Return what is known right now, good or not, with its age; never waits, never raises."""
+        """Return the present reading, valid or not, with its age; never waits, never raises."""
         with self._lock:
             if self._reader is None:
                 self._reader = self._bus.reader(self.topic)
@@ -103,23 +103,23 @@ class Feed(Generic[M]):
 
     @property
     def rate_hz(self) -> float | None:
-        """How often it was written over the last second of readings, None when not known."""
+        """Publishing rate over the last second of readings, None when unknown."""
         reading = self.reading()
         return None if reading.silent else self._pace.hz
 
     def stream(
         self, *, seconds: float | None = None, silence_s: float = SILENCE_S
     ) -> Iterator[Heard[M]]:
-        """Yield each message that comes, good or not, with its header.
+        """Yield each received message, valid or not, with its header.
 
-        Who takes them too slowly gets the newest: gaps show in `header.seq`.
+        A slow consumer receives the newest only: gaps show in `header.seq`.
 
         Args:
-            seconds: End after so long; without it never.
+            seconds: Duration [s]; None: without end.
             silence_s: Longest wait for a message [s].
 
         Raises:
-            LostError: Nothing came for `silence_s`.
+            LostError: No message for `silence_s`.
         """
         reader, clock = self._bus.reader(self.topic), self._bus.clock
         began_ns = heard_ns = clock.now_ns()
@@ -137,7 +137,7 @@ class Feed(Generic[M]):
                 _wait(reader, clock)
 
     def __iter__(self) -> Iterator[M]:
-        """Yield each message that comes, without end."""
+        """Yield each received message, without end."""
         for heard in self.stream():
             yield heard.message
 
@@ -148,7 +148,7 @@ class Feed(Generic[M]):
 
 
 def _wait(reader: Reader[Any], clock: Clock) -> None:
-    """Wait for a message; on a virtual clock, where no time passes meanwhile, let some pass."""
+    """Wait for a message; on a virtual clock advance the time."""
     before_ns = clock.now_ns()
     reader.wait(LOOK_S)
     if clock.now_ns() == before_ns:

@@ -1,4 +1,4 @@
-"""Force feedback: start, stop, set point, gains, and pressing until the force is there."""
+"""Force feedback of a client: start, stop, set point, gains, and pressing until settled."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ from forcemesh.messages import (
 from forcemesh.requests import Empty, ForceStartRequest, GainsRequest, PathRequest, Reply
 
 POLL_S = 0.01
-STARTED_WITHIN_S = 0.5  # a mode that the regulator names after that is the one that was asked for
+STARTED_WITHIN_S = 0.5  # after that, the mode that the regulator reports is the requested one
 NOT_STARTED = "force feedback was not started by this client: use start"
 ALL: tuple[bool, bool, bool, bool, bool, bool] = (True, True, True, True, True, True)
 
@@ -32,22 +32,22 @@ Progress = Callable[[float], None]  # force [N]
 
 @dataclass(frozen=True, slots=True)
 class Pressed:
-    """What pressing has come to."""
+    """Result of pressing."""
 
     force_N: float  # along the tool's axis, positive: the tool presses
-    took_s: float  # until the force stayed within its band
+    took_s: float  # until the force was settled within its band
 
 
 class Force:
-    """`cell.force`. What is left out of a start is the default, not what ran before.
+    """`cell.force`. Arguments omitted in a start take their defaults, not their previous values.
 
-    Gains alone stay as they were set last, by a preset too.
+    Only gains keep the values set last, also by a preset.
     """
 
     def __init__(self, session: Session) -> None:
-        """Start nothing yet."""
+        """Start without force feedback."""
         self._session = session
-        self._wanted: ForceStartRequest | None = None  # what this client has started
+        self._wanted: ForceStartRequest | None = None  # last start request of this client
         tool = session.info.T_flange_tcp
         self._axis_in_flange = turning.turned(tool.orientation_xyzw, (0.0, 0.0, 1.0))
 
@@ -62,9 +62,9 @@ class Force:
         preset: Preset | None = None,
         axes: tuple[bool, bool, bool, bool, bool, bool] = ALL,
     ) -> Reply:
-        """Start force feedback, or change what runs; `ForceStartRequest` says what each one means.
+        """Start or change force feedback; `ForceStartRequest` describes the arguments.
 
-        Raises RefusedError and LostError, as everything here does.
+        Raises RefusedError and LostError, as every method here.
         """
         request = ForceStartRequest(
             mode=mode, host=host, setpoint_N=setpoint_N, law=law, preset=preset, axes=axes
@@ -72,7 +72,7 @@ class Force:
         return self.begin(request)
 
     def begin(self, request: ForceStartRequest) -> Reply:
-        """Start force feedback as a whole request says it."""
+        """Start force feedback with a complete request."""
         wanted = request.model_copy(update={"commander": self._session.commander})
         reply = self._session.ask(topics.FORCE_START, wanted)
         self._wanted = wanted
@@ -80,9 +80,9 @@ class Force:
 
     @well_formed()
     def set(self, setpoint_N: float) -> Reply:
-        """Change the set point [N] of what this client has started; the force ramps there.
+        """Change the set point [N] of the force feedback of this client; the force follows a ramp.
 
-        Raises ForcemeshError when this client has started nothing: it would not know mode and axes.
+        Raises ForcemeshError when this client has not started any: mode and axes are unknown.
         """
         wanted = self._wanted
         if wanted is None:
@@ -104,10 +104,10 @@ class Force:
         append: bool = False,
         in_contact: bool = True,
     ) -> Reply:
-        """Go along points of the TCP in base axes while force feedback runs; none: stand.
+        """Follow points of the TCP in base axes while force feedback runs; without points: stop.
 
-        Start with the tool's side axes left out (`axes`, frame tool): force feedback would give way
-        to friction there. The adaptive law would go back, so it refuses a path without.
+        Start with the tool's lateral axes locked (`axes`, frame tool): force feedback would yield
+        to friction there. The adaptive law requires this, because it would drive back.
         """
         request = PathRequest(
             points_m=points_m, speed_m_s=speed_m_s, append=append, in_contact=in_contact
@@ -124,10 +124,10 @@ class Force:
         torque_p_rad_per_Nm: Gain3 | None = None,
         torque_i_rad_per_Nms: Gain3 | None = None,
     ) -> Gains:
-        """Set gains about the base axes x, y, z and return all of them; they ramp while it runs.
+        """Set gains about the base axes x, y, z and return all gains; they ramp while it runs.
 
-        What is left out keeps its value, or takes that of the preset, so without arguments the
-        present gains are returned.
+        Omitted gains keep their values, or take those of the preset. Without arguments the present
+        gains are returned.
         """
         request = GainsRequest(
             preset=preset,
@@ -138,11 +138,11 @@ class Force:
         )
         gains = self.ask_gains(request).gains
         if gains is None:
-            raise ForcemeshError("the regulator's answer does not name its gains")
+            raise ForcemeshError("the regulator's reply holds no gains")
         return gains
 
     def ask_gains(self, request: GainsRequest) -> Reply:
-        """Set gains as a whole request says it; the answer holds all of them."""
+        """Set gains with a complete request; the reply holds all gains."""
         return self._session.ask(topics.GAINS, request)
 
     def press(
@@ -154,12 +154,12 @@ class Force:
         steady_s: float = 0.3,
         progress: Progress | None = None,
     ) -> Pressed:
-        """Press along the tool's axis until the force has stayed within a band for a moment.
+        """Press along the tool's axis until the force has stayed within a band for `steady_s`.
 
-        In free space it approaches first. It goes on pressing until `stop`, also afterwards.
+        In free space the tool approaches first. It keeps pressing until `stop`.
 
         Raises:
-            ArmStoppedError: The arm was stopped meanwhile.
+            ArmStoppedError: The arm was stopped.
             NotReachedError: Not within `within_s`: force feedback is stopped, the arm stays.
         """
         self.start(force_N)
@@ -179,9 +179,9 @@ class Force:
         steady_s: float = 0.3,
         progress: Progress | None = None,
     ) -> Pressed:
-        """Wait until the force has stayed at the set point of `start` or `set`, give or take.
+        """Wait until the force has settled within a band at the set point of `start` or `set`.
 
-        Raises as `press`; what runs goes on running.
+        Raises as `press`, but force feedback keeps running.
         """
         if self._wanted is None:
             raise ForcemeshError(NOT_STARTED)
@@ -205,17 +205,17 @@ class Force:
                 raise NotReachedError(text)
 
     def pressed_N(self) -> float:
-        """Return the force with which the tool presses along its axis now [N]."""
+        """Return the present pressing force along the tool's axis [N]."""
         robot = self._session.feed(topics.ROBOT_STATE)()
         return self._along(robot, self._session.feed(topics.WRENCH)())
 
     def _feels(self, force_N: float) -> bool:
-        """Tell whether the tool touches where it is to press: in air a little is felt, too."""
+        """Return whether the tool is in contact; a small force is also measured in free space."""
         target = self._session.feed(topics.REGULATOR_TARGET).reading().fresh
         return force_N <= 0.0 or (target is not None and target.contact == "contact")
 
     def _raise_when_ended(self, since_ns: int) -> None:
-        """Raise when the arm was stopped, or force feedback was."""
+        """Raise when the arm or force feedback was stopped."""
         status = self._session.feed(topics.ARBITER_STATUS)()
         if not status.goes_on:
             raise stopped(status, "pressing ended")

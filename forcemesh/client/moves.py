@@ -1,4 +1,4 @@
-"""Moves of the flange and the joints: asked for, then waited for until the arm is there."""
+"""Moves of the flange and the joints: request, then wait for arrival."""
 
 from collections.abc import Callable
 from typing import Literal, NoReturn
@@ -13,10 +13,10 @@ from forcemesh.messages import ZERO3, PoseRecord, Quaternion, RobotState, Vec3, 
 from forcemesh.requests import HoldRequest, MoveRequest
 
 POLL_S = 0.02
-TAKEN_S = 0.5  # so long the arbiter must have named another goal, or none, before it is believed
+TAKEN_S = 0.5  # a change of goal in arbiter/status counts after this time
 HEARD_WITHIN_S = 2.0
 LONGEST_S = 120.0
-AFTERWARDS_S = 0.2  # so long the arbiter may take to say why a goal has ended
+AFTERWARDS_S = 0.2  # longest time until the arbiter reports why a goal ended
 RETRACT_M, RETRACT_M_S = 0.010, 0.010
 STOPPED = ("HOLDING", "FAULT")
 ENDED = "the move ended before its goal"
@@ -25,25 +25,25 @@ Progress = Callable[[RobotState], None]
 
 
 class Move:
-    """One move that was accepted, on its way."""
+    """One accepted move under way."""
 
     def __init__(self, session: Session, number: int) -> None:
-        """Follow the goal with this number."""
+        """Track the goal with this number."""
         self.id = number
         self.began = False
         self._session, self._clock = session, session.clock
         self._robot = session.feed(topics.ROBOT_STATE)
         self._arbiter = session.feed(topics.ARBITER_STATUS)
-        self._mine_ns = self._clock.now_ns()  # when the arbiter named this goal last
+        self._mine_ns = self._clock.now_ns()  # last time that the arbiter reported this goal
 
     def wait(self, timeout_s: float = LONGEST_S, progress: Progress | None = None) -> RobotState:
-        """Wait until the arm is there; return where it is. Ctrl-C, or no time left: hold.
+        """Wait for arrival and return the robot state. Ctrl-C or a timeout holds the arm.
 
         Raises:
-            RefusedError: The robot cannot go there.
-            ArmStoppedError: The arm was stopped, or somebody else took it.
-            NotReachedError: The move ended on its way, or took too long.
-            LostError: The arm is not heard any more.
+            RefusedError: The robot cannot reach the goal.
+            ArmStoppedError: The arm was stopped, or another commander took it.
+            NotReachedError: The move ended before its goal, or took too long.
+            LostError: No messages from the robot.
         """
         try:
             return self._follow(timeout_s, progress)
@@ -60,11 +60,11 @@ class Move:
             self._clock.sleep_s(POLL_S)
             now_ns = self._clock.now_ns()
             if now_ns - started_ns > timeout_s * NS_PER_S:
-                raise TimeoutError(f"the move was not done within {timeout_s:g} s; the arm holds")
+                raise TimeoutError(f"move not complete within {timeout_s:g} s; the arm holds")
             reading = self._robot.reading()
             if reading.fresh is None:
                 if now_ns - heard_ns > HEARD_WITHIN_S * NS_PER_S:
-                    raise self._session.lost(f"lost sight of the arm: {reading.fault}")
+                    raise self._session.lost(f"no state of the arm: {reading.fault}")
                 continue
             heard_ns = now_ns
             if progress is not None:
@@ -82,12 +82,12 @@ class Move:
         return robot.goal.state == "done" and self._is_free_for_the_next()
 
     def _is_free_for_the_next(self) -> bool:
-        """Tell whether the arbiter has heard that the arm is there: it refuses a move till then."""
+        """Return whether the arbiter has registered arrival: it refuses a move until then."""
         status = self._arbiter.reading().fresh
         return status is None or status.goal_id != self.id
 
     def _raise_refusal(self, reason: str) -> NoReturn:
-        """Raise why the robot did not go there; of a stopped arm it knows less than the arbiter."""
+        """Raise the reason of a failed move; for a stopped arm the arbiter's reason is better."""
         end_ns = self._clock.now_ns() + round(AFTERWARDS_S * NS_PER_S)
         while self._clock.now_ns() < end_ns:
             status = self._arbiter.reading().fresh
@@ -99,7 +99,7 @@ class Move:
         raise RefusedError("goal_refused", reason, remedy=remedy_of("goal_refused"))
 
     def _raise_when_stopped(self, now_ns: int) -> None:
-        """Raise when the arm was stopped, or somebody else has it: this goal is not coming back."""
+        """Raise when the arm was stopped or has another owner: this goal cannot resume."""
         status = self._arbiter.reading().fresh
         if status is None or status.goal_id == self.id:
             self._mine_ns = now_ns
@@ -117,12 +117,12 @@ class Move:
 class Moves:
     """`cell.move`: to a pose, to joint angles, by joint angles. SI units.
 
-    Each one waits until the arm is there and returns its state, as `Move.wait` does; `begin` only
-    asks, and returns the `Move` to wait for.
+    Each method waits for arrival and returns the robot state, as `Move.wait`; `begin` only requests
+    the move and returns the `Move` to wait for.
     """
 
     def __init__(self, session: Session) -> None:
-        """Move nothing yet."""
+        """Start without a move."""
         self._session = session
 
     @well_formed()
@@ -170,9 +170,9 @@ class Moves:
         Args:
             shift_m: Along x, y, z [m].
             turn_rad: Rotation vector about x, y, z [rad].
-            axes: Whose axes those are.
-            speed_m_s: Speed [m/s]; without it that of `cell.speed`.
-            timeout_s: Longest time that it may take [s].
+            axes: Frame of these axes.
+            speed_m_s: Speed [m/s]; default: that of `cell.speed`.
+            timeout_s: Longest duration [s].
         """
         pose = self.jogged(shift_m, turn_rad, axes=axes)
         return self._go(MoveRequest(kind="pose", pose=pose, speed_m_s=speed_m_s), timeout_s)
@@ -185,26 +185,26 @@ class Moves:
         speed_m_s: float = RETRACT_M_S,
         timeout_s: float = LONGEST_S,
     ) -> RobotState:
-        """Leave a contact: straight back along the tool's axis, away from what it presses on."""
+        """Leave a contact: move straight back along the tool's axis, away from the surface."""
         return self.jog((0.0, 0.0, -way_m), axes="tool", speed_m_s=speed_m_s, timeout_s=timeout_s)
 
     @well_formed()
     def jogged(
         self, shift_m: Vec3 = ZERO3, turn_rad: Vec3 = ZERO3, *, axes: Literal["base", "tool"]
     ) -> PoseRecord:
-        """Return the pose of the flange that a jog would lead to from where the arm is now."""
+        """Return the flange pose that a jog would reach from the present pose."""
         state = self._session.feed(topics.ROBOT_STATE)()
         tool = self._session.info.T_flange_tcp
         flange = PoseRecord(position_m=state.position_m, orientation_xyzw=state.orientation_xyzw)
         return turning.jogged(flange, tool, shift_m, turn_rad, in_tool_axes=axes == "tool")
 
     def begin(self, request: MoveRequest) -> Move:
-        """Ask for a move and return at once. Raises RefusedError, LostError."""
-        self._session.feed(topics.ROBOT_STATE).reading()  # nothing of this move is to be missed
+        """Request a move and return immediately. Raises RefusedError, LostError."""
+        self._session.feed(topics.ROBOT_STATE).reading()  # subscribe before the move begins
         self._session.feed(topics.ARBITER_STATUS).reading()
         reply = self._session.ask(topics.MOVE, request)
         if reply.value is None:
-            raise LostError(f"{topics.MOVE.key}: the answer names no goal")
+            raise LostError(f"{topics.MOVE.key}: the reply names no goal")
         return Move(self._session, int(reply.value))
 
     def _go(self, request: MoveRequest, timeout_s: float) -> RobotState:

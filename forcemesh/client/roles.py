@@ -1,4 +1,4 @@
-"""Who of a cell is heard: the health of its roles, as seen by a client."""
+"""Health of the roles of a cell, as received by a client."""
 
 from forcemesh import topics
 from forcemesh.bus import Bus, Reading
@@ -12,10 +12,10 @@ POLL_S = 0.02
 
 
 class Roles:
-    """Roles and helpers of one cell. Subscribes to a health when it is first asked for."""
+    """Roles and helpers of one cell. Subscribes to a health topic at the first read."""
 
     def __init__(self, bus: Bus, info: CellInfo) -> None:
-        """A sensor of somebody else's has no health here; its readings show it."""
+        """Prepare the feeds; an external sensor has no health topic, so its readings are used."""
         self._bus = bus
         self._longest_wait_s = info.stale_after_s(topics.HUB_HEALTH)
         self.feeds: dict[str, Feed[Health] | Feed[SensorWrench]] = {
@@ -25,11 +25,11 @@ class Roles:
             self.feeds["sensor"] = Feed(bus, topics.SENSOR_WRENCH, LostError)
 
     def health(self, role: str) -> Reading[Health] | Reading[SensorWrench]:
-        """Return the newest health of a role, judged now."""
+        """Return the newest health of a role, checked now."""
         return self.feeds[role].reading()
 
     def silent(self) -> tuple[str, ...]:
-        """Return the roles that are not heard; waits for those not heard yet, a second or so."""
+        """Return the roles without messages; waits about a second for the first messages."""
         clock = self._bus.clock
         give_up_ns = clock.now_ns() + round(self._longest_wait_s * NS_PER_S)
         while missing := tuple(role for role in topics.ROLES if self.health(role).silent):

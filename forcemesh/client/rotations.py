@@ -1,4 +1,4 @@
-"""Where a jog leads: a few products of quaternions, so that a client needs no mathematics library.
+"""Pose of a jog from quaternion products, so that a client needs no maths library.
 
 `q_a_b` is the orientation of frame b in frame a as x, y, z, w; `p_a_b` the origin of b in a [m].
 """
@@ -23,13 +23,13 @@ def times(a: Quaternion, b: Quaternion) -> Quaternion:
 
 
 def inverse(q: Quaternion) -> Quaternion:
-    """Return the way back of a unit quaternion."""
+    """Return the inverse of a unit quaternion."""
     x, y, z, w = q
     return (-x, -y, -z, w)
 
 
 def turned(q: Quaternion, v: Vec3) -> Vec3:
-    """Return a vector turned by a unit quaternion."""
+    """Return a vector rotated by a unit quaternion."""
     x, y, z, _ = times(times(q, (*v, 0.0)), inverse(q))
     return (x, y, z)
 
@@ -56,7 +56,7 @@ def of_oat_deg(oat_deg: Vec3) -> Quaternion:
 
 
 def unit(q: Quaternion) -> Quaternion:
-    """Return a quaternion with length one."""
+    """Return a quaternion normalised to length one."""
     length = math.sqrt(sum(part * part for part in q))
     x, y, z, w = (part / length for part in q)
     return (x, y, z, w)
@@ -70,10 +70,10 @@ def jogged(
     *,
     in_tool_axes: bool,
 ) -> PoseRecord:
-    """Return where the flange goes when its tool is shifted and turned about the TCP.
+    """Return the flange pose after its tool is shifted and rotated about the TCP.
 
     Args:
-        flange: Flange in base, now.
+        flange: Present flange pose in base.
         tool: TCP in the flange frame.
         shift_m: Along the axes of the base, or of the tool.
         turn_rad: Rotation vector about the same axes.

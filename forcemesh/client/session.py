@@ -1,4 +1,4 @@
-"""What every verb of a client needs: its bus, its cell file, feeds made once, and who is silent."""
+"""Client session: bus, facts of the cell, cached feeds, and the list of silent roles."""
 
 import threading
 from typing import Any, TypeVar
@@ -19,10 +19,10 @@ Q = TypeVar("Q", bound=Record)
 
 
 class Session:
-    """One client on one cell's bus. Safe from any thread."""
+    """One client on one cell's bus. Thread-safe."""
 
     def __init__(self, bus: Bus, info: CellInfo, commander: Asker) -> None:
-        """Use an open bus; nothing is subscribed to before it is needed."""
+        """Use an open bus; subscribe on demand."""
         self.bus, self.info, self.commander = bus, info, commander
         self.roles = Roles(bus, info)
         self._lock = threading.Lock()
@@ -30,11 +30,11 @@ class Session:
 
     @property
     def clock(self) -> Clock:
-        """The clock that everything waits by."""
+        """Clock of all waits."""
         return self.bus.clock
 
     def feed(self, topic: Topic[M]) -> Feed[M]:
-        """Return the feed of a topic, the same one each time."""
+        """Return the feed of a topic, the same object each time."""
         with self._lock:
             if topic.key not in self._feeds:
                 self._feeds[topic.key] = Feed(self.bus, topic, self.lost)
@@ -43,17 +43,17 @@ class Session:
     def ask(
         self, request: Request[Q], message: Q, *, within_s: float = 0.0, answer_s: float = 2.0
     ) -> Reply:
-        """Ask a service for something.
+        """Send a request to a service and return the reply.
 
         Args:
             request: The row of forcemesh/topics.py.
-            message: What is asked for.
-            within_s: So long to ask again while the refusal is one that time alone mends.
-            answer_s: Longest wait for an answer [s].
+            message: The request.
+            within_s: Longest time of repetition while the refusal is transient [s].
+            answer_s: Longest wait for a reply [s].
 
         Raises:
             RefusedError: The service refuses: code, text, remedy.
-            LostError: Nobody answers; says which service is silent.
+            LostError: No reply; names the silent services.
         """
         try:
             if within_s > 0.0:
@@ -63,13 +63,13 @@ class Session:
             raise self.lost(str(error)) from error
 
     def lost(self, text: str) -> LostError:
-        """Return the exception of something that is not heard: it says who is silent, or nobody."""
+        """Return the exception of a missing message or reply: it names the silent services."""
         silent = self.roles.silent()
         is_all = len(silent) == len(ROLES)
         if is_all:
-            who = "nothing is heard of the whole cell: its hub or the network to it is gone"
+            who = "no messages from the whole cell: its hub or the network to it is down"
         elif silent:
             who = f"silent: {', '.join(silent)}"
         else:
-            who = "every service is heard"
+            who = "every service is alive"
         return LostError(f"{text} ({who})", silent, is_all=is_all)

@@ -1,8 +1,8 @@
-"""HTML of ours with text of others in it: the one function that lets foreign text into a page.
+"""HTML with escaped foreign text: protection of the pages against injection.
 
 A reason, a name, a hash from the bus is written by any process that may publish, and a browser
-takes markup in it for ours: an element, a frame, a script. So a page is made of `Html` alone, and
-`Html` is made by `html`, which escapes everything that is not `Html` already.
+would execute markup in it: an element, a frame, a script. A page therefore consists of `Html` only,
+and only `html` makes `Html`: it escapes everything that is not yet `Html`.
 """
 
 from collections.abc import Iterable
@@ -21,15 +21,15 @@ class Html:
 
 
 def html(template: str, *parts: object) -> Html:
-    """Return a template of ours with its `{}` filled: Html as it is, everything else as text.
+    """Return a template with its `{}` filled: Html unchanged, everything else escaped.
 
-    The template is a literal, and an attribute's value stands in quotes in it; a test sweeps that.
+    The template is a literal with quoted attribute values; a test checks every call.
     """
     return Html(template.format(*(_source(part) for part in parts)))
 
 
 def joined(parts: Iterable[Html], between: str = "") -> Html:
-    """Return pieces one after the other, with text of ours between them."""
+    """Return the parts joined by an escaped separator."""
     return Html(escape(between).join(part.source for part in parts))
 
 

@@ -1,7 +1,7 @@
 """Plausibility check of the sensor: not finite, saturated, frozen, jumped. Pure: state in and out.
 
-Each fault has its code in forcemesh/faults.py. A rejected reading is never replaced by zero force: a
-regulator that presses would press harder.
+Each fault has its code in forcemesh/faults.py. A rejected reading is never replaced by zero force:
+a regulator that presses would press harder.
 """
 
 from dataclasses import dataclass

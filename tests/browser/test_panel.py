@@ -77,7 +77,7 @@ def test_stop_motion_holds_even_over_an_open_question(ready, address, cockpit, w
     page.cancel()
     page.tab("Faults")
     page.until_said("Stop motion was pressed in the panel")
-    page.until_said("arm again when the way is free")
+    page.until_said("arm again when the path is clear")
     page.click("Clear")
     page.until_state("IDLE")
 

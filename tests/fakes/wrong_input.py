@@ -64,7 +64,7 @@ ROWS: tuple[tuple[str, int, str], ...] = (
     ("config check", USAGE, "Missing argument 'FILE'"),
     ("config show now", USAGE, "Got unexpected extra argument(s) (now)"),
     ("config init HERE", USAGE, "is there already: choose another name"),
-    ("config init 7.yaml", USAGE, "a cell's name must be at most 31 small letters, digits, - and _, and begin with a letter"),
+    ("config init 7.yaml", USAGE, "a cell's name must be at most 31 lower-case letters, digits, - and _, and begin with a letter"),
     ("config init new.yaml --kind ur5", USAGE, "'ur5' is not one of 'sim', 'tcp', 'real'"),
     ("doctor now", USAGE, "Got unexpected extra argument(s) (now)"),
     ("demo --force -5", USAGE, "--force -5: must be within 5 .. 40 N"),

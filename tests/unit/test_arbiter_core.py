@@ -292,7 +292,7 @@ def test_the_tether_holds_however_the_arm_got_there(motion: str) -> None:
     world.messages["target"] = STOPPED
     assert world.tick().permission is not None
     world.place(pose_of(shifted(y_m=-0.201)))
-    assert_stopped(world, world.tick(), "HOLDING", "201 mm away from where it was armed")
+    assert_stopped(world, world.tick(), "HOLDING", "201 mm away from the pose at arming")
 
 
 @each_motion

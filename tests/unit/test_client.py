@@ -153,7 +153,7 @@ def test_a_move_that_is_stopped_says_by_what(lab: Lab, cell: ConfiguredCell) -> 
 
 def test_a_move_without_time_left_holds_the_arm(cell: ConfiguredCell) -> None:
     """What nobody waits for any more does not go on."""
-    with pytest.raises(NotReachedError, match=r"not done within 0\.2 s"):
+    with pytest.raises(NotReachedError, match=r"not complete within 0\.2 s"):
         cell.move.begin(up(cell)).wait(timeout_s=0.2)
     assert cell.status().state == "HOLDING"
 

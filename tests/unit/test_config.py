@@ -124,7 +124,7 @@ def test_an_unknown_name_is_told_in_every_section(section: str) -> None:
     """Swept: near to a valid name that name is offered, else all of them are listed."""
     model = sections()[section] if section else Cell
     name = next(iter(model.model_fields))
-    for wrong, hint in ((f"{name}x", f"did you mean {name}?"), ("qqqqqqqq", "known here: ")):
+    for wrong, hint in ((f"{name}x", f"did you mean {name}?"), ("qqqqqqqq", "valid names: ")):
         damaged = tree()
         inner = damaged
         for key in section.removesuffix(".0").split(".") if section else ():
@@ -237,8 +237,8 @@ def test_names_that_stand_there_twice_are_all_told_with_their_lines(tmp_path: Pa
     with pytest.raises(ConfigError) as caught:
         load_cell(path)
     assert caught.value.mistakes == [
-        "limits.force_N: stands there twice, in lines 3 and 4",
-        "cell: stands there twice, in lines 1 and 5",
+        "limits.force_N: defined twice, in lines 3 and 4",
+        "cell: defined twice, in lines 1 and 5",
     ]
 
 
@@ -266,8 +266,8 @@ def test_overrides_replace_and_add_by_dotted_path() -> None:
         ("sim.tilt_dg", "sim.tilt_dg: unknown name; did you mean tilt_deg?"),
         ("simm.tilt_deg", "simm: unknown name; did you mean sim?"),
         ("sim.tilt_deg", "sim.tilt_deg: must be a number"),
-        ("cell.name", "cell.name: cell holds no section"),
-        ("rates.robot_hz.x", "rates.robot_hz.x: rates.robot_hz holds no section"),
+        ("cell.name", "cell.name: cell is not a section"),
+        ("rates.robot_hz.x", "rates.robot_hz.x: rates.robot_hz is not a section"),
     ],
 )
 def test_an_override_is_judged_like_the_file(path: str, told: str) -> None:

@@ -137,7 +137,7 @@ def test_a_wall_without_a_direction_is_none() -> None:
     wall = {"point_m": [0.0, 0.0, 0.0], "normal": [0.0, 0.0, 1e-5]}
     assert changed({"limits.planes": [wall]}).limits.planes
     (line,) = mistakes({"limits.planes": [wall | {"normal": [0.0, 0.0, 1e-7]}]})
-    assert line == "limits.planes.0: the normal has no length, so the plane has no sides"
+    assert line == "limits.planes.0: the normal has length zero"
 
 
 def test_accelerations_need_poses_that_show_them() -> None:
@@ -145,7 +145,7 @@ def test_accelerations_need_poses_that_show_them() -> None:
     inertial = {"filter.inertial": True, "rates.robot_hz": SLOWEST_INERTIAL_HZ}
     assert changed(inertial).filter.inertial
     (line,) = mistakes(inertial | {"rates.robot_hz": 0.999 * SLOWEST_INERTIAL_HZ})
-    assert line.startswith("filter.inertial: poses at 99.9 Hz")
+    assert line.startswith("filter.inertial: 99.9 Hz is too slow")
 
 
 def test_a_sensor_without_noise_is_never_called_frozen() -> None:
@@ -162,7 +162,7 @@ def test_a_sensor_without_noise_is_never_called_frozen() -> None:
 def test_a_simulated_sensor_on_the_network_is_read_as_a_real_one() -> None:
     """With `sim.netft` the driver plays the sensor's role, or two processes would."""
     (line,) = mistakes({"sim.netft": True})
-    assert line == "sim.netft: the sensor on the arm talks RDT, so roles.sensor is driver"
+    assert line == "sim.netft: the simulated sensor serves RDT, so roles.sensor must be driver"
     assert changed(NETFT).roles.sensor == "driver"
 
 
@@ -173,7 +173,7 @@ def test_a_role_of_the_simulation_needs_its_section(role: str) -> None:
     real: dict[str, Any] = gateway | {"roles.robot": "gateway", "roles.sensor": "external"}
     assert changed(real).sim is None
     (line,) = mistakes(real | {f"roles.{role}": "sim"})
-    assert line == "a role is played by sim, so a section `sim` is needed"
+    assert line == "a role is sim, so a section `sim` is needed"
 
 
 def test_a_sensor_that_does_not_speak_rdt_has_no_counts() -> None:
@@ -267,7 +267,7 @@ def test_a_tuning_changes_no_limit(path: str, named: Callable[[str, str], Path])
     with pytest.raises(ConfigError) as caught:
         load_cell(file)
     (line,) = caught.value.mistakes
-    assert line.startswith(f"{path}: not of a tuning, known here: robot.delay_s")
+    assert line.startswith(f"{path}: not a tuning field, valid: robot.delay_s")
     assert "named.yaml" in str(caught.value)
 
 
@@ -278,7 +278,7 @@ def test_a_tuning_that_holds_no_sections_is_named(
     """The mistake is in that file, not in the cell file."""
     with pytest.raises(ConfigError) as caught:
         load_cell(named("tuning", text))
-    assert caught.value.mistakes == ["it must hold sections of what `forcemesh tune` measures"]
+    assert caught.value.mistakes == ["it must hold sections of `forcemesh tune` values"]
     assert "named.yaml" in str(caught.value)
 
 

@@ -69,7 +69,7 @@ def test_the_lights_of_the_controller_are_passed_on(cell: GatewayCell) -> None:
     ("bit", "on", "words"),
     [
         (Status.MOTOR_POWER, False, "motors are off"),
-        (Status.PROGRAM_RUNNING, False, "program does not run"),
+        (Status.PROGRAM_RUNNING, False, "program is not running"),
         (Status.ERROR, True, "reports an error"),
     ],
 )

@@ -222,7 +222,7 @@ def test_a_joint_may_turn_a_tenth_faster_than_it_can_in_a_tenth_of_a_second(
         assert code(trip) == rule
         if trip is not None:
             assert (trip.value, trip.limit) == (pytest.approx(share * fastest), fastest)
-            assert "joint 5 turns with 605 degrees/s" in trip.text
+            assert "joint 5 turns at 605 degrees/s" in trip.text
 
 
 def test_a_joint_may_turn_a_tenth_faster_than_it_can_to_the_last_digit() -> None:
@@ -270,7 +270,7 @@ def test_a_straight_move_that_swings_the_tool_out_is_refused_though_its_end_is_i
     guard.start(pin.SE3(pin.utils.rotate("y", np.pi * 0.5) @ DOWN.rotation, end.translation))
     trip = guard.goal(Goal(id=1, kind="pose", pose=record_of(end)), Speed(), DOWN, JOINTS)
     assert trip is not None
-    assert (trip.code, "on the way" in trip.text) == ("workspace", True)
+    assert (trip.code, "on the path" in trip.text) == ("workspace", True)
 
 
 def test_a_move_of_the_joints_is_judged_by_where_the_tool_goes_where_that_is_known() -> None:
@@ -312,7 +312,7 @@ def test_a_move_of_the_joints_is_judged_after_each_24th_of_its_way(
         trip = guard.goal(turn_by, Speed(), DOWN, (0.5, *JOINTS[1:]))
         assert code(trip) == ("" if part == 0 else at_the_end if part == 24 else on_the_way)
         if trip is not None:
-            assert ("on the way" in trip.text) == (part < 24)
+            assert ("on the path" in trip.text) == (part < 24)
 
 
 @pytest.mark.parametrize(
@@ -331,7 +331,7 @@ def test_a_straight_move_may_go_all_over_its_tether_and_no_farther_on_its_way(
     goal = Goal(id=1, kind="pose", pose=record_of(T_to))
     trip = guard_at().goal(goal, Speed(), T_from, JOINTS)
     assert code(trip) == rule
-    assert trip is None or "on the way" in trip.text
+    assert trip is None or "on the path" in trip.text
 
 
 @pytest.mark.parametrize(

@@ -178,9 +178,9 @@ def test_a_refused_profile_says_so_once_and_follows_when_the_other_has_ended(
         assert line(real) == f"real-cell: in use with {REAL.file}\n"
         with process(tmp_path, EMULATED.file, "keep", "emulated") as emulated:
             assert line(emulated) == (
-                f"emulated-cell: the profile real is in use with {REAL.file}, and one cell has one "
-                "profile and one file: first `docker compose --profile real down`, or take this "
-                "one back: `docker compose --profile emulated rm -s -f emulated-cell`\n"
+                f"emulated-cell: the profile real is in use with {REAL.file}, and a cell has only "
+                "one profile and file: first `docker compose --profile real down`, or remove this "
+                "one: `docker compose --profile emulated rm -s -f emulated-cell`\n"
             )
             real.kill()
             assert line(emulated) == f"emulated-cell: in use with {EMULATED.file}\n"
@@ -222,7 +222,7 @@ def test_check_tells_which_profile_is_in_use(
     assert check(tmp_path, SIM) == 0
     announce(tmp_path, "emulated")
     assert check(tmp_path, SIM) == 1
-    assert "stands back: the profile emulated replaces" in capsys.readouterr().err
+    assert "on standby: the profile emulated replaces" in capsys.readouterr().err
 
 
 # --- the simulation is replaced -------------------------------------------------------------------
@@ -264,7 +264,7 @@ def test_what_is_asked_for_replaces_the_simulation_in_both_orders(
                 assert said_by(gateway) == str(other.file)
                 assert "ends: the profile" in line(robot)
             sim = first if sim_first else second
-            assert line(sim).startswith(f"sim-cell: stands back: the profile {other.profile}")
+            assert line(sim).startswith(f"sim-cell: on standby: the profile {other.profile}")
             for gone in (asked, gateway):
                 gone.kill()
             if sim_first:
@@ -301,14 +301,14 @@ def test_a_profile_takes_only_a_cell_file_whose_players_it_starts(profile: str, 
     complaint = misfit(Choice(profile, CELLS / file), SAFE)
     assert (complaint == "") == ((roles.robot, roles.sensor) == own)
     if complaint:
-        assert "take another profile" in complaint
+        assert "use another profile" in complaint
         assert "\n" not in complaint
 
 
 def test_without_a_cell_file_the_real_profile_says_how_to_name_one() -> None:
     """CELL is required there, and one sentence says how it is given."""
     assert misfit(Choice("real", CELLS), {}) == (
-        "the profile real needs a cell file of yours, one in cells/: "
+        "the profile real needs your own cell file in cells/: "
         "CELL=my-cell.yaml docker compose --profile real up"
     )
 
@@ -337,7 +337,7 @@ def test_beyond_this_machine_certificates_and_token_are_needed(profile: str, add
     """The hub without certificates, the panel without certificates or token: one sentence each."""
     for port in ("HUB", "PANEL"):
         wide = {**HERE, f"FORCEMESH_{port}_PUBLISHED": address}
-        assert f"FORCEMESH_PUBLISH_{port}={address} is reached from outside" in unsafe(
+        assert f"FORCEMESH_PUBLISH_{port}={address} is reachable from outside" in unsafe(
             profile, wide
         )
         assert unsafe(profile, {**SAFE, **wide}) == ""
@@ -358,5 +358,5 @@ def test_a_real_cell_keeps_certificates_token_and_calibration() -> None:
 def test_half_of_the_settings_is_none(profile: str) -> None:
     """Certificates that the bus does not use, or a bus that has none, and the setting of before."""
     for half in ({**SAFE, "FORCEMESH_BUS": "tcp"}, {**SAFE, "FORCEMESH_CERTIFICATES": ""}):
-        assert "go together" in unsafe(profile, half)
+        assert "belong together" in unsafe(profile, half)
     assert "two settings now" in unsafe(profile, {**SAFE, "FORCEMESH_PUBLISH": "192.168.1.7"})

@@ -195,7 +195,7 @@ def test_the_tool_stays_on_the_side_that_the_normal_points_to(offset_m, normal, 
 
 def test_a_plane_without_a_normal_is_a_mistake() -> None:
     """Said when the cell file is read, with its place."""
-    with pytest.raises(ConfigError, match=r"limits\.planes\.0: the normal has no length"):
+    with pytest.raises(ConfigError, match=r"limits\.planes\.0: the normal has length zero"):
         with_plane((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
 

@@ -44,7 +44,7 @@ def test_a_topic_on_which_hardly_anything_else_comes_is_not_orderly():
         line.say(seq, topic="demo/wrench")
     reading = line.read()
     assert reading.code == "bad_messages"
-    assert "10 written for another topic or cell" in reading.fault
+    assert "10 addressed to another topic or cell" in reading.fault
 
 
 @pytest.mark.parametrize("other", topics.REQUESTS, ids=lambda request: request.key)
@@ -88,7 +88,7 @@ def test_a_message_of_another_cell_is_dropped(topic):
     transport.publish(f"right/{topic.key}", topic.qos)(data)
     assert not reader.poll()
     assert reader.counters.misrouted == 1
-    assert "written for 'left/" in reader.counters.last_error
+    assert "addressed to 'left/" in reader.counters.last_error
 
 
 @pytest.mark.parametrize("request_row", topics.REQUESTS, ids=lambda request: request.key)
@@ -114,4 +114,4 @@ def test_a_request_to_another_cell_is_refused(request_row):
         assert request_row is topics.HOLD
         incoming.reply(q.Reply(accepted=True))
     assert call.reply is not None
-    assert "written for 'left/" in decode_record(call.reply, q.Reply).text
+    assert "addressed to 'left/" in decode_record(call.reply, q.Reply).text

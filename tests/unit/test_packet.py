@@ -111,7 +111,7 @@ def test_two_packets_read_some_frames_too_late_are_none(a: Packet, b: Packet, la
     with pytest.raises(RemoteProtocolError, match="packet 1 of the connection, ID at character 1"):
         PacketReader().feed(data)
     believable = encode(SAMPLE)[:FRAME_STRIDE] + data[FRAME_STRIDE:]
-    with pytest.raises(RemoteProtocolError, match="no ID belongs"):
+    with pytest.raises(RemoteProtocolError, match="no ID is expected"):
         PacketReader().feed(believable)
 
 

@@ -207,7 +207,7 @@ def test_the_report_is_one_page_with_plots_stops_and_remedies(
     assert text.count("<svg") == 5
     assert "HOLDING · hold (501)" in text
     assert "&lt;enough&gt;" in text
-    assert "What to do: arm again when the way is free" in text
+    assert "What to do: arm again when the path is clear" in text
     assert "src=" not in text
     assert "@import" not in text
     assert 'href="http' not in text
@@ -247,7 +247,7 @@ WRONG = [
     (("report", "{}", "--no-3d", "-o", "/proc/none"), 2, "/proc/none: cannot be written"),
     (("replay", "{}", "--only", "wrnch"), 2, "did you mean wrench?"),
     (("replay", "{}", "--to-service", "robot"), 2, "must be one of wrench, regulator, arbiter"),
-    (("replay", "{}", "--as", "Not A Name"), 2, "--as: cell: must be at most 31 small"),
+    (("replay", "{}", "--as", "Not A Name"), 2, "--as: cell: must be at most 31 lower-case"),
     (("replay", "{}", "--speed", "0"), 2, "Invalid value for '--speed'"),
     (("replay", "{}", "--onto", "nothing.yaml"), 2, "no such file"),
 ]

@@ -98,7 +98,7 @@ def test_a_kept_message_of_version_1_is_read(key: str) -> None:
 @each_kept
 def test_on_the_bus_version_1_is_refused(key: str) -> None:
     """A program that is older than the cell is told so; it is never half understood."""
-    with pytest.raises(MessageError, match="schema version 1, this program speaks 2"):
+    with pytest.raises(MessageError, match="schema version 1, this program uses 2"):
         decode(KEPT[key], BY_KEY[key].message, f"demo/{key}")
 
 

@@ -145,7 +145,7 @@ def test_a_file_that_cannot_be_read_is_named_with_the_remedy(tmp_path: Path) -> 
     touch_pair(tmp_path, "wrench")
     (tmp_path / "wrench.key").unlink()
     (tmp_path / "wrench.key").mkdir()
-    with pytest.raises(BusError, match=r"wrench\.key cannot be read .* give it to the user"):
+    with pytest.raises(BusError, match=r"wrench\.key cannot be read .* readable by the user"):
         identity_of(cell(tls={"folder": str(tmp_path)}), "wrench")
 
 

@@ -80,7 +80,7 @@ def test_the_verb_names_a_next_step_that_is_not_refused(monkeypatch, capsys) -> 
     with pytest.raises(RefusedError, match="forcemesh retract`; else") as refused:
         client.arm(within_s=0.0)
     assert refused.value.code == "payload"
-    assert lab.status.clears.startswith("in contact arm for jog")
+    assert lab.status.clears.startswith("if in contact, arm for jog")
 
 
 def test_where_there_is_nothing_to_free_it_says_so() -> None:

@@ -37,11 +37,11 @@ ASKED_FOR = {"installations", "panel", "recorder", "subscriptions"}  # long, or 
 
 
 def main() -> None:
-    """Print the tables that are asked for, all but the longest by default."""
+    """Print the requested tables, by default all but the longest."""
     parser = argparse.ArgumentParser(prog="python -m bench", description=__doc__)
     parser.add_argument("parts", nargs="*", metavar="PART", help=f"of {', '.join(PARTS)}")
     parser.add_argument("--write", action="store_true",
-                        help=f"into the page that states it: {', '.join(WRITERS)}")  # fmt: skip
+                        help=f"write it into its page: {', '.join(WRITERS)}")  # fmt: skip
     given = parser.parse_args()
     asked = given.parts or [part for part in PARTS if part not in ASKED_FOR]
     unknown = [part for part in asked if part not in PARTS]

@@ -1,7 +1,7 @@
-"""AS steps a second that the emulated controller executes on one core, and what it costs to run.
+"""AS steps per second that the emulated controller executes on one core, and its processor load.
 
-Loops that never wait say what each kind of step costs; the program that ships says what the demo
-needs. The arm's physics are timed on their own: "steps/s" is about AS, "one core" about all of it.
+Loops without waiting measure the cost of each kind of step; the shipped program that of the demo.
+The arm's physics are timed separately: "steps/s" excludes them, "one core" includes them.
 """
 
 import time
@@ -118,7 +118,7 @@ LOOPS = {
 
 
 class TimedMachine(Machine):
-    """A controller that knows how long its arm took."""
+    """Controller that measures the processor time of its arm."""
 
     tick_s = 0.0
 
@@ -130,7 +130,7 @@ class TimedMachine(Machine):
 
 @dataclass(frozen=True, slots=True)
 class Cost:
-    """What a stretch of virtual time took of one core."""
+    """Processor time of one core for an interval of virtual time."""
 
     steps: int
     steps_s: float  # processor time outside of the arm
@@ -144,7 +144,7 @@ class Cost:
 
 
 class Client:
-    """Stands for the gateway: says hello, then a beat or a wrench now and then."""
+    """Client in place of the gateway: sends hello, then periodic heartbeats or wrenches."""
 
     def __init__(self, machine: Machine, network: MemoryNetwork) -> None:
         """Connect as soon as the program listens."""
@@ -160,25 +160,25 @@ class Client:
         self._receive()
 
     def say(self, com: Com, param: int = 0, vec: VecInt = ZERO_VEC) -> None:
-        """Send a packet with the ID that is due."""
+        """Send a packet with the next ID."""
         self._id = next_id(self._id)
         self._stream.send(encode(Packet(self._id, com, param, vec)))
 
     def live(self, ticks: int, each: Callable[[], None] = lambda: None) -> None:
-        """Let the controller live, and do something every millisecond."""
+        """Advance the controller, and call a function every millisecond."""
         for _ in range(ticks):
             self._machine.advance(self._machine.now_ns + TICK_NS)
             each()
 
     def beat(self) -> None:
-        """Keep the connection alive, and read what comes."""
+        """Keep the connection alive, and read the reports."""
         self._ticks += 1
         self._receive()
         if self._ticks % HEARTBEAT_TICKS == 0:
             self.say(Com.HEARTBEAT)
 
     def push(self) -> None:
-        """Push up and down in turn, and read what comes."""
+        """Send alternating forces up and down, and read the reports."""
         self._ticks += 1
         self._receive()
         if self._ticks % WRENCH_TICKS == 0:
@@ -210,7 +210,7 @@ def loop_cost(body: str) -> Cost:
 
 
 def shipped(step_s: float, *, feedback: bool) -> tuple[TimedMachine, Client]:
-    """Start the program that ships, connect a client, start force feedback if wanted."""
+    """Start the shipped program, connect a client, optionally start force feedback."""
     network = MemoryNetwork()
     machine = TimedMachine(SimArm(FREE, seed=0), network, behaviour=Behaviour(step_s=step_s))
     machine.load(load(PROGRAM))
@@ -223,7 +223,7 @@ def shipped(step_s: float, *, feedback: bool) -> tuple[TimedMachine, Client]:
 
 
 def shipped_cost(*, feedback: bool) -> Cost:
-    """Run the program that ships at the step time of the demo's cell."""
+    """Run the shipped program at the step time of the demo's cell."""
     sim = load_cell(CELL).sim
     step_s = Behaviour().step_s if sim is None else sim.as_step_s
     machine, client = shipped(step_s, feedback=feedback)

@@ -1,7 +1,7 @@
-"""Every service and every link of a moving cell fails, on the virtual clock: when does it stand?
+"""Fault injection into every service and link of a moving cell, on the virtual clock.
 
-The same services as in their processes, at 125 Hz with the deadlines a lab PC has: what is measured
-is what the design promises, to the millisecond, without the machine. `make chaos` does the same to
+The services are those of the real processes, at 125 Hz with the deadlines of a lab PC: the result
+is that of the design, to the millisecond, independent of the machine. `make chaos` does the same to
 real processes.
 """
 
@@ -32,10 +32,10 @@ from launch.virtual_cell import VirtualCell
 CELLS = Path(__file__).resolve().parent.parent / "cells"
 HZ, FROZEN_S, WATCH_S = 125, 1.0, 1.0
 MOVING_M_S, STILL_M_S = 2e-3, 1e-3
-WINDOW = 10  # milliseconds whose way is a speed
+WINDOW = 10  # milliseconds over which a speed is taken
 PRESS_N, RELEASE_N = 20.0, 0.0
 LIFT_M, LIFT_M_S = 0.06, 0.1
-APPROACH_N_S = 140.0  # force that grows while the plate is met, as in the demo's cells
+APPROACH_N_S = 140.0  # rise of the force at first contact, as in the demo's cells
 SOFT_N_M = 2000.0  # so that pressing takes centimetres
 
 Robot = Literal["sim", "tcp"]
@@ -55,7 +55,7 @@ LINKS = (
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """One failure: a role that is killed or frozen, or a key of the bus that is cut."""
+    """One fault: a role that is killed or frozen, or a key of the bus that is cut."""
 
     robot: Robot
     how: How
@@ -65,18 +65,18 @@ class Case:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What came of it."""
+    """Result of a case."""
 
     case: Case
     speed_m_s: float  # of the flange when it happened
-    last_s: float  # until the robot took its last command for motion; 0 when none came any more
+    last_s: float  # until the robot executed its last motion command; 0 without another one
     still_s: float | None  # until the true flange was slower than 1 mm/s for good
-    moved_m: float  # after that, also when it came back
+    moved_m: float  # after that, also after the recovery
     held: bool
 
 
 class CutTransport(MemoryTransport):
-    """A bus whose keys can be cut; what the robot says is overheard before."""
+    """Bus whose keys can be cut; the robot's messages are recorded before the cut."""
 
     def __init__(self) -> None:
         """Cut nothing yet."""
@@ -106,10 +106,10 @@ class CutTransport(MemoryTransport):
 
 
 class World:
-    """A virtual cell that can be broken, and the truth about its flange."""
+    """Virtual cell with fault injection, and the true motion of its flange."""
 
     def __init__(self, robot: Robot, **changes: float) -> None:
-        """Bring it up, with a plate of `stiffness_N_m` at `gap_m`, tare and arm."""
+        """Start it, with a plate of `stiffness_N_m` at `gap_m`, tare and arm."""
         self.bus = CutTransport()
         self.world = VirtualCell(cell_for(robot, **changes), self.bus)
         self.host: Host = "pc" if robot == "sim" else "controller"
@@ -127,13 +127,13 @@ class World:
         return self.world.clock.now_ns()
 
     def ask(self, request: topics.Request[Any], message: Any) -> None:
-        """Ask as a client. Raises ScenarioError when it is refused."""
+        """Send a request as a client. Raises ScenarioError when it is refused."""
         answer = self.world.client.ask(request, message)
         if not answer.accepted:
             raise ScenarioError(f"{request.key}: {answer.text}")
 
     def live(self, duration_s: float) -> None:
-        """Let time pass, and look at the flange and at what the robot takes each millisecond."""
+        """Advance time; record the flange and the accepted commands each millisecond."""
         self.world.advance(duration_s, self._look)
 
     def _look(self) -> bool:
@@ -152,10 +152,10 @@ class World:
         return way_m / (WINDOW * 1e-3)
 
     def begin(self, motion: Motion) -> None:
-        """Be well on the way."""
+        """Start a motion and wait until it is in progress."""
         if motion == "move":
             if self.bus.robot is None:
-                raise ScenarioError("the robot says nothing")
+                raise ScenarioError("no robot/state received")
             T = pose_of(self.bus.robot)
             T.translation = T.translation + np.array([0.0, 0.0, LIFT_M])
             self.ask(topics.MOVE, MoveRequest(kind="pose", pose=record_of(T)))
@@ -187,15 +187,15 @@ class World:
         raise ScenarioError(f"no contact within {len(self.p_m) - begun} ms")
 
     def _until_fast(self) -> None:
-        """Wait until the arm gives way; in the controller force feedback has to start first."""
+        """Wait until the arm retreats; in the controller force feedback has to start first."""
         for _ in range(200):
             self.live(0.01)
             if self.speeds_m_s()[-1] > 2.0 * MOVING_M_S:
                 return
-        raise ScenarioError("it does not give way")
+        raise ScenarioError("the arm does not retreat")
 
     def strike(self, case: Case) -> None:
-        """Let it happen, and come back where it comes back: everything goes through the hub."""
+        """Inject the fault, and undo it if it ends: all traffic goes through the hub."""
         taken = {"cut": {case.what}, "kill": set(), "freeze": set()}[case.how]
         self.bus.cut |= set(LINKS) if case.what == "hub" else taken
         frozen = None if case.how == "cut" else self.world.runners.pop(case.what)
@@ -208,7 +208,7 @@ class World:
 
 
 def cell_for(robot: Robot, *, stiffness_N_m: float = SOFT_N_M, gap_m: float | None = None) -> Cell:
-    """Return a demo cell at 125 Hz, with the deadlines that the defaults give a lab PC."""
+    """Return a demo cell at 125 Hz, with the default deadlines of a lab PC."""
     name = "demo.yaml" if robot == "sim" else "demo-tcp.yaml"
     robot_hz = HZ if robot == "sim" else 40
     return load_cell(
@@ -225,7 +225,7 @@ def cell_for(robot: Robot, *, stiffness_N_m: float = SOFT_N_M, gap_m: float | No
 
 
 def cases() -> Iterator[Case]:
-    """Yield every failure that leaves the arm itself alive."""
+    """Yield every fault that does not end the arm itself."""
     for robot, motion in product(ROBOTS, MOTIONS):
         arm = "robot" if robot == "sim" else "sensor"
         for role in ROLES:
@@ -259,12 +259,20 @@ def run(case: Case) -> Outcome:
 
 
 def table() -> Table:
-    """Return the worst of each robot, failure and role or key, over all motions."""
+    """Return the worst of each robot, fault and role or key, over all motions."""
     with ProcessPoolExecutor() as pool:
         outcomes = list(pool.map(run, cases(), chunksize=4))
-    rows = Table(title=f"One failure in motion, {HZ} Hz, virtual clock", title_justify="left")
-    for name in ("robot", "failure", "of", "tried", "last motion taken", "at rest", "moved after"):
-        rows.add_column(name, justify="left" if name in ("robot", "failure", "of") else "right")
+    rows = Table(title=f"One fault in motion, {HZ} Hz, virtual clock", title_justify="left")
+    for name in (
+        "robot",
+        "fault",
+        "of",
+        "trials",
+        "last motion executed",
+        "at rest",
+        "moved after",
+    ):
+        rows.add_column(name, justify="left" if name in ("robot", "fault", "of") else "right")
     groups = {(o.case.robot, o.case.how, o.case.what): None for o in outcomes}
     for key in groups:
         group = [o for o in outcomes if (o.case.robot, o.case.how, o.case.what) == key]
@@ -273,7 +281,7 @@ def table() -> Table:
 
 
 def worst(group: list[Outcome]) -> tuple[str, ...]:
-    """Return a line of the table; a trial in which the flange did not move does not count."""
+    """Return a line of the table, without trials in which the flange did not move."""
     counted = [o for o in group if o.speed_m_s > MOVING_M_S]
     rests = [np.inf if o.still_s is None else o.still_s for o in counted]
     return (

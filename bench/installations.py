@@ -1,12 +1,12 @@
-"""Every wrong way to install a sensor, in a virtual cell: who notices, and what they say.
+"""Sensor installation errors in a virtual cell, and their detection.
 
     python -m bench installations              the table, some ten minutes
     python -m bench.installations --write      the same into docs/installations.md
 
-Three lines of defence are played, each as if those before it had been passed by:
-- `check axes`: the rows that the arm gathers in six poses, as this installation shows them;
-- arming: tare, turn the wrist by hand, `arm` for force;
-- the press: what the sensor shows wrong is hidden at rest, then the tool is pressed on a plate.
+Three lines of defence are tested, each as if the previous ones had been skipped:
+- `check axes`: the readings in six poses, as this installation shows them;
+- arming: tare, rotate the wrist by hand, `arm` for force;
+- the press: the error is hidden at rest, then the tool is pressed on a plate.
 """
 
 import argparse
@@ -61,7 +61,7 @@ def wirings(group: str) -> Iterator[Mistake]:
 def others() -> Iterator[Mistake]:
     """Yield wrong units and payloads."""
     sensor = partial(Mistake, group=UNITS)
-    yield sensor("none: all is right")
+    yield sensor("none: all correct")
     yield sensor("forces in kgf", force=KGF * EYE)
     yield sensor("forces in pounds", force=LBF * EYE)
     yield sensor("forces and torques in kgf, kgf m", force=KGF * EYE, torque=KGF * EYE)
@@ -81,7 +81,7 @@ def others() -> Iterator[Mistake]:
         yield sensor(f"{key} in mm", changes={key: value})
     for factor in (0.8, 1.2):
         yield sensor(
-            f"payload.mass_kg: {factor:g} of the true", changes={"payload.mass_kg": factor}
+            f"payload.mass_kg: {factor:g} of the true value", changes={"payload.mass_kg": factor}
         )
     for axis in range(3):
         com = np.array([0.012, -0.008, 0.055])
@@ -92,9 +92,9 @@ def others() -> Iterator[Mistake]:
 
 
 def play(mistake: Mistake) -> Outcome:
-    """Play the lines of defence that make a difference for a group.
+    """Test the lines of defence that are relevant for a group.
 
-    Torques do not matter to a straight press, and forces alone press as all six channels do.
+    Torques have no effect on a straight press; errors of the forces press like all six channels.
     """
     try:
         believed = changed(true_cell(), mistake.changes)
@@ -118,7 +118,7 @@ def play(mistake: Mistake) -> Outcome:
 
 
 def _arming(mistake: Mistake) -> tuple[str, str]:
-    """Return why the tare, and why arming for force with a turned wrist, was refused."""
+    """Return why the tare, and arming for force with a rotated wrist, were refused."""
     stage = Stage(mistake)
     tare = stage.world.client.ask(topics.TARE, Empty())
     refused = "" if tare.accepted else f"{tare.code}: {tare.text}"
@@ -131,7 +131,7 @@ def _arming(mistake: Mistake) -> tuple[str, str]:
 
 
 def _press(mistake: Mistake) -> tuple[str, float, float]:
-    """Return why the press was stopped, how hard and how far it truly went."""
+    """Return why the press was stopped, its true peak force and its travel."""
     stage = Stage(mistake, hidden=True)
     client = stage.world.client
     client.ask(topics.TARE, Empty())
@@ -150,16 +150,25 @@ def _press(mistake: Mistake) -> tuple[str, float, float]:
 
 
 def outcomes() -> list[Outcome]:
-    """Play everything, on every core."""
+    """Test everything, on all cores."""
     mistakes = [*others(), *wirings(ALL), *wirings(FORCES), *wirings(TORQUES)]
     with ProcessPoolExecutor() as pool:
         return list(pool.map(play, mistakes))
 
 
 def table() -> Table:
-    """Return who noticed what."""
-    rows = Table(title="Wrong installations of the sensor, virtual clock", title_justify="left")
-    for name in ("installation", "wrong", "check axes", "tare", "arming", "press", "peak", "way"):
+    """Return the table of detections."""
+    rows = Table(title="Sensor installation errors, virtual clock", title_justify="left")
+    for name in (
+        "installation",
+        "error",
+        "check axes",
+        "tare",
+        "arming",
+        "press",
+        "peak",
+        "travel",
+    ):
         rows.add_column(name)
     for seen in outcomes():
         rows.add_row(

@@ -1,4 +1,4 @@
-"""The page docs/installations.md: what each line of defence says of each wrong installation."""
+"""The page docs/installations.md: result of each line of defence for each installation error."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -6,7 +6,9 @@ from dataclasses import dataclass
 MOST_N = 10.0
 
 HEAD = """\
-# Wrong installations of the sensor, and who notices
+# Sensor installation errors and their detection
+
+This page describes the check of the sensor installation, and shows which errors are detected where.
 
 ```
 forcemesh check axes                     # the arm turns the tool through six poses
@@ -14,43 +16,45 @@ forcemesh check axes --from poses.csv    # the same from a recording (its column
 forcemesh check axes --push              # a person pushes the tool by hand, as prompted
 ```
 
-says whether axes, signs and units of the sensor are those of the cell file, what looks wrong, and
-what to write instead. Exit code 0: right; 1: wrong, or it cannot tell. `--mass` gives the true mass
-below the sensor where the cell file does not know it, `--json` is for programs. The push test moves
-nothing and refuses an armed arm. It alone tells a sensor that reports the reaction from an arm that
-hangs, and torques that the tool's own moment does not show; those are named as *not shown*.
+The command checks whether axes, signs and units of the sensor are those of the cell file, and
+reports what is wrong and the correct entry. Exit code 0: correct; 1: wrong, or undecidable.
+`--mass` gives the true mass below the sensor if the cell file does not contain it, `--json` is for
+programs. The push test moves nothing and refuses an armed arm. Only the push test distinguishes a
+sensor that reports the reaction force from an arm that hangs from the ceiling, and checks torques
+that the tool's own moment does not show; those are reported as *not shown*.
 
-## How this was tried
+## Method
 
 Made by `python -m bench.installations --write` in virtual cells: the demo's arm, a tool of 1 kg, a
-plate of 20 000 N/m, the sensor's usual noise. Three lines of defence, each played as if those
-before it had been passed by:
+plate of 20 000 N/m, the sensor's usual noise. Three lines of defence, each tested as if the
+previous ones had been skipped:
 
-1. **`forcemesh check axes`**: the arm shows its tool's weight to the sensor in six attitudes. What
-   looks wrong, and what to write instead. `forcemesh calibrate` refuses with the same sentence.
-2. **Arming**: tare, turn the wrist by 70 degrees by hand, `arm` for force. *tare* and *arming* say
-   why they were refused.
-3. **The press**: what the sensor shows wrong is hidden at rest, as if it had been tared away; the
-   tool presses on the plate with 8 N. *press* says what stopped it and when, *peak* how hard the
-   plate was truly pressed, *way* how far the tool went after the first touch.
+1. **`forcemesh check axes`**: the arm holds the tool in six attitudes. Result: what is wrong, and
+   the correct entry. `forcemesh calibrate` refuses with the same message.
+2. **Arming**: tare, rotate the wrist by 70 degrees by hand, `arm` for force. *tare* and *arming*
+   give the reason of the refusal.
+3. **The press**: the error is hidden at rest, as if it had been removed by a tare; the tool presses
+   on the plate with 8 N. *press* gives the stop and its time, *peak* the largest true force on the
+   plate, *travel* the motion of the tool after the first contact.
 
-A wiring is written as the true axes that the three channels show. Forces alone are armed and press
-as all six channels do, torques alone press as they should in mode position: not played again.
+A wiring is written as the true axes that the three channels show. Errors of the forces only give
+the same arming and press results as those of all six channels, and errors of the torques only do
+not affect a press in mode position: these are not repeated.
 """
 
 SHORT = (
-    "wrong",
-    "told by the check",
-    "not tared or not armed",
+    "error",
+    "detected by the check",
+    "tare or arming refused",
     "press below 10 N",
     "none of these",
 )
-COLUMNS = ("wiring, or what is wrong", "the check says", "tare", "arming", "press", "peak", "way")
+COLUMNS = ("wiring, or error", "result of the check", "tare", "arming", "press", "peak", "travel")
 
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What each line of defence said; empty: it let it pass. Peak of the true force."""
+    """Result of each line of defence; empty: not detected. Peak of the true force."""
 
     mistake: str
     group: str
@@ -64,17 +68,17 @@ class Outcome:
 
     @property
     def sentences(self) -> str:
-        """Every finding with its mend."""
+        """Every finding with its remedy."""
         return ". ".join(self.findings)
 
     @property
     def is_told(self) -> bool:
-        """Whether the check says that it is wrong."""
+        """Whether the check detects the error."""
         return self.verdict == "wrong"
 
     @property
     def is_refused(self) -> bool:
-        """Whether it cannot be armed for force once the wrist has been turned, or not tared."""
+        """Whether arming for force with a rotated wrist, or the tare, is refused."""
         return bool(self.arming or self.tare)
 
     @property
@@ -93,7 +97,7 @@ def page(seen: list[Outcome]) -> str:
     """Return the whole page."""
     wrong = [each for each in seen if not each.mistake.startswith("none")]
     groups = {each.group: [w for w in wrong if w.group == each.group] for each in seen}
-    lines = [HEAD, "## In short", "", *_table(SHORT, map(_summary, groups.values()))]
+    lines = [HEAD, "## Summary", "", *_table(SHORT, map(_summary, groups.values()))]
     for group in groups:
         played = [each for each in seen if each.group == group]
         kept = [n for n, name in enumerate(COLUMNS) if _is_played(name, played)]
@@ -104,7 +108,7 @@ def page(seen: list[Outcome]) -> str:
 
 
 def _is_played(column: str, seen: list[Outcome]) -> bool:
-    if column in {"press", "peak", "way"}:
+    if column in {"press", "peak", "travel"}:
         return any(each.peak_N for each in seen)
     if column in {"tare", "arming"}:
         return any(each.is_refused for each in seen)

@@ -1,4 +1,4 @@
-"""A virtual cell whose sensor, or whose cell file, is wrong, and what it does then."""
+"""Virtual cell with an error in the sensor installation or in the cell file."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -47,36 +47,36 @@ REST_S = 0.6
 
 @dataclass(frozen=True)
 class Mistake:
-    """One wrong installation: what the channels show, the cell file, the robot's attitudes."""
+    """One installation error: channel matrix, changes of the cell file, reported attitudes."""
 
     name: str
     group: str
     force: Array = field(default_factory=lambda: EYE)
     torque: Array = field(default_factory=lambda: EYE)
     changes: dict[str, Any] = field(default_factory=dict)  # of the cell file, by dotted key
-    attitude: Callable[[Array], Array] | None = None  # what the robot says for an orientation
+    attitude: Callable[[Array], Array] | None = None  # reported for an orientation
 
     @property
     def wiring(self) -> Array:
-        """What the six channels show of the load. Shape (6, 6)."""
+        """Matrix from the load to the six channels. Shape (6, 6)."""
         both = np.zeros((6, 6))
         both[:3, :3], both[3:, 3:] = self.force, self.torque
         return both
 
     @property
     def of_sensor(self) -> bool:
-        """Whether the sensor is what is wrong."""
+        """Whether the error is in the sensor."""
         return not (np.array_equal(self.force, EYE) and np.array_equal(self.torque, EYE))
 
 
 def true_cell() -> Cell:
-    """Return the demo's cell, with a plate near by, and a payload that is right."""
+    """Return the demo's cell, with a plate close to the tool, and the correct payload."""
     cell = cell_for("sim", gap_m=GAP_M, stiffness_N_m=STIFF_N_M)
     return changed(cell, {"payload.com_m": COM_M, "sim.tool_com_m": COM_M})
 
 
 def bias_of(cell: Cell) -> Array:
-    """Return what the simulated sensor reads without a load. Raises SimulationError."""
+    """Return the reading of the simulated sensor without load. Raises SimulationError."""
     if cell.sim is None:
         raise SimulationError("the cell file has no section `sim`")
     return np.array([*cell.sim.bias_force_N, *cell.sim.bias_torque_Nm])
@@ -95,15 +95,15 @@ def changed(cell: Cell, changes: dict[str, Any]) -> Cell:
 
 
 def attitude_times(R: Array, times: float) -> Array:
-    """Return the orientation whose O, A, T are so many times larger."""
+    """Return the orientation whose O, A, T are scaled by a factor."""
     return R_from_oat(Oat(*(times * angle for angle in oat_from_R(R))))
 
 
 class BentTransport(CutTransport):
-    """A bus on which the robot says another orientation than it has."""
+    """Bus on which the robot reports a wrong orientation."""
 
     def __init__(self, attitude: Callable[[Array], Array] | None) -> None:
-        """Bend nothing without a function."""
+        """Change nothing without a function."""
         super().__init__()
         self._attitude = attitude
 
@@ -123,7 +123,7 @@ class BentTransport(CutTransport):
 
 
 class MistakenCell(VirtualCell):
-    """Every process believes one cell file, and the arm and its sensor are as another says."""
+    """Cell whose processes use one cell file while arm and sensor follow another one."""
 
     def __init__(self, believed: Cell, true: Cell, transport: MemoryTransport) -> None:
         """Start all services."""
@@ -138,10 +138,10 @@ class MistakenCell(VirtualCell):
 
 
 class Stage(World):
-    """A cell with a mistake, just up: neither tared nor armed."""
+    """Cell with an error, just started: neither tared nor armed."""
 
     def __init__(self, mistake: Mistake, *, hidden: bool = False) -> None:
-        """Bring it up; hidden: what the sensor reads at rest is as if it had been tared away."""
+        """Start it; hidden: the error is removed from the reading at rest, as by a tare."""
         true = true_cell()
         self.bus = BentTransport(mistake.attitude)
         self.world = MistakenCell(changed(true, mistake.changes), true, self.bus)
@@ -156,7 +156,7 @@ class Stage(World):
         self.world.advance(1.6)
 
     def turn_wrist(self) -> None:
-        """Jog the wrist by hand, and let it rest. Raises ForcemeshError with what stopped it."""
+        """Jog the wrist by hand, then rest. Raises ForcemeshError with the cause of a stop."""
         drive = Drive(self.world.client, SPEED_M_S)
         drive.arm()
         q = drive.joints() + np.radians(TURN_DEG)
@@ -168,7 +168,7 @@ class Stage(World):
 
 
 def hide(rest: FtSample, wiring: Array) -> Callable[[FtSample], FtSample]:
-    """Return a sensor that shows what it should at rest, and changes through a wiring."""
+    """Return a sensor with the correct reading at rest whose changes pass through a wiring."""
     at_rest = np.concatenate((rest.force_N, rest.torque_Nm))
 
     def disturb(sample: FtSample) -> FtSample:
@@ -181,14 +181,14 @@ def hide(rest: FtSample, wiring: Array) -> Callable[[FtSample], FtSample]:
 
 @cache
 def plan_of() -> Plan:
-    """Return the six poses of the automatic check, from where the demo's arm begins."""
+    """Return the six poses of the automatic check, from the initial pose of the demo's arm."""
     stage = Stage(Mistake("none", ""))
     arm = stage.world.arm
     return make_plan(stage.world.cell, arm.kinematics, np.array(arm.q), Options(POSES, 1))
 
 
 def gather(mistake: Mistake) -> Samples:
-    """Let the arm go through the poses of the check and read; rows as this mistake shows them."""
+    """Move through the poses of the check; return the readings with this error."""
     stage, plan = Stage(mistake), plan_of()
     bus, route = stage.world.client, plan.route
     drive, gatherer = Drive(bus, SPEED_M_S), Gatherer(bus, stage.world.cell)
@@ -206,12 +206,12 @@ def gather(mistake: Mistake) -> Samples:
 
 @cache
 def gathered() -> Samples:
-    """Return the rows of a right installation: each mistake shows them in its own way."""
+    """Return the readings of a correct installation, to which each error is applied."""
     return gather(Mistake("none", ""))
 
 
 def as_shown(mistake: Mistake) -> Samples:
-    """Return the rows of the check as a mistake shows them; the same as playing them anew."""
+    """Return the readings of the check with an error; equal to a new run with it."""
     rows, true = gathered(), true_cell()
     believed = changed(true, mistake.changes)
     bias = bias_of(true)

@@ -1,6 +1,6 @@
-"""Latency of the whole chain in real processes, next to bare TCP between two processes.
+"""Latency of the whole chain in real processes, compared with bare TCP between two processes.
 
-Both are measured in one run, so that the ratio says something on any machine. The two ends of the
+Both are measured in one run, so that the ratio is meaningful on any machine. The two ends of the
 bare hop are kept on two cores, as two services mostly are: on one core TCP is ten times faster.
 """
 

@@ -1,7 +1,7 @@
-"""The main job through gateway, TCP and the program in the emulated controller: every combination.
+"""Force release over gateway, TCP and the program in the emulated controller: every combination.
 
-The step time of the emulated controller makes the program of force feedback go round about 15 or
-about 60 times a second; `pessimistic` takes the worse reading of every open question.
+The step time of the emulated controller sets the loop rate of the force feedback program, about 15
+or 60 per second; `pessimistic` selects the worse interpretation of every open question.
 """
 
 from collections.abc import Callable, Iterable
@@ -34,15 +34,16 @@ STAYS_S = 5.0  # longer than the window in which the gateway counts
 ROOT = Path(__file__).resolve().parent.parent
 CELL = ROOT / "cells" / "demo-tcp.yaml"
 PAGE = ROOT / "docs" / "over-tcp.md"
-HEAD = """# The main job over TCP
+HEAD = """# Force release over TCP
 
-The demo of the README with the real gateway, TCP, and `controller/forcemesh.as` executed by the
-emulated controller: pressed with 30 N, then force feedback to its aim (0 N; mode both: 10 N on a
-plate tilted 5 degrees), with the gains of the documented rule. Settled means within 1 N and 0.1 N m
-for five seconds. Loop is how often the program goes round while force feedback runs, by its own
-counter in command 103; with host pc it goes round once for a new pose. Sender is how often a pose
-comes from the controller. Pessimistic is the worse reading of every question that the controller's
-manuals leave open. Played {how}; made by `{command}`.
+This page shows the settling of the README's demo over TCP: with the real gateway, and
+`controller/forcemesh.as` executed by the emulated controller. The tool presses with 30 N, then
+force feedback brings the force to its set point (0 N; mode both: 10 N on a plate tilted 5 degrees),
+with the gains of the documented rule. Settled means within 1 N and 0.1 N m for five seconds.
+Loop: iterations of the program per second during force feedback, by its
+own counter in command 103; with host pc it iterates once per new pose. Sender: poses per second
+from the controller. Pessimistic: the worse interpretation of every question that the controller's
+manuals leave open. Run {how}; made by `{command}`.
 
 | host, mode, stiffness | AS step | settling | overshoot | loop | sender |
 |---|---|---:|---:|---:|---:|"""
@@ -106,7 +107,7 @@ def row_of_real(case: Case) -> tuple[str, ...]:
 
 
 def row(case: Case, play: Play = in_lock_step) -> tuple[str, ...]:
-    """Return what the table says of a case."""
+    """Return the table row of a case."""
     name = f"{case.host}, {case.mode}, {case.stiffness_N_m:g} N/m"
     controller = f"{case.as_step_s * 1e3:g} ms{', pessimistic' if case.pessimistic else ''}"
     try:

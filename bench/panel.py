@@ -1,9 +1,9 @@
-"""What the panel costs, and that nobody on the control path notices it: `python -m bench panel`.
+"""Resource use of the panel, and its effect on the control loops: `python -m bench panel`.
 
-A real cell presses with 10 N; its panel is left alone, then looked at by one browser, then by that
-and four more websocket clients of which one never reads. Without a graphics card a browser would
-take both cores to draw, so its scene is not drawn here: what is measured is the panel.
-`python -m bench.panel --write` puts the table into docs/panel.md.
+A real cell presses with 10 N; its panel has no client, then one browser, then the browser
+and four more websocket clients, of which one never reads. Without a graphics card a browser would
+take both cores to render, so its scene is not drawn: only the panel is measured.
+`python -m bench.panel --write` writes the table into docs/panel.md.
 """
 
 import argparse
@@ -56,7 +56,7 @@ CAMERA = {
 
 @dataclass(frozen=True, slots=True)
 class Phase:
-    """What one phase has shown."""
+    """Measurements of one phase."""
 
     what: str
     cpu_percent: float | None  # of one core, by the panel's process
@@ -80,7 +80,7 @@ def phases() -> list[Phase]:
         found = [_phase(cell, "no panel")]
         port = cell.config.panel.port
         pid = exits.enter_context(_panel(path, port))
-        found.append(_phase(cell, "nobody looks", pid=pid))
+        found.append(_phase(cell, "no client", pid=pid))
         exits.enter_context(one_browser(f"http://127.0.0.1:{port}/"))
         found.append(_phase(cell, "one browser", pid=pid))
         readers = [exits.enter_context(_client(port)) for _ in range(3)]
@@ -92,7 +92,7 @@ def phases() -> list[Phase]:
 
 def table(found: list[Phase] | None = None) -> Table:
     """Return the phases as a table."""
-    rows = Table(title="the panel beside a cell that presses", title_justify="left")
+    rows = Table(title="the panel of a cell that presses", title_justify="left")
     for head in HEADS:
         rows.add_column(head, justify="left" if head == HEADS[0] else "right")
     for phase in phases() if found is None else found:
@@ -100,7 +100,7 @@ def table(found: list[Phase] | None = None) -> Table:
     return rows
 
 
-HEADS = ("who looks", "panel, % of a core", "kB/s to a reader", "late periods", "missed deadlines")
+HEADS = ("clients", "panel, % of a core", "kB/s to a reader", "late periods", "missed deadlines")
 
 
 def _cells(phase: Phase) -> tuple[str, ...]:
@@ -112,7 +112,7 @@ def _cells(phase: Phase) -> tuple[str, ...]:
 def _phase(
     cell: ConfiguredCell, what: str, *, pid: int | None = None, reader: "_Reader | None" = None
 ) -> Phase:
-    """Watch the cell and the panel's process for a while."""
+    """Measure the cell and the panel's process for one phase."""
     time.sleep(SETTLE_S)
     began_s, spent_s = time.monotonic(), _cpu_s(pid)
     bytes_before = reader.count if reader else 0
@@ -159,7 +159,7 @@ def _free_port() -> int:
 
 @contextmanager
 def _panel(path: Path, port: int) -> Iterator[int]:
-    """Run the panel; give its process id once it answers."""
+    """Run the panel; yield its process id once it answers."""
     command = [sys.executable, "-m", "services.panel", "--cell", str(path)]
     process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.DEVNULL)
     try:
@@ -182,7 +182,7 @@ def _answers(port: int) -> bool:
 
 
 class _Reader(threading.Thread):
-    """Reads what comes, and counts it."""
+    """Reader thread that counts the received bytes."""
 
     def __init__(self, line: ClientConnection) -> None:
         super().__init__(daemon=True)
@@ -197,7 +197,7 @@ class _Reader(threading.Thread):
 
 @contextmanager
 def _client(port: int, *, reads: bool = True) -> Iterator[_Reader]:
-    """Be a viewer without a browser."""
+    """Connect a websocket client without a browser."""
     here = f"127.0.0.1:{port}"
     line = connect(
         f"ws://{here}",
@@ -218,11 +218,11 @@ def _client(port: int, *, reads: bool = True) -> Iterator[_Reader]:
 
 
 def _quiet(_who: str, _line: str) -> None:
-    """Keep the cell's own words out of the table."""
+    """Discard the output of the cell."""
 
 
 def write(found: list[Phase], page: Path = PAGE) -> None:
-    """Put the table into the page."""
+    """Write the table into the page."""
     rows = [HEADS, tuple("---" for _ in HEADS), *(_cells(phase) for phase in found)]
     lines = "\n".join(f"| {' | '.join(row)} |" for row in rows)
     head, _, rest = page.read_text(encoding="utf-8").partition(BEGIN)
@@ -232,7 +232,7 @@ def write(found: list[Phase], page: Path = PAGE) -> None:
 def main() -> None:
     """Measure; print, or write."""
     parser = argparse.ArgumentParser(prog="python -m bench.panel", description=__doc__)
-    parser.add_argument("--write", action="store_true", help="put it into docs/panel.md")
+    parser.add_argument("--write", action="store_true", help="write it into docs/panel.md")
     asked = parser.parse_args()
     found = phases()
     Console().print(table(found))

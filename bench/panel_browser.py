@@ -1,11 +1,11 @@
-"""One browser that looks at the panel, for the benchmark: its own process, which does not draw."""
+"""Headless browser with the panel open, for the benchmark: a separate process without rendering."""
 
 import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-# Everything but the drawing: that is the business of a graphics card, which is not there.
+# Everything except rendering, which needs a graphics card.
 LOOK = """
 import sys, time
 from playwright.sync_api import sync_playwright
@@ -31,7 +31,7 @@ ENDS_WITHIN_S = 20.0
 
 @contextmanager
 def one_browser(address: str) -> Iterator[None]:
-    """Let a headless Chromium look at an address until the end of the block."""
+    """Keep an address open in a headless Chromium until the end of the block."""
     process = subprocess.Popen(
         ["nice", "-n", "19", sys.executable, "-c", LOOK, address],  # noqa: S607 - of every system
         stdin=subprocess.PIPE,
@@ -40,7 +40,7 @@ def one_browser(address: str) -> Iterator[None]:
     )
     try:
         if process.stdout is None or process.stdout.readline().strip() != "looks":
-            raise RuntimeError("the browser did not come to the page")
+            raise RuntimeError("the browser did not reach the page")
         yield
     finally:
         process.communicate("enough\n", timeout=ENDS_WITHIN_S)

@@ -1,6 +1,6 @@
-"""Measure the payload identification against the published ones: `make bench-payload`.
+"""Comparison of the payload identification with published methods: `make bench-payload`.
 
-`python -m bench.payload RECORDING.csv` adds leave-one-out on that recording; `--quick` takes a
+`python -m bench.payload RECORDING.csv` adds leave-one-out on that recording; `--quick` uses a
 tenth of the seeds.
 """
 
@@ -41,7 +41,7 @@ NAMES = ("mass", "com", "bias force", "bias torque", "tilt", "mounting")
 
 
 def errors(payload: Payload, samples: Samples) -> Array:
-    """Return the mean norm of what is left of force [N] and torque [Nm]. Shape (2,)."""
+    """Return the mean norm of the residual of force [N] and torque [Nm]. Shape (2,)."""
     left = residual(
         payload,
         samples.R_base_sensor,
@@ -53,7 +53,7 @@ def errors(payload: Payload, samples: Samples) -> Array:
 
 
 def compared(world: World, poses: int, seeds: int) -> tuple[dict[str, Array], Counter[str]]:
-    """Return every method's errors on the other poses, shape (seeds, 2), and our models."""
+    """Return each method's errors on the other poses, shape (seeds, 2), and our models."""
     found: dict[str, list[Array]] = {name: [] for name in (*PEERS, "ours")}
     models: Counter[str] = Counter()
     for seed in range(seeds):
@@ -68,7 +68,7 @@ def compared(world: World, poses: int, seeds: int) -> tuple[dict[str, Array], Co
 
 
 def comparison_table(seeds: int) -> Table:
-    """Return the errors of every method in every world, and ours as a share of LSM-short."""
+    """Return the errors of every method in every world, and the ratio of ours to LSM-short."""
     table = Table(
         title=f"mean residual on {OTHER_POSES} other poses, N / mN m, {seeds} recordings each"
     )
@@ -93,9 +93,9 @@ def comparison_table(seeds: int) -> Table:
 
 
 def accuracy_table(seeds: int) -> Table:
-    """Return the error over random orientations after ten poses, and how honest the deviations are.
+    """Return the error over random orientations after ten poses, and the deviations' coverage.
 
-    The truth without noise is compared: what remains is the payload's error alone.
+    The reference is free of noise: the difference is the payload's error alone.
     """
     table = Table(
         title=f"after 10 poses of {SAMPLES_PER_DWELL} samples (0.1 N, 5 mN m each), {seeds} seeds"
@@ -121,14 +121,14 @@ def accuracy_table(seeds: int) -> Table:
 
 
 def shares(z: Array) -> str:
-    """Return how many of 100 errors are within two standard deviations, number by number."""
+    """Return the percentage of errors within two standard deviations, for each parameter."""
     return " ".join(f"{100 * share:.1f}" for share in (np.abs(z) < 2.0).mean(axis=0))
 
 
 def trial(world: World, seed: int, poses: int = 10) -> tuple[Array, dict[str, Array]]:
-    """Return the error over random orientations, and each number's error over its deviation.
+    """Return the error over random orientations, and each parameter's error over its deviation.
 
-    A tilt or a mounting that was not found counts as infinitely wrong.
+    A tilt or a mounting that was not identified counts as an infinite error.
     """
     rng = np.random.default_rng([77, seed])
     real = truth(world, rng)
@@ -160,11 +160,11 @@ def trial(world: World, seed: int, poses: int = 10) -> tuple[Array, dict[str, Ar
 
 
 def left_out_table(path: Path | None) -> Table:
-    """Return what every method leaves of each pose when it is fitted to the others."""
+    """Return the residual of each pose when a method is fitted to the others."""
     if path is None:
         rng = np.random.default_rng(7)
         title, samples = (
-            "made: all errors, 8 poses",
+            "simulated: all errors, 8 poses",
             recording(truth(WORLDS["all of them"], rng), 8, 0, rng)[0],
         )
     else:
@@ -201,7 +201,7 @@ def _fit(name: str, samples: Samples, weight: Array) -> Payload:
 
 
 def with_cross(reading: Wrench, R: Array, p: Array, payload: Payload) -> Wrench:
-    """Return the same wrench by numpy's cross product: the obvious way, for its cost."""
+    """Return the same wrench by numpy's cross product, for comparison of the cost."""
     R_true = R @ rotation_from_vector(np.array(payload.mounting_rotation_rad))
     force, torque = residual(payload, R, force_N=reading.force_N, torque_Nm=reading.torque_Nm)
     force, torque = R_true @ force, R_true @ torque
@@ -209,7 +209,7 @@ def with_cross(reading: Wrench, R: Array, p: Array, payload: Payload) -> Wrench:
 
 
 def cost_table() -> Table:
-    """Return what one sample costs, the best of many rounds."""
+    """Return the processor time of one sample, the best of many rounds."""
     payload = truth(WORLDS["all of them"], np.random.default_rng(1))
     reading = Wrench(np.array([1.0, 2.0, 3.0]), np.array([0.1, 0.2, 0.3]))
     R, p = rotation_from_vector(np.array([0.3, -0.2, 0.9])), np.array([0.01, 0.0, 0.14])
@@ -230,7 +230,7 @@ def cost_table() -> Table:
 def main() -> None:
     """Print the tables."""
     parser = argparse.ArgumentParser(prog="python -m bench.payload", description=__doc__)
-    parser.add_argument("recording", nargs="?", type=Path, help="CSV to leave one pose out of")
+    parser.add_argument("recording", nargs="?", type=Path, help="CSV for leave-one-out")
     parser.add_argument("--quick", action="store_true", help="a tenth of the seeds")
     asked = parser.parse_args()
     part = 10 if asked.quick else 1

@@ -1,9 +1,9 @@
-"""The published ways to find payload and bias, for comparison: plain numpy, no priors, no choice.
+"""Published methods for payload and bias, for comparison: plain numpy, no priors, no model choice.
 
 - `lsm`: mass, centre of mass and bias by least squares, force first (the short published method).
 - `kth`: the same ten unknowns in one stacked 6 x 10 system, as in KTH's force_torque_tools. Its
-  gravity comes from an accelerometer on the sensor; a recording without one has it from the pose,
-  which is given here. Force and torque share no unknown, so it gives what `lsm` gives.
+  gravity comes from an accelerometer on the sensor; without one it is taken from the pose,
+  as here. Force and torque share no unknown, so the result equals that of `lsm`.
 - `lsm_tilt`: the weight as a free vector in base, mass and gravity's direction from it.
 - `lsm_mounting`: a free 3 x 3 matrix in place of mass and mounting, its nearest rotation.
 """
@@ -38,14 +38,14 @@ def kth(samples: Samples) -> Payload:
 
 
 def lsm_tilt(samples: Samples) -> Payload:
-    """Return the fit with the direction of gravity free."""
+    """Return the fit with free direction of gravity."""
     R_sensor_base = np.swapaxes(samples.R_base_sensor, 1, 2)
     weight = _linear(R_sensor_base, samples.force_N)
     return _given(samples, weight / np.linalg.norm(weight), np.eye(3))
 
 
 def lsm_mounting(samples: Samples) -> Payload:
-    """Return the fit with the sensor's mounting rotation free."""
+    """Return the fit with free mounting rotation of the sensor."""
     g_s = _gravity(samples, np.array(DOWN), np.eye(3))
     columns = np.einsum("ij,nk->nijk", np.eye(3), g_s).reshape(len(g_s), 3, 9)
     U, _, Vt = np.linalg.svd(_linear(columns, samples.force_N).reshape(3, 3))
@@ -62,7 +62,7 @@ PEERS: dict[str, Callable[[Samples], Payload]] = {
 
 
 def _given(samples: Samples, down_in_base: Array, R_mount: Array) -> Payload:
-    """Return the plain fit with directions given."""
+    """Return the plain fit with given directions."""
     g_s = _gravity(samples, down_in_base, R_mount)
     force = _with_bias(g_s[:, :, None], samples.force_N)
     torque = _with_bias(-skews(g_s), samples.torque_Nm)

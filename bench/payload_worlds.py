@@ -1,4 +1,4 @@
-"""Simulated recordings of a known payload, with the errors that real cells have."""
+"""Simulated recordings of a known payload, with the errors of real cells."""
 
 from dataclasses import dataclass
 
@@ -21,7 +21,7 @@ LEVEL = Payload(1.5, (0.02, -0.012, 0.085), (1.0, -2.0, 3.0), (0.1, 0.2, -0.3))
 
 @dataclass(frozen=True, slots=True)
 class World:
-    """Which errors the cell has: tilt and mounting [degrees], gain and drift as multiples."""
+    """Errors of the cell: tilt and mounting [degrees], gain and drift as multiples."""
 
     tilt_deg: float = 0.0
     mounting_deg: float = 0.0
@@ -40,7 +40,7 @@ WORLDS = {
 
 
 def truth(world: World, rng: np.random.Generator) -> Payload:
-    """Return the payload of one cell: errors of the given size, in directions at random."""
+    """Return the payload of one cell: errors of the given size, in random directions."""
     heading = rng.uniform(0.0, 2.0 * np.pi)
     axis = rng.normal(size=3)
     lean = np.radians(world.tilt_deg) * np.array([np.cos(heading), np.sin(heading), 0.0])

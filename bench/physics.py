@@ -1,4 +1,4 @@
-"""What a millisecond of the simulated arm costs: MuJoCo's step and the plate, one run here."""
+"""Processor time of one millisecond of the simulated arm: MuJoCo's step and the plate."""
 
 from time import thread_time_ns
 
@@ -14,7 +14,7 @@ PRESS_N = 20.0
 
 
 def arm_at(tilt_deg: float, push_N: float) -> SimArm:
-    """Return an arm at rest that pushes about so hard on a plate with this tilt; 0: free."""
+    """Return an arm at rest that presses with about this force on a tilted plate; 0: free."""
     arm = SimArm(SimSettings(tilt_deg=tilt_deg), seed=0)
     settings, T = arm.settings, arm.T_base_flange
     if push_N > 0.0:
@@ -40,7 +40,7 @@ def costs_us(arm: SimArm) -> list[float]:
 
 
 def table() -> Table:
-    """Return median and worst round for a tool that is free, lies flat and stands on its edge."""
+    """Return median and worst round for a free tool, one flat on the plate and one on its edge."""
     rows = Table(
         title=f"CPU time of a tick of physics and contact, us: at most {MOST_US:g}",
         title_justify="left",

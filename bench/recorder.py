@@ -1,6 +1,6 @@
-"""What recording a whole cell costs, and what is lost: at work, when killed, and played again.
+"""Resource use and message loss of the recorder: in operation, and when killed.
 
-`python -m bench.recorder --minutes 10 --write`: the simulated cell presses with the arm while its
+`python -m bench.recorder --minutes 10 --write`: the arm of the simulated cell presses while its
 recorder records; afterwards every message in the files is counted. Then recorders are killed.
 """
 
@@ -44,28 +44,28 @@ TICKS_HZ = os.sysconf("SC_CLK_TCK")
 
 @dataclass(slots=True)
 class Work:
-    """What minutes of recording came to."""
+    """Measurements of a recording."""
 
     minutes: float
     messages: int  # found in the files
-    lost: int  # by the gaps in the numbers of the files' messages
-    lost_told: int  # by the recorder's own word
+    lost: int  # from gaps in the sequence numbers in the files
+    lost_told: int  # by the recorder's own count
     cpu_pct: float  # of one core, while it records
-    idle_cpu_pct: float  # while it only remembers
+    idle_cpu_pct: float  # without a recording
     memory_MB: float  # of the process
     file_MB: float
     files: int
-    pressed: bool  # the arm was at work to the end
-    load: float  # tasks that wanted a core meanwhile, on average
+    pressed: bool  # the arm pressed until the end
+    load: float  # mean number of runnable tasks
 
     @property
     def good(self) -> bool:
-        """Whether it keeps what is promised."""
+        """Whether the limits are met."""
         return self.lost == self.lost_told == 0 and self.cpu_pct < MOST_CPU_PCT
 
 
 class Rig:
-    """A cell at work, and its recorder as a process of its own."""
+    """A pressing cell, and its recorder as a separate process."""
 
     def __init__(self, folder: Path, exits: ExitStack) -> None:
         """Start both."""
@@ -81,7 +81,7 @@ class Rig:
         self.recorder = self.start()
 
     def start(self) -> Running:
-        """Start a recorder and wait until it is heard."""
+        """Start a recorder and wait for its health message."""
         process = Process("services.recorder", ("recorder",))
         self.recorder = Running(process, self._file, say_on_stderr)
         self._exits.callback(self.recorder.finish, 3.0)
@@ -89,33 +89,33 @@ class Rig:
         health = self.client.feed(topics.RECORDER_HEALTH)
         while getattr(health.reading().fresh, "pid", None) != self.recorder.pid:
             if time.monotonic() > give_up_s:
-                raise TimeoutError("the recorder is not heard")
+                raise TimeoutError("no health message from the recorder")
             time.sleep(0.05)
         return self.recorder
 
     def press(self) -> None:
-        """Let the arm press, so that everything that moves is in the messages."""
+        """Let the arm press, so that the messages contain motion."""
         self.client.wait_ready(WITHIN_S)
         self.client.arm(within_s=WITHIN_S)
         self.client.force.press(PRESS_N, within_s=WITHIN_S)
 
     def record(self) -> None:
-        """Let the recorder record."""
+        """Start a recording."""
         self.client.ask(topics.RECORD_START, RecordRequest(), answer_s=WITHIN_S)
 
     def cpu_s(self) -> float:
-        """Return the processor time that the recorder has taken so far [s]."""
+        """Return the processor time of the recorder so far [s]."""
         fields = Path(f"/proc/{self.recorder.pid}/stat").read_text(encoding="ascii").split()
         return (int(fields[13]) + int(fields[14])) / TICKS_HZ
 
     def cpu_pct(self, duration_s: float) -> float:
-        """Return how much of a core the recorder takes over a while [%]."""
+        """Return the processor load of the recorder over a duration [%]."""
         before_s, began_s = self.cpu_s(), time.monotonic()
         time.sleep(duration_s)
         return 100.0 * (self.cpu_s() - before_s) / (time.monotonic() - began_s)
 
     def memory_MB(self) -> float:
-        """Return how much memory the recorder's process holds."""
+        """Return the resident memory of the recorder's process."""
         pages = int(Path(f"/proc/{self.recorder.pid}/statm").read_text(encoding="ascii").split()[1])
         return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
 
@@ -162,7 +162,7 @@ def work(minutes: float) -> Work:
 
 
 def kills(count: int = KILLS) -> list[float]:
-    """Kill recorders at any moment; return how much of each recording's end is missing [s]."""
+    """Kill recorders at random times; return the missing end of each recording [s]."""
     missing = []
     with rig() as here:
         for number in range(count):
@@ -182,18 +182,18 @@ def kills(count: int = KILLS) -> list[float]:
 
 
 def rows(worked: Work, missing: list[float]) -> list[tuple[str, str, str]]:
-    """Return what was measured: name, value, what was promised."""
+    """Return the measurements: name, value, limit or detail."""
     per_s = worked.messages / (60.0 * worked.minutes + WARM_UP_S)
     per_message_B = 1e6 * worked.file_MB / max(worked.messages, 1)
     return [
         ("recorded", f"{worked.minutes:g} min, {worked.messages} messages", f"{per_s:.0f} per s"),
-        ("lost", f"{worked.lost} ({worked.lost_told} by its own word)", "0"),
-        ("processor while recording", f"{worked.cpu_pct:.2f} % of a core", "< 3 %"),
-        ("processor while it only remembers", f"{worked.idle_cpu_pct:.2f} % of a core", ""),
+        ("lost", f"{worked.lost} ({worked.lost_told} by its own count)", "0"),
+        ("processor time while recording", f"{worked.cpu_pct:.2f} % of a core", "< 3 %"),
+        ("processor time without a recording", f"{worked.idle_cpu_pct:.2f} % of a core", ""),
         ("memory of the process", f"{worked.memory_MB:.0f} MB", ""),
         ("files", f"{worked.files}, {worked.file_MB:.1f} MB", f"{per_message_B:.0f} B a message"),
-        ("load of the machine meanwhile", f"{worked.load:.1f} on {os.cpu_count()} cores", ""),
-        ("arm at work to the end", "yes" if worked.pressed else "no", "yes"),
+        ("load of the machine in this time", f"{worked.load:.1f} on {os.cpu_count()} cores", ""),
+        ("arm pressing until the end", "yes" if worked.pressed else "no", "yes"),
         (
             f"missing after kill -9, {len(missing)} times",
             f"{max(missing):.2f} s at most",
@@ -203,20 +203,22 @@ def rows(worked: Work, missing: list[float]) -> list[tuple[str, str, str]]:
 
 
 def table(minutes: float = 1.0) -> Table:
-    """Measure, and return what came of it."""
+    """Measure, and return the table."""
     return _table(rows(work(minutes), kills()))
 
 
 def _table(measured: list[tuple[str, str, str]]) -> Table:
-    shown = Table("what", "measured", "promised, or more", title="recorder", title_justify="left")
+    shown = Table(
+        "quantity", "measured", "limit, or detail", title="recorder", title_justify="left"
+    )
     for row in measured:
         shown.add_row(*row)
     return shown
 
 
 def write(measured: list[tuple[str, str, str]]) -> None:
-    """Put the numbers into docs/recordings.md."""
-    lines = ["| what | measured | promised, or more |", "|---|---|---|"]
+    """Write the numbers into docs/recordings.md."""
+    lines = ["| quantity | measured | limit, or detail |", "|---|---|---|"]
     lines += [f"| {' | '.join(row)} |" for row in measured]
     before, _, rest = PAGE.read_text(encoding="utf-8").partition(BEGIN)
     _, _, after = rest.partition(END)
@@ -225,7 +227,7 @@ def write(measured: list[tuple[str, str, str]]) -> None:
 
 
 def main() -> int:
-    """Measure, print, and write if asked to; 1 when something that is promised is not kept."""
+    """Measure, print, and write if requested; return 1 if a limit is not met."""
     parser = argparse.ArgumentParser(prog="python -m bench.recorder", description=__doc__)
     parser.add_argument("--minutes", type=float, default=1.0)
     parser.add_argument("--write", action="store_true", help="into docs/recordings.md")

@@ -1,7 +1,7 @@
-"""What a sensor may do wrong to a pressing arm, on the virtual clock: how soon it holds, and why.
+"""Sensor faults while the arm presses, on the virtual clock: time to the hold, and its code.
 
-The sign is wrong from the start: the first touch must show it, in all 48 ways in which three axes
-can be swapped and turned round.
+A wrong wiring is present from the start: the first contact must show it, for all 48 permutations
+and signs of the three axes.
 """
 
 from collections.abc import Callable
@@ -26,7 +26,7 @@ TOUCH_N = 0.5
 
 
 def stuck() -> Disturb:
-    """Return a sensor that says the next reading for ever."""
+    """Return a sensor that repeats the next reading forever."""
     kept: list[FtSample] = []
 
     def disturb(sample: FtSample) -> FtSample:
@@ -37,7 +37,7 @@ def stuck() -> Disturb:
 
 
 def adding(force_N: float, status: FtStatus | None = None) -> Disturb:
-    """Return a sensor that adds a force to one axis, or says that something is wrong with it."""
+    """Return a sensor that adds a force to one axis, or reports a status."""
 
     def disturb(sample: FtSample) -> FtSample:
         bent_N = sample.force_N + np.array([0.0, force_N, 0.0])
@@ -49,9 +49,9 @@ def adding(force_N: float, status: FtStatus | None = None) -> Disturb:
 FAULTS: dict[str, Callable[[], Disturb]] = {
     "not a number": lambda: adding(np.nan),
     "infinite": lambda: adding(np.inf),
-    "says that it is saturated": lambda: adding(0.0, "saturated"),
+    "reports saturation": lambda: adding(0.0, "saturated"),
     "beyond 95 % of its range": lambda: adding(480.0),
-    "says that it has a fault": lambda: adding(0.0, "fault"),
+    "reports a fault": lambda: adding(0.0, "fault"),
     "a step larger than physics allows": lambda: adding(250.0),
     "frozen": stuck,
     "silent": lambda: lambda _: None,
@@ -60,7 +60,7 @@ FAULTS: dict[str, Callable[[], Disturb]] = {
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """How soon it held and what it said; force above before, and way since the first touch."""
+    """Time to the hold and its code; increase of the force, travel since the first contact."""
 
     held_s: float
     code: str
@@ -69,10 +69,10 @@ class Outcome:
 
 
 class Eyes:
-    """Looks at the truth each millisecond until the arbiter holds."""
+    """Observer of the true force and travel each millisecond until the arbiter holds."""
 
     def __init__(self, world: World) -> None:
-        """Look at a cell."""
+        """Observe a cell."""
         self._world, self._arm = world.world, world.world.arm
         self._arbiter = self._world.client.reader(topics.ARBITER_STATUS)
         self._command = self._world.client.reader(topics.ROBOT_COMMAND)
@@ -80,7 +80,7 @@ class Eyes:
         self.peak_N = self.way_m = 0.0
 
     def until_held(self, timeout_s: float) -> float:
-        """Return how long it took to take the permission away [s]; infinite if it did not."""
+        """Return the time until the permission was revoked [s]; infinite if it was not."""
         before_ns = self._world.clock.now_ns()
         self._world.advance(timeout_s, self._held)
         if not self._held():
@@ -90,7 +90,7 @@ class Eyes:
         return took_s
 
     def code(self) -> str:
-        """Return the causes that the arbiter tells."""
+        """Return the causes that the arbiter reports."""
         status = self._arbiter.read(self._world.clock.now_ns()).message
         return ", ".join(dict.fromkeys(trip.code for trip in status.trips)) if status else ""
 
@@ -111,7 +111,7 @@ class Eyes:
 
 
 def fault(name: str) -> Outcome:
-    """Press, let the sensor fail, look."""
+    """Press, let the sensor fail, observe."""
     world = World("sim", gap_m=0.001, stiffness_N_m=STIFF_N_M)
     world.feedback(PRESSED_N, "pc")
     world.live(PRESS_S)
@@ -123,14 +123,14 @@ def fault(name: str) -> Outcome:
 
 
 def wirings() -> list[Array]:
-    """Return the 48 ways to swap three axes and turn them round, the right one first."""
+    """Return the 48 permutations and signs of three axes, the correct one first."""
     axes = np.eye(3)
     signs = list(product((1.0, -1.0), repeat=3))
     return [np.diag(sign) @ axes[list(order)] for order in permutations(range(3)) for sign in signs]
 
 
 def wiring(number: int) -> Outcome:
-    """Tare, let the force axes be wired in one of these ways, and press."""
+    """Tare, apply one of these wirings to the force axes, and press."""
     world = World("sim", gap_m=0.001, stiffness_N_m=STIFF_N_M)
     sensor, wired = world.world.arm.ft_sensor, wirings()[number]
     rest = world.world.arm.sample_ft()
@@ -147,26 +147,26 @@ def wiring(number: int) -> Outcome:
 
 
 def table() -> Table:
-    """Return when each fault was held, under which code, and how much harder the arm pressed."""
+    """Return time to the hold, code and increase of the press force for each fault."""
     ways = wirings()
     with ProcessPoolExecutor() as pool:
         faults = dict(zip(FAULTS, pool.map(fault, FAULTS), strict=True))
         wired = list(pool.map(wiring, range(len(ways)), chunksize=4))
     rows = Table(title=f"Sensor faults at {PRESSED_N:g} N, virtual clock", title_justify="left")
-    for name in ("fault", "held after", "code", "pressed harder by", "way after the touch"):
+    for name in ("fault", "held after", "code", "force increase", "travel after contact"):
         rows.add_column(name)
     for name, seen in faults.items():
         rows.add_row(name, f"{seen.held_s * 1e3:.0f} ms", seen.code, f"{seen.more_N:.1f} N", "-")
     wrong = list(zip(ways, wired, strict=True))[1:]
     axial = [seen for way, seen in wrong if way[2, 2] != 1.0]
     sideways = [seen for way, seen in wrong if way[2, 2] == 1.0]
-    rows.add_row(*wired_row("wirings that do not show the press", axial))
-    rows.add_row(*wired_row("wirings that are wrong sideways only", sideways))
+    rows.add_row(*wired_row("wirings in which the press is not visible", axial))
+    rows.add_row(*wired_row("wirings that are wrong laterally only", sideways))
     return rows
 
 
 def wired_row(name: str, seen: list[Outcome]) -> tuple[str, ...]:
-    """Return the line of wrong wirings: how many are stopped, and the worst of them."""
+    """Return the row of a group of wirings: number stopped, and the worst values."""
     stopped = [each for each in seen if np.isfinite(each.held_s)]
     return (
         f"{len(stopped)} of {len(seen)} {name}",

@@ -1,4 +1,4 @@
-"""A thousand records a second over real UDP, for minutes: is one lost, and is each accounted for?
+"""Soak test of the sensor driver: a thousand records a second over UDP, with loss accounting.
 
 `python -m bench.sensor_soak --minutes 10`: the simulated Net F/T, the hub and the driver run as
 processes; this one reads the topic as every service does, the newest message only.
@@ -38,7 +38,7 @@ COUNTS = ("records", "lost", "late", "published", "received", "superseded", "not
 
 @dataclass(slots=True)
 class Seen:
-    """What was counted at one moment, on both ends."""
+    """Counters of both ends at one time."""
 
     records: int = 0
     lost: int = 0
@@ -54,7 +54,7 @@ class Soak:
     """A reader of the driver's topic and health, on a cell that is up."""
 
     def __init__(self, wrench: Reader[SensorWrench], health: Reader[Health]) -> None:
-        """Begin with what has come."""
+        """Start with the present counters."""
         self._wrench, self._health = wrench, health
         self.seen = Seen()
         self._seq = 0
@@ -122,7 +122,7 @@ def processes_of(cell: Cell) -> list[Process]:
 
 
 def soak(minutes: float) -> Seen:
-    """Run for so long; return what was counted after the warm-up."""
+    """Run for a duration; return the counts after the warm-up."""
     cell = soak_cell()
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "cell.yaml"
@@ -160,16 +160,16 @@ def _since(before: Seen, after: Seen) -> Seen:
 
 
 def table(seen: Seen, minutes: float) -> Table:
-    """Return what came of it."""
+    """Return the table of counts."""
     rows = Table(title=f"{minutes:g} minutes at {RATE_HZ} Hz over UDP", title_justify="left")
-    rows.add_column("what")
+    rows.add_column("quantity")
     rows.add_column("count", justify="right")
     share = seen.superseded / max(seen.published, 1)
-    rows.add_row("records that the driver took from its socket", str(seen.records))
+    rows.add_row("records read by the driver from its socket", str(seen.records))
     rows.add_row("lost between sensor and driver", str(seen.lost))
-    rows.add_row("dropped because they had waited too long", str(seen.late))
+    rows.add_row("dropped because of their age", str(seen.late))
     rows.add_row("published", str(seen.published))
-    rows.add_row("taken by a reader of the newest only", str(seen.received))
+    rows.add_row("received by a reader of the newest message only", str(seen.received))
     rows.add_row("superseded there", f"{seen.superseded} ({share:.3%})")
     told = ", ".join(f"{code}: {count}" for code, count in seen.reasons.items())
     rows.add_row("messages that were not valid", f"{seen.not_valid} {told}".strip())
@@ -177,7 +177,7 @@ def table(seen: Seen, minutes: float) -> Table:
 
 
 def is_good(seen: Seen) -> bool:
-    """Tell whether nothing was lost and little superseded."""
+    """Return whether nothing was lost and few messages were superseded."""
     few = seen.superseded <= MOST_SUPERSEDED * seen.published
     return seen.records > 0 and seen.lost == 0 and seen.late == 0 and few
 
@@ -189,7 +189,7 @@ def _free_port() -> int:
 
 
 def main() -> None:
-    """Soak, print the table, end with 1 when it is not good."""
+    """Run the test, print the table, exit with 1 on failure."""
     parser = argparse.ArgumentParser(prog="python -m bench.sensor_soak", description=__doc__)
     parser.add_argument("--minutes", type=float, default=10.0)
     minutes = parser.parse_args().minutes

@@ -1,4 +1,4 @@
-"""Settling and overshoot of the main job over stiffness, delay and mode, on the virtual clock."""
+"""Settling and overshoot of the force release over stiffness, delay and mode, virtual clock."""
 
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -67,8 +67,8 @@ def rows(found: dict[Case, Result], modes: Sequence[Mode] = MODES) -> list[list[
 
 
 def table() -> Table:
-    """Measure, and return the table for a screen."""
-    shown = Table(title="30 N to the aim: settling time, in tau, overshoot", title_justify="left")
+    """Measure, and return the table for the terminal."""
+    shown = Table(title="release from 30 N: settling time, in tau, overshoot", title_justify="left")
     shown.add_column("mode, stiffness")
     for delay_ms in DELAYS_MS:
         shown.add_column(f"delay {delay_ms} ms", justify="right")

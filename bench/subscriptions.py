@@ -1,11 +1,11 @@
-"""What subscriptions of one client cost the hub: `python -m bench subscriptions`.
+"""Cost of one client's subscriptions at the hub: `python -m bench subscriptions`.
 
-`python -m bench.subscriptions --write` puts the table into docs/network.md.
+`python -m bench.subscriptions --write` writes the table into docs/network.md.
 
-A hub in a process of its own passes on what a cell publishes, 1500 messages a second, to one reader
-as always. Beside it one client subscribes in different ways, wildcards over everything, each with
-its own round of the same length; rounds are repeated in turn. What is compared within one run are
-processor seconds of the hub and the way of a message through it.
+A hub in a separate process forwards the messages of a cell, 1500 a second, to one reader.
+Another client subscribes in different configurations, with wildcards over everything, each for
+one round of the same length; the rounds are repeated in turn. Compared within one run are the
+processor time of the hub and the latency of a message through it.
 """
 
 import argparse
@@ -35,14 +35,14 @@ from tools.figures import put
 DEMO = Path(__file__).parents[1] / "cells" / "demo.yaml"
 PAGE = Path(__file__).parents[1] / "docs" / "network.md"
 COMMAND = "python -m bench.subscriptions --write"
-COLUMNS = ("one client beside the cell", "hub's processor", "way of a message", "declared in")
+COLUMNS = ("additional client", "processor time of the hub", "latency", "declared in")
 ROUNDS = 5
 ROUND_S = 1.5
 RATE_HZ = 1500
 SIZE_B = 300
 # name: sessions of the client, subscriptions in each
 WAYS: dict[str, tuple[int, int]] = {
-    "nobody else": (0, 0),
+    "none": (0, 0),
     "1 session, 1 subscription": (1, 1),
     "1 session, 100 subscriptions": (1, 100),
     "1 session, 1000 subscriptions": (1, 1000),
@@ -53,7 +53,7 @@ WAYS: dict[str, tuple[int, int]] = {
 
 @dataclass(slots=True)
 class Found:
-    """What was measured of one way to subscribe."""
+    """Measurements of one configuration of subscriptions."""
 
     cpu_s: list[float] = field(default_factory=list)  # of the hub, per 1000 messages
     way_ms: list[float] = field(default_factory=list)  # of a message, median of a round
@@ -61,7 +61,7 @@ class Found:
 
 
 def rows(found: dict[str, Found]) -> list[list[str]]:
-    """Return a row for each way to subscribe, beside one subscription of one session."""
+    """Return a row per configuration, relative to one subscription of one session."""
     base = found["1 session, 1 subscription"]
     return [
         [
@@ -83,7 +83,7 @@ def table() -> Table:
 
 
 def markdown(found: dict[str, Found]) -> str:
-    """Return what was measured as it stands on the page."""
+    """Return the measurements as Markdown for the page."""
     rounds = f"{ROUNDS} rounds of {RATE_HZ * ROUND_S:.0f} messages"
     lines = [
         f"{os.cpu_count()} cores, medians of {rounds}; 1.00 is one subscription of one session:",
@@ -98,7 +98,7 @@ def markdown(found: dict[str, Found]) -> str:
 def main() -> None:
     """Print the table, or write it."""
     parser = argparse.ArgumentParser(prog="python -m bench.subscriptions", description=__doc__)
-    parser.add_argument("--write", action="store_true", help=f"put it into docs/{PAGE.name}")
+    parser.add_argument("--write", action="store_true", help=f"write it into docs/{PAGE.name}")
     if parser.parse_args().write:
         put(PAGE, "subscriptions", markdown(measure()), COMMAND)
     else:
@@ -106,7 +106,7 @@ def main() -> None:
 
 
 def measure() -> dict[str, Found]:
-    """Go round all ways several times."""
+    """Measure all configurations several times in turn."""
     with socket.create_server(("127.0.0.1", 0)) as probe:
         endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
     cell = load_cell(DEMO, {"bus.endpoint": endpoint})

@@ -1,10 +1,10 @@
-"""Nine ways of strangers to move an arm over its bus, tried on a cell that is up: none may work.
+"""Nine attacks of unauthorised clients on the bus of a running cell: none may move the arm.
 
 python -m tools.attacks --cell FILE [--folder CERTIFICATES] [--json]
 
-Wants a cell at rest, TLS, and the folder of `forcemesh pki init`, whose authority it needs to make
-the certificate of a name that nobody has. It moves the arm by a few degrees itself, to have
-something to replay. Exit code 1 when anything got through.
+Needs a cell at rest, TLS, and the folder of `forcemesh pki init`, with whose authority it issues
+a certificate for an unknown name. It moves the arm by a few degrees first, to record commands
+for the replay. Exit code 1 if an attack moved the arm.
 """
 
 import argparse
@@ -48,34 +48,34 @@ MOVED_RAD = 1e-3
 STOLEN_LEASE = 1_000_000
 OWN_MOVE_RAD = (0.05, 0.0, 0.0, 0.0, 0.0, 0.0)
 ASK_S = 3.0
-READY_S = 20.0  # a cell that has just come up
+READY_S = 20.0  # of a cell that has just started
 
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What came of an attack."""
+    """Result of an attack."""
 
     attack: str
-    let_in: bool  # whether the hub took the connection at all
-    heard: int  # messages of the attacker that the bus passed on
+    let_in: bool  # whether the hub accepted the connection
+    heard: int  # messages of the attacker that the bus forwarded
     moved_rad: float
-    code: str  # under which the hub, or the cell, says so
+    code: str  # under which the hub, or the cell, reports it
 
     @property
     def stopped(self) -> bool:
-        """Tell whether nothing has moved."""
+        """Return whether nothing has moved."""
         return self.moved_rad < MOVED_RAD
 
 
 class Scene:
-    """A cell at rest, watched by a monitor."""
+    """Cell at rest, observed by a monitor."""
 
     def __init__(self, cell: Cell, monitor: zenoh.Session) -> None:
-        """Watch the arm and everything that is said to it."""
+        """Observe the arm and all commands to it."""
         self.commands: list[bytes] = []
         self.joints: list[tuple[float, ...]] = []
         self.key = f"{cell.cell}/{topics.ROBOT_COMMAND.key}"
-        self.epoch = 2**61 + time.monotonic_ns() % 2**32  # of all that we forge
+        self.epoch = 2**61 + time.monotonic_ns() % 2**32  # of all forged messages
         self.forged = 0
         self._subscribers = [
             monitor.declare_subscriber(self.key, self._hear),
@@ -83,7 +83,7 @@ class Scene:
         ]
 
     def forge(self, number: int) -> bytes:
-        """Return a well-formed command that would turn the first joint by six degrees."""
+        """Return a well-formed command that would rotate the first joint by six degrees."""
         command = RobotCommand(
             kind="goal",
             commander="operator",
@@ -113,17 +113,17 @@ Say = Callable[[zenoh.Session, Scene], None]
 
 
 def forging(session: zenoh.Session, scene: Scene) -> None:
-    """Say a forged command again and again."""
+    """Publish a forged command repeatedly."""
     _again(lambda number: session.put(scene.key, scene.forge(number)))
 
 
 def oversize(session: zenoh.Session, scene: Scene) -> None:
-    """Say something on one's own key that no honest process needs so much room for."""
+    """Publish an oversized message on the client's own key."""
     _again(lambda number: session.put(scene.key, scene.forge(number) + b"\0" * 32_000))
 
 
 def flood(session: zenoh.Session, scene: Scene) -> None:
-    """Say forged commands and questions as fast as it goes."""
+    """Publish forged commands at the highest rate."""
     give_up_s, number = time.monotonic() + SECONDS, 0
     while time.monotonic() < give_up_s:
         number += 1
@@ -133,7 +133,7 @@ def flood(session: zenoh.Session, scene: Scene) -> None:
 
 
 def replay(session: zenoh.Session, scene: Scene) -> None:
-    """Say again what moved the arm before, in order, at ten times its pace."""
+    """Replay the recorded commands in order, at ten times their rate."""
     heard = list(scene.commands)
     for data in heard:
         session.put(scene.key, data)
@@ -141,7 +141,7 @@ def replay(session: zenoh.Session, scene: Scene) -> None:
 
 
 class Attack(NamedTuple):
-    """Whose certificate is shown, what is said, how the hub calls it."""
+    """Presented certificate, messages, and code of the hub."""
 
     name: str
     shown: str
@@ -163,7 +163,7 @@ ATTACKS = (
 
 
 def attack_all(cell: Cell, folder: Path) -> Iterator[Outcome]:
-    """Try every attack on a cell that is up, one after the other."""
+    """Try every attack on a running cell, one after the other."""
     endpoint = endpoint_of(cell)
     with tempfile.TemporaryDirectory() as scratch:
         stranger, foreign = Path(scratch, "stranger"), Path(scratch, "foreign")
@@ -190,7 +190,7 @@ def _attack(attack: Attack, settings: dict[str, object], scene: Scene) -> Outcom
     except zenoh.ZError:
         let_in = False
         time.sleep(EVERY_S)
-    time.sleep(0.3)  # for what may still come
+    time.sleep(0.3)  # for delayed messages
     heard = scene.forged - forged
     del scene.commands[commands:]
     moved = max((math.dist(joints, scene.joints[0]) for joints in scene.joints), default=math.inf)
@@ -207,7 +207,7 @@ def _settings(shown: str, identity: Identity, endpoint: str) -> dict[str, object
 
 
 def _make_strangers(cell: Cell, folder: Path, stranger: Path, foreign: Path) -> None:
-    """Make a certificate of a name that nobody has, and an arbiter's of another authority."""
+    """Issue a certificate for an unknown name, and an arbiter's by another authority."""
     now, hosts = dt.datetime.now(dt.UTC), ["localhost"]
     ours, theirs = read_authority(folder), make_authority("elsewhere", now)
     for authority, name, target in ((ours, "stranger", stranger), (theirs, "arbiter", foreign)):
@@ -217,7 +217,7 @@ def _make_strangers(cell: Cell, folder: Path, stranger: Path, foreign: Path) -> 
 
 
 def _move_a_little(bus: Bus, scene: Scene) -> None:
-    """Let the arm move once, as an operator does, so that there is something to replay."""
+    """Move the arm once, as an operator does, to record commands for the replay."""
     requests: list[tuple[Any, Any]] = [
         (topics.HOLD, HoldRequest(reason="before the attacks")),
         (topics.CLEAR, Empty()),
@@ -236,7 +236,7 @@ def _move_a_little(bus: Bus, scene: Scene) -> None:
     time.sleep(2.0)
     bus.ask(topics.HOLD, HoldRequest(reason="the attacks begin"), ASK_S)
     if not any(_permits(data) for data in scene.commands):
-        sys.exit("no command with a permission was heard: nothing to replay")
+        sys.exit("no command with a permission was received: nothing to replay")
     time.sleep(0.5)
 
 
@@ -258,7 +258,7 @@ def _opened(config: zenoh.Config, tries: int) -> zenoh.Session:
     except zenoh.ZError:
         if tries == 1:
             raise
-        return _opened(config, tries - 1)  # a busy machine misses one now and then
+        return _opened(config, tries - 1)  # may fail on a busy machine
 
 
 @contextmanager
@@ -272,7 +272,7 @@ def _session(settings: dict[str, object]) -> Iterator[zenoh.Session]:
 
 
 def main() -> int:
-    """Try all, print what came of it."""
+    """Try all attacks, print the results."""
     parser = argparse.ArgumentParser(prog="tools.attacks", description=__doc__)
     parser.add_argument("--cell", required=True)
     parser.add_argument("--folder", type=Path)
@@ -285,10 +285,10 @@ def main() -> int:
         if given.json:
             print(json.dumps(asdict(outcome)), flush=True)
             continue
-        way = "let in" if outcome.let_in else "turned away"
+        way = "connected" if outcome.let_in else "refused"
         print(
             f"{'ok  ' if outcome.stopped else 'FAIL'} {outcome.attack}: {way}, "
-            f"{outcome.heard} messages passed on, moved {outcome.moved_rad:.6f} rad",
+            f"{outcome.heard} messages forwarded, moved {outcome.moved_rad:.6f} rad",
             flush=True,
         )
     return 1 if wrong else 0

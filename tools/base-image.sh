@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Write a stand-in for python:3.11-slim-bookworm from this machine's own files, for where no registry
-# can be reached: the Dockerfile then builds as it is, from wheels that lie in the stand-in.
+# Write a substitute for python:3.11-slim-bookworm from this machine's own files, for machines without
+# access to a registry: the unchanged Dockerfile then builds from the wheels in the substitute.
 # usage (root, Debian): tools/base-image.sh WHEELS OUT.tar
 set -euo pipefail
 wheels=$1 out=$2
@@ -8,7 +8,7 @@ python=$(python3.11 -c 'import sys; print(sys.base_prefix)')
 root=$(mktemp -d)
 trap 'rm -rf "$root" "$root.files"' EXIT
 
-# What such an image has: the essential packages, and the libraries of Python.
+# Contents of such an image: the essential packages, and the libraries of Python.
 packages=$(dpkg-query -Wf '${Package} ${Essential}\n' | awk '$2 == "yes" {print $1}')
 libraries="libc6 libssl3 libffi8 zlib1g libbz2-1.0 liblzma5 libsqlite3-0 libreadline8 libtinfo6
   libncursesw6 libuuid1 libexpat1 libcrypt1 libselinux1 libpcre2-8-0 libacl1 libattr1 libgmp10 libcap2

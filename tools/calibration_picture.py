@@ -1,6 +1,6 @@
-"""Make docs/pictures/calibration.png: calibrate the demo's cell on a virtual clock and draw it.
+"""Generator of docs/pictures/calibration.png: the demo's cell calibrated on a virtual clock.
 
-`python -m tools.calibration_picture` takes about half a minute; nothing is started, nothing moves.
+`python -m tools.calibration_picture` takes about half a minute; it starts no process.
 """
 
 from io import BytesIO
@@ -27,7 +27,7 @@ DPI = 100
 
 
 class Silence:
-    """A teller that says nothing."""
+    """Progress reporter without output."""
 
     def note(self, text: str) -> None:
         """Say nothing."""
@@ -37,7 +37,7 @@ class Silence:
 
 
 def calibrated(cell: Cell) -> Findings:
-    """Let the wizard run in a virtual cell and return what it found."""
+    """Run the wizard in a virtual cell and return its findings."""
     world = VirtualCell(cell)
     world.advance(1.5)
     plan = make_plan(cell, ArmKinematics(), world.arm.q, Options())

@@ -1,4 +1,4 @@
-"""Writes docs/cli.md from the command line itself: `python -m tools.cli_page`."""
+"""Generator of docs/cli.md from the command line itself: `python -m tools.cli_page`."""
 
 from collections.abc import Iterator
 from enum import Enum
@@ -11,18 +11,19 @@ from cli.__main__ import app
 from cli.context import EXITS
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "cli.md"
-HEAD = """# The command line
+HEAD = """# Command line
 
-`forcemesh --help` and `forcemesh VERB --help` say the same; `make readme` makes this page.
+This page lists all commands of `forcemesh`, as `forcemesh --help` and `forcemesh VERB --help` do;
+it is made by `make readme`.
 
-- `--cell FILE` chooses the cell; without it the environment's `FORCEMESH_CELL`, else the cell that
-  is up, else `cells/demo.yaml`. `FORCEMESH_ENDPOINT` moves the hub.
-- `--json` prints JSON on standard output and nothing else there. Trouble goes to standard error, in
-  one sentence, with the remedy behind `->`.
-- `NO_COLOR=1` leaves colours out. Progress is shown on a terminal only.
-- `forcemesh --install-completion` lets bash, zsh, fish and PowerShell complete verbs, options and
-  topics.
-- Ctrl-C in a verb that moves the arm asks for a hold first.
+- `--cell FILE` selects the cell; without it `FORCEMESH_CELL` of the environment, otherwise the
+  running cell, otherwise `cells/demo.yaml`. `FORCEMESH_ENDPOINT` sets the address of the hub.
+- `--json` prints only JSON on standard output. Errors go to standard error, in one sentence, with
+  the remedy after `->`.
+- `NO_COLOR=1` disables colours. Progress is shown on a terminal only.
+- `forcemesh --install-completion` enables completion of commands, options and topics in bash, zsh,
+  fish and PowerShell.
+- Ctrl-C during a command that moves the arm requests a hold first.
 - None of this is a safety function.
 
 ## Exit codes
@@ -35,11 +36,11 @@ def page() -> str:
     codes = "".join(f"| {code} | {meaning} |\n" for code, meaning in EXITS.items())
     command = typer.main.get_command(app)
     verbs = "\n".join(_section(name, verb) for name, verb in walk(command))
-    return f"{HEAD}| code | what it means |\n|---:|---|\n{codes}\n{verbs}"
+    return f"{HEAD}| code | meaning |\n|---:|---|\n{codes}\n{verbs}"
 
 
 def walk(command: Any, name: str = "forcemesh") -> Iterator[tuple[str, Any]]:
-    """Yield every verb that can be called, by its whole name."""
+    """Yield every command with its full name."""
     below = getattr(command, "commands", None)
     if below is None:
         yield name, command

@@ -1,4 +1,4 @@
-"""What is checked in containers that are up; `make compose-test` runs it where their ports are.
+"""Checks of running containers; `make compose-test` runs them in the namespace of their ports.
 
 python -m tools.compose_checks PROFILE CELL
 """
@@ -65,7 +65,7 @@ for path in ('/app/x', '/venv/x', '/etc/x', '/cells/x', *sys.argv[1:]):
         raise AssertionError('wrote ' + path)
 secrets = pathlib.Path('/run/secrets')
 keys = sorted(p.name for p in secrets.glob('*.key')) if secrets.exists() else []
-own = [key for key in keys if key != 'panel-page.key']  # the page's, beside the panel's own
+own = [key for key in keys if key != 'panel-page.key']  # of the page, in addition to the panel's
 assert len(own) <= 1 and 'ca.key' not in keys and (own == keys or own == ['panel.key']), keys
 """
 
@@ -79,7 +79,7 @@ for folder in pathlib.Path('/proc').glob('[0-9]*'):
 
 
 def hardened(compose: Compose, _cell: Cell, _operator: Operator) -> str:
-    """Nobody is root, writes more than it must, has a capability, or somebody else's key."""
+    """No process is root, has unneeded write access or capabilities, or another role's key."""
     for name in compose.names():
         others = [] if name.endswith("-cell") else ["/in-use/x"]
         run("docker", "exec", compose.id(name), "python", "-c", INSIDE, *others)
@@ -90,7 +90,7 @@ def hardened(compose: Compose, _cell: Cell, _operator: Operator) -> str:
 
 
 def ports(compose: Compose, _cell: Cell, _operator: Operator) -> str:
-    """Two ports are published, on the loopback address; the wires reach no bus."""
+    """Two ports are published, on the loopback address; the device networks reach no bus."""
     published = {
         f"{name} {place['HostIp']}:{place['HostPort']}"
         for name in compose.names()
@@ -103,12 +103,12 @@ def ports(compose: Compose, _cell: Cell, _operator: Operator) -> str:
         reach = "import socket; socket.create_connection(('hub', 7447), 2)"
         with suppress(PromiseError):
             run("docker", "exec", compose.id("controller-sim"), "python", "-c", reach)
-            raise AssertionError("what hangs on the robot's wire reaches the bus")
+            raise AssertionError("a device in the robot's network reaches the bus")
     return f"{' and '.join(sorted(PUBLISHED))}, nothing else"
 
 
 def cockpit(_compose: Compose, cell: Cell, _operator: Operator) -> str:
-    """The panel shows nothing without its token, and its page with it."""
+    """The panel refuses requests without its token, and serves its page with it."""
 
     def get(path: str, cookie: str = "") -> tuple[int, str, bytes]:
         connection = HTTPConnection("127.0.0.1", cell.panel.port, timeout=10.0)
@@ -125,7 +125,7 @@ def cockpit(_compose: Compose, cell: Cell, _operator: Operator) -> str:
 
 
 def recorded(_compose: Compose, cell: Cell, _operator: Operator) -> str:
-    """A recording is asked for and ended from outside; its messages are on the PC's own disk."""
+    """A recording is started and stopped from outside; its file is on the PC's own disk."""
     with Client(cell, patience_s=10.0) as client:
         began = client.ask(topics.RECORD_START, RecordRequest(label="compose-test"))
         time.sleep(STEADY_S)
@@ -137,14 +137,14 @@ def recorded(_compose: Compose, cell: Cell, _operator: Operator) -> str:
 
 
 def topics_seen(_compose: Compose, _cell: Cell, operator: Operator) -> str:
-    """From outside, with a certificate, every topic is heard."""
+    """From outside, with a certificate, every topic is received."""
     wanted = {topic.key for topic in TOPICS}
     operator.until(lambda: operator.seen() == wanted, 15.0, f"all of {len(wanted)} topics")
-    return f"{len(wanted)} topics heard from outside"
+    return f"{len(wanted)} topics received from outside"
 
 
 def demo(_compose: Compose, cell: Cell, operator: Operator) -> str:
-    """The main job: press with 30 N, let force feedback bring the force to zero."""
+    """The demo: press with 30 N, release to zero by force feedback."""
     trace = operator.again_after_a_stall(partial(_played, cell, operator))
     if trace.settled_at_s is None:
         raise PromiseError("the force did not settle")
@@ -160,7 +160,7 @@ def _played(cell: Cell, operator: Operator) -> Trace:
 
 
 def attacked(compose: Compose, _cell: Cell, _operator: Operator) -> str:
-    """Nine strangers move nothing, and the hub says why it refused them."""
+    """Nine attacks move nothing, and the hub logs the cause of each refusal."""
     done = subprocess.run(
         [sys.executable, "-m", "tools.attacks", "--cell", str(_file_of(compose))],
         capture_output=True, text=True, check=False, cwd=ROOT,
@@ -170,27 +170,27 @@ def attacked(compose: Compose, _cell: Cell, _operator: Operator) -> str:
     log = compose("logs", "--no-color", "hub")
     silent = [attack.name for attack in ATTACKS if f"refused {attack.code}" not in log]
     if silent:
-        raise PromiseError(f"the hub says nothing of {silent}")
+        raise PromiseError(f"the hub logs no refusal of {silent}")
     return f"{len(ATTACKS)} attacks, 0 moved the arm, each with its cause in the hub's log"
 
 
 def full_disk(compose: Compose, _cell: Cell, operator: Operator) -> str:
-    """A full /tmp, where every container may write, disturbs nobody."""
+    """A full /tmp, where every container may write, affects no process."""
     fill = "f = open('/tmp/full', 'wb', 0)\nwhile True: f.write(bytes(1 << 20))"
     for name in compose.names():
         with suppress(PromiseError):
             run("docker", "exec", compose.id(name), "python", "-c", fill)
-            raise AssertionError("there is no end to /tmp")
+            raise AssertionError("no size limit on /tmp")
     time.sleep(STEADY_S)
     if not operator.all_well():
-        raise PromiseError("somebody is not well with a full /tmp")
+        raise PromiseError("a process reports a fault with a full /tmp")
     for name in compose.names():
         run("docker", "exec", compose.id(name), "rm", "/tmp/full")  # noqa: S108 - in the container
-    return "nobody minds"
+    return "no fault"
 
 
 def broken(compose: Compose, how: str, name: str, operator: Operator) -> str:
-    """Break one container while the arm presses: it holds in time, and no repair resumes motion."""
+    """Disable a container while the arm presses: it holds in time, recovery moves nothing."""
     operator.press()
     container = compose.id(name)
     network = f"{PROJECT}_{'robot' if name == 'controller-sim' else 'bus'}"
@@ -201,13 +201,13 @@ def broken(compose: Compose, how: str, name: str, operator: Operator) -> str:
     else:
         run("docker", "network", "disconnect", network, container)
     try:
-        took = "not seen: the bus is gone"
+        took = "not observable: the bus is down"
         if name != "hub":
             held_s = operator.until(lambda: operator.is_held(name), HELD_S, "the hold")
-            took = f"held {1e3 * held_s:.0f} ms after the engine was done, at most"
+            took = f"held at most {1e3 * held_s:.0f} ms after the engine had finished"
         time.sleep(1.0)
     finally:
-        if how == "kill":  # the engine does not restart what a person has killed: a person does
+        if how == "kill":  # the engine does not restart a container that a person has killed
             compose("start", name)
         elif how == "pause":
             run("docker", "unpause", container)
@@ -218,15 +218,15 @@ def broken(compose: Compose, how: str, name: str, operator: Operator) -> str:
     operator.rests(STEADY_S)
     harder_N = operator.force_N() - PRESS_N
     if harder_N > HARDER_N:
-        raise PromiseError(f"pressed harder by {harder_N:.1f} N")
+        raise PromiseError(f"press force increased by {harder_N:.1f} N")
     operator.retreat()
-    return f"{took}; nothing moved after the repair"
+    return f"{took}; nothing moved after the recovery"
 
 
 def crashed(compose: Compose, name: str, operator: Operator) -> str:
-    """A process that dies by itself is started anew by the engine, into IDLE and no further."""
+    """A process that ends by itself is restarted by the engine, and stays in IDLE."""
     operator.press()
-    with suppress(PromiseError):  # who kills there dies with the container
+    with suppress(PromiseError):  # the killing process ends with the container
         run("docker", "exec", compose.id(name), "python", "-c", KILL_THE_SERVICE)
     operator.until(lambda: operator.state() not in MAY_MOVE, HELD_S, "the hold")
     operator.rests(STEADY_S)
@@ -240,7 +240,7 @@ def crashed(compose: Compose, name: str, operator: Operator) -> str:
 
 
 def trials(compose: Compose) -> Iterator[tuple[str, str]]:
-    """Return what is broken in a profile, and how."""
+    """Yield kind and container of each injected fault of a profile."""
     sim = ["hub", "arbiter", "regulator", "wrench", "robot-sim"]
     names = sim if compose.profile == "sim" else ["gateway", "sensor"]
     yield from ((how, name) for name in names for how in ("kill", "pause", "disconnect"))
@@ -253,7 +253,7 @@ def _file_of(compose: Compose) -> Path:
 
 
 def main() -> int:
-    """Check everything of one profile; say what was found; return how much was wrong."""
+    """Run all checks of one profile; print the results; return the number of failures."""
     compose = Compose(sys.argv[1], compose_command())
     cell = load_cell(_file_of(compose))
     where = compose.profile

@@ -1,4 +1,4 @@
-"""What a test of the containers needs: compose as a command, the cell as its operator sees it."""
+"""Fixtures of the container tests: compose as a command, and an operator of the cell."""
 
 import json
 import math
@@ -28,17 +28,17 @@ PROJECT = "forcemesh-test"
 PRESS_N = 10.0
 STILL_RAD = 2e-3
 RETREAT_S = 30.0
-MOST_REPEATS = 3  # of a profile: a machine that stalls more often is no place for a verdict
-STEADY_S = 0.5  # a press has come to rest
+MOST_REPEATS = 3  # per profile: with more stalls the machine is not suitable for the test
+STEADY_S = 0.5  # of constant force: the press has settled
 POLL_S = 0.01
 
 
 class PromiseError(Exception):
-    """A promise that was not kept."""
+    """A requirement that was not met."""
 
 
 def run(*words: str, timeout_s: float = 120.0, **environment: str) -> str:
-    """Run a command; return what it says. Raise PromiseError with its last words if it fails."""
+    """Run a command; return its output. Raise PromiseError with the end of it if it fails."""
     around = {**os.environ, **environment}
     done = subprocess.run(
         words, capture_output=True, text=True, check=False, cwd=ROOT, timeout=timeout_s, env=around
@@ -49,11 +49,11 @@ def run(*words: str, timeout_s: float = 120.0, **environment: str) -> str:
 
 
 def told(where: str, name: str, check: Callable[[], str]) -> int:
-    """Check something and say what was found; return 1 when a promise was not kept, else 0."""
+    """Run a check and print its result; return 1 if a requirement was not met, else 0."""
     began_s, wrong = time.monotonic(), 0
     try:
         said = check()
-    except Exception as error:  # noqa: BLE001 - whatever it is, the others are checked as well
+    except Exception as error:  # noqa: BLE001 - the other checks still run
         said, wrong = f"FAILED: {error}", 1
     print(f"{where:8} {name:26} {time.monotonic() - began_s:5.1f} s  {said}", flush=True)
     return wrong
@@ -72,7 +72,7 @@ class Compose:
         return run(*self.command, "-p", PROJECT, *word, *words)
 
     def names(self) -> list[str]:
-        """Return the services that the profile starts, also those that then stand back."""
+        """Return the services that the profile starts, including those on standby."""
         services = yaml.safe_load((ROOT / "docker-compose.yml").read_text("utf-8"))["services"]
         return sorted(
             name
@@ -85,23 +85,23 @@ class Compose:
         return self("ps", "-q", name).splitlines()[0]
 
     def health(self, name: str) -> str:
-        """Return what its healthcheck says: starting, healthy or unhealthy."""
+        """Return the state of its health check: starting, healthy or unhealthy."""
         return run("docker", "inspect", "-f", "{{.State.Health.Status}}", self.id(name))
 
     def facts(self, name: str) -> Any:
-        """Return all that the engine knows of a container."""
+        """Return the engine's data on a container."""
         return json.loads(run("docker", "inspect", self.id(name)))[0]
 
     def says(self, name: str, text: str, within_s: float = 30.0) -> None:
-        """Wait until a container has said something."""
+        """Wait for a text in the log of a container."""
         give_up_s = time.monotonic() + within_s
         while text not in (log := self("logs", "--no-color", name)):
             if time.monotonic() > give_up_s:
-                raise PromiseError(f"{name} does not say {text!r} but {log}")
+                raise PromiseError(f"{name} does not log {text!r} but {log}")
             time.sleep(0.2)
 
     def wait_healthy(self, within_s: float) -> float:
-        """Wait until every container is healthy; return how long that took [s]."""
+        """Wait until every container is healthy; return the time taken [s]."""
         began_s = time.monotonic()
         waiting = set(self.names())
         while waiting:
@@ -114,10 +114,10 @@ class Compose:
 
 
 class Operator:
-    """Whoever stands in front of the cell: moves, presses, holds, and looks at the arm."""
+    """Operator of the cell: moves, presses, holds, and observes the arm."""
 
     def __init__(self, bus: Bus, cell: Cell, witness: Witness) -> None:
-        """Watch every topic."""
+        """Subscribe to every topic."""
         self._bus, self._witness = bus, witness
         self._deadline_s = min(cell.deadlines.command_s, cell.deadlines.sensor_s)
         self.repeats = 0
@@ -125,7 +125,7 @@ class Operator:
         self._home: tuple[float, ...] | None = None
 
     def seen(self) -> set[str]:
-        """Return the topics of which something has been heard."""
+        """Return the topics with at least one received message."""
         now_ns = self._bus.clock.now_ns()
         return {k for k, r in self.readers.items() if r.read(now_ns).message is not None}
 
@@ -135,7 +135,7 @@ class Operator:
         return "" if reading.fresh is None else str(getattr(reading.fresh, "state", ""))
 
     def _why(self) -> str:
-        """Return what the arbiter says of itself."""
+        """Return the state and causes that the arbiter reports."""
         status = self.readers[topics.ARBITER_STATUS.key].read(self._bus.clock.now_ns()).fresh
         if not isinstance(status, ArbiterStatus):
             return "the arbiter is silent"
@@ -143,17 +143,17 @@ class Operator:
         return f"the arbiter is {status.state}: {'; '.join(causes) or 'nothing tripped'}"
 
     def arm(self) -> RobotState | None:
-        """Return what the robot said last, if it is fresh."""
+        """Return the last robot state, if it is fresh."""
         reading = self.readers[topics.ROBOT_STATE.key].read(self._bus.clock.now_ns())
         return reading.fresh if isinstance(reading.fresh, RobotState) else None
 
     def force_N(self) -> float:
-        """Return the length of the force at the tool [N], 0 while it is not known."""
+        """Return the magnitude of the force at the tool [N], 0 while it is unknown."""
         reading = self.readers[topics.WRENCH.key].read(self._bus.clock.now_ns())
         return math.hypot(*getattr(reading.fresh, "force_N", (0.0,)))
 
     def until(self, what: Callable[[], object], within_s: float, name: str) -> float:
-        """Wait until something is so; return how long that took [s]."""
+        """Wait for a condition; return the time taken [s]."""
         began_s = time.monotonic()
         while not what():
             if time.monotonic() - began_s > within_s:
@@ -162,7 +162,7 @@ class Operator:
         return time.monotonic() - began_s
 
     def at_home(self) -> None:
-        """Remember where the arm is: there it goes back to."""
+        """Store the present pose as the home pose."""
         self.until(self.arm, 30.0, "robot/state")
         self._home = getattr(self.arm(), "joint_rad", None)
 
@@ -171,9 +171,9 @@ class Operator:
         self.again_after_a_stall(self._press)
 
     def again_after_a_stall(self, what: Callable[[], T]) -> T:
-        """Do something that a stall of the machine may end; go home and do it once more then.
+        """Run an action that a stall of the machine may end; then go home and repeat it once.
 
-        Only where the witness was late by more than the cell's shortest deadline in that very time.
+        Only if the witness was late by more than the cell's shortest deadline in that time.
         """
         began_ns = time.monotonic_ns()
         try:
@@ -183,7 +183,7 @@ class Operator:
             if stall_s <= self._deadline_s or self.repeats == MOST_REPEATS:
                 raise
             self.repeats += 1
-            print(f"REPEATED, the machine stood still for {stall_s:.3f} s: {error}", flush=True)
+            print(f"REPEATED, the machine stalled for {stall_s:.3f} s: {error}", flush=True)
         self.retreat()
         return what()
 
@@ -202,7 +202,7 @@ class Operator:
         self.until(is_steady, 40.0, f"pressing with {PRESS_N} N")
 
     def clear(self) -> None:
-        """Come back to IDLE, as a person does, and wait until arming would be accepted."""
+        """Return to IDLE, as a person does, and wait until arming would be accepted."""
 
         def is_idle() -> bool:
             if self.state() not in {"", "IDLE"}:
@@ -217,32 +217,32 @@ class Operator:
         self._do(topics.ARM, ArmRequest(purpose="jog"))
         home = self._home
         self._do(topics.MOVE, MoveRequest(kind="joints", joint_rad=home, speed_m_s=0.05))  # type: ignore[arg-type]
-        self.until(lambda: self._distance(home) < 2 * STILL_RAD, RETREAT_S, "the way back")
+        self.until(lambda: self._distance(home) < 2 * STILL_RAD, RETREAT_S, "the return path")
         time.sleep(0.5)
         self._ask(topics.HOLD, HoldRequest(reason="back again"))
         self.clear()
 
     def rests(self, seconds: float) -> None:
-        """Look at the arm for some time: it must not move, nor be allowed to."""
+        """Observe the arm for a duration: it must not move, nor have permission to."""
         self.until(self.arm, 30.0, "robot/state again")
         before = getattr(self.arm(), "joint_rad", ())
         give_up_s = time.monotonic() + seconds
         while time.monotonic() < give_up_s:
             if self.state() in MAY_MOVE:
-                raise PromiseError(f"it may move again without a person: {self.state()}")
+                raise PromiseError(f"motion is permitted again without a person: {self.state()}")
             if self._distance(before) > STILL_RAD:
-                raise PromiseError("it moves again without a person")
+                raise PromiseError("the arm moves again without a person")
             time.sleep(POLL_S)
 
     def is_held(self, broken: str) -> bool:
-        """Tell whether robot or arbiter say that the arm may not move, one of them being gone."""
+        """Return whether robot or arbiter report a hold, even if one of them is missing."""
         arm, state = self.arm(), self.state()
         if arm is not None and arm.hold_reason:
             return True
         return broken != "arbiter" and state != "" and state not in MAY_MOVE
 
     def all_well(self) -> bool:
-        """Tell whether every role's health is fresh and names no fault."""
+        """Return whether every role's health is fresh and reports no fault."""
         healths = [self._read(topic.key) for topic in HEALTH.values()]
         return all(health is not None and not health.fault for health in healths)
 
@@ -257,7 +257,7 @@ class Operator:
         try:
             return self._bus.ask(request, message, 2.0)
         except ForcemeshError:
-            return None  # who would answer is gone: the state says so
+            return None  # the server is missing: the state shows it
 
     def _do(self, request: Any, message: Any) -> None:
         give_up_s = time.monotonic() + 30.0
@@ -265,13 +265,13 @@ class Operator:
             reply = self._ask(request, message)
             if reply is not None and reply.accepted:
                 return
-            if time.monotonic() > give_up_s:  # whatever is in the way must pass by itself
+            if time.monotonic() > give_up_s:  # a temporary obstacle has passed by then
                 raise PromiseError(f"{request.key}: {reply}")
             time.sleep(0.2)
 
 
 def compose_command() -> tuple[str, ...]:
-    """Return how compose is called here, nothing where it is not there."""
+    """Return the compose command of this machine, empty if there is none."""
     for command in (("docker", "compose"), ("docker-compose",)):
         try:
             done = subprocess.run([*command, "version"], capture_output=True, check=False)
@@ -283,11 +283,11 @@ def compose_command() -> tuple[str, ...]:
 
 
 def in_namespace(namespace: str, *words: str) -> list[str]:
-    """Return a command that runs where the containers' published ports are."""
+    """Return a command that runs in the namespace of the containers' published ports."""
     return ["nsenter", f"--net=/run/netns/{namespace}", *words] if namespace else list(words)
 
 
 def environment_of(file: Path) -> dict[str, str]:
-    """Return this process's environment with what a file of settings adds."""
+    """Return this process's environment extended by a file of settings."""
     lines = file.read_text(encoding="utf-8").splitlines() if file.exists() else []
     return {**os.environ, **dict(line.split("=", 1) for line in lines if "=" in line)}

@@ -1,10 +1,10 @@
-"""Build the image, bring the containers up, break them, attack them, take them down.
+"""Container test: build the image, start the containers, inject faults, attack, take them down.
 
 make compose-test ARGS="--profile sim"
 
-Uses the Docker engine that runs here; where none runs, and we are root, one of its own in a network
-namespace of its own, with a stand-in for the base image made from this machine's files. Exit code
-0 when every promise was kept, 1 when one was not, 77 when no engine can be had: nothing was tried.
+Uses the running Docker engine; without one, and as root, it starts its own in a separate network
+namespace, with a substitute for the base image made from this machine's files. Exit code
+0 if all requirements are met, 1 if one is not, 77 if no engine is available: nothing was tested.
 """
 
 import argparse
@@ -43,19 +43,21 @@ PIP_S, BASE_S, BUILD_S, CHECK_S = 600, 300, 1200, 1500
 
 
 class NoEngineError(Exception):
-    """There is no engine, and none can be started."""
+    """No engine is running, and none can be started."""
 
 
 def main() -> int:
-    """Run what was asked for; return the exit code."""
+    """Run the requested profiles; return the exit code."""
     parser = argparse.ArgumentParser(prog="tools.compose_test", description=__doc__)
     parser.add_argument("--profile", action="append", choices=PROFILES, help="again for more")
-    parser.add_argument("--optional", action="store_true", help="0 where no engine can be had")
+    parser.add_argument(
+        "--optional", action="store_true", help="exit code 0 if no engine is available"
+    )
     given = parser.parse_args()
-    # Whoever is ended on the way takes everything down all the same.
+    # Take everything down also on termination.
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: sys.exit(1))
-    os.environ.pop("CELL", None)  # the profile says it
+    os.environ.pop("CELL", None)  # set by the profile
     with tempfile.TemporaryDirectory(prefix="fm-") as scratch:
         if missing := what_is_missing():
             return not_tested(missing, optional=given.optional)
@@ -70,26 +72,26 @@ def main() -> int:
 
 
 def not_tested(why: str, *, optional: bool) -> int:
-    """Say loudly that nothing was tried; return the exit code that says the same."""
+    """Print prominently that nothing was tested; return the corresponding exit code."""
     line = "!" * 80
     print(f"{line}\nNOT TESTED: containers. No engine can be had here: {why}\n{line}", flush=True)
     return 0 if optional else NO_ENGINE
 
 
 def what_is_missing() -> str:
-    """Return why containers cannot be tested here, empty when they can."""
+    """Return why containers cannot be tested here, empty if they can."""
     if not compose_command():
         return "neither `docker compose` nor `docker-compose` is installed"
     if engine_runs():
         return ""
     if os.geteuid() != 0:
-        return "none runs, and only root can start one"
+        return "none is running, and only root can start one"
     lacking = [tool for tool in OWN_TOOLS if shutil.which(tool) is None]
-    return f"none runs, and to start one {', '.join(lacking)} would be needed" if lacking else ""
+    return f"none is running, and to start one {', '.join(lacking)} is needed" if lacking else ""
 
 
 def engine_runs() -> bool:
-    """Tell whether an engine answers."""
+    """Return whether an engine responds."""
     try:
         run("docker", "info")
     except (PromiseError, OSError):
@@ -99,7 +101,7 @@ def engine_runs() -> bool:
 
 @contextmanager
 def engine(folder: Path) -> Iterator[str]:
-    """Have an engine; yield the namespace in which its ports are published, empty for this one."""
+    """Provide an engine; yield the namespace of its published ports, empty for this one."""
     if engine_runs():
         yield ""
         return
@@ -108,7 +110,7 @@ def engine(folder: Path) -> Iterator[str]:
     try:
         subprocess.run([script, "start", str(folder)], check=True)
     except subprocess.CalledProcessError as error:
-        raise NoEngineError("the one that was started does not answer") from error
+        raise NoEngineError("the one that was started does not respond") from error
     try:
         os.environ.update(environment_of(folder / "env"))
         try:
@@ -116,7 +118,7 @@ def engine(folder: Path) -> Iterator[str]:
             make_base = [str(ROOT / "tools" / "base-image.sh"), str(WHEELS), str(base)]
             subprocess.run(make_base, check=True, timeout=BASE_S)
         except (subprocess.CalledProcessError, subprocess.TimeoutExpired) as error:
-            raise NoEngineError(f"there is no base image: {error}") from error
+            raise NoEngineError(f"no base image: {error}") from error
         settings = f"ENV PIP_NO_INDEX=1 PIP_FIND_LINKS=/opt/wheels PATH={SETTINGS}"
         run("docker", "import", "-c", settings, str(base), BASE)
         base.unlink()
@@ -126,7 +128,7 @@ def engine(folder: Path) -> Iterator[str]:
 
 
 def fetch_wheels() -> None:
-    """Have what the lock names beside the image's base: the engine reaches no package index."""
+    """Download the locked packages for the base image: the engine reaches no package index."""
     command = [sys.executable, "-m", "pip", "download", "-q", "--disable-pip-version-check"]
     exactly = ["--require-hashes", "--only-binary", ":all:", "-r", "requirements-run.lock"]
     WHEELS.mkdir(parents=True, exist_ok=True)
@@ -134,9 +136,9 @@ def fetch_wheels() -> None:
 
 
 def build() -> None:
-    """Build the image; say how long that took and how large it is."""
+    """Build the image; print build time and size."""
     began_s = time.monotonic()
-    # Without buildx the old builder is what every engine has.
+    # Without buildx only the old builder is available on every engine.
     builder = os.environ.get("DOCKER_BUILDKIT", "0")
     words = ["docker", "build", "-q", "-t", IMAGE, *revision(), "."]
     run(*words, timeout_s=BUILD_S, DOCKER_BUILDKIT=builder)
@@ -146,7 +148,7 @@ def build() -> None:
 
 
 def revision() -> list[str]:
-    """Return what the image's labels shall say of this checkout."""
+    """Return the build argument for the revision label of the image."""
     try:
         return ["--build-arg", f"REVISION={run('git', 'describe', '--always', '--dirty')}"]
     except (PromiseError, OSError):
@@ -154,17 +156,17 @@ def revision() -> list[str]:
 
 
 def make_certificates(scratch: Path) -> None:
-    """Make certificates as a user does, and put what compose must know into the environment."""
+    """Make certificates as a user does, and put the settings for compose into the environment."""
     command = [sys.executable, "-m", "cli", "pki", "init", "--cell", "cells/demo.yaml"]
     where = ["--folder", str(scratch / "pki"), "--env", str(scratch / "env")]
     subprocess.run([*command, *where], cwd=ROOT, check=True, stdout=subprocess.DEVNULL)
     os.environ.update(environment_of(scratch / "env"))
-    for name in WRITTEN:  # a person's own recordings stay as they are
+    for name in WRITTEN:  # leaves the user's own recordings untouched
         os.environ[f"FORCEMESH_{name.upper()}"] = str(scratch / name)
 
 
 def check(profile: str, namespace: str) -> int:
-    """Bring a profile up, check it, take it down in any case; return the exit code."""
+    """Start a profile, check it, take it down in any case; return the exit code."""
     compose = Compose(profile, compose_command())
     began_s = time.monotonic()
     try:

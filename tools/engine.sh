@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# A Docker engine of one's own in a network namespace of its own: this machine's network, and an
-# engine that may run already, are left alone; nothing in it reaches out.
+# A separate Docker engine in its own network namespace: this machine's network, and an
+# engine that may be running already, are not affected; it has no external access.
 # usage (root): tools/engine.sh start FOLDER | stop FOLDER        FOLDER/env then says where it is
 set -euo pipefail
 verb=$1 folder=$2

@@ -7,19 +7,19 @@ from forcemesh.faults import FAULTS, Fault
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "faults.md"
 HEAD = """# Faults
 
-Every reason why the arm was stopped or a request refused, from `forcemesh/faults.py`; this page is made by
-`make readme`. A code and a rule number stand in `arbiter/status`, in `robot/state` and in every refusal,
-together with what was found and the number that broke the rule. `forcemesh status` shows them.
+This page lists every reason for which the arm is stopped or a request refused, from `forcemesh/faults.py`; it is made
+by `make readme`. The code and the rule number are published in `arbiter/status`, `robot/state` and every refusal,
+together with the value that was found and the limit that it violated. `forcemesh status` shows them.
 
-| kind | what the arm did | what leads on |
+| kind | reaction of the arm | recovery |
 |---|---|---|
-| FAULT | it was braked and holds its position; latched | mend the cause, `forcemesh clear`, `forcemesh arm` |
-| HOLD | it was braked and holds its position; latched | `forcemesh arm`, when the cause is gone |
-| REFUSAL | nothing: what was asked for was not begun | ask again as the remedy says |
+| FAULT | it was braked and holds its position; latched | remedy the cause, `forcemesh clear`, `forcemesh arm` |
+| HOLD | it was braked and holds its position; latched | `forcemesh arm`, once the cause is gone |
+| REFUSAL | none: the request was not carried out | repeat the request after the remedy |
 
 The controller's own fault numbers (103) are in [controller/README.md](../controller/README.md).
 
-| rule | code | kind | cause | what to do |
+| rule | code | kind | cause | remedy |
 |---:|---|---|---|---|
 """
 

@@ -1,11 +1,11 @@
-"""Every figure of README.md and docs: written by a command, or read by a person.
+"""Check of the figures in README.md and docs: written by a command, or reviewed by a person.
 
-What was measured stands in a block between two marks. The command that writes it stamps it with
-the commit, the day and a check sum of the text, so that a changed figure is found. Figures outside
-of blocks (settings, limits, what a decision rests on) are listed in docs/figures.yaml, page by page
-in their order; `python -m tools.figures --list` writes that list anew, and its diff is reviewed.
+Measured results are in blocks between two marks. The command that writes a block stamps it with
+the commit, the day and a checksum of the text, so that a changed figure is detected. Figures
+outside of blocks (settings, limits, data of decisions) are listed in docs/figures.yaml, per page
+in their order; `python -m tools.figures --list` rewrites that list, and its diff is reviewed.
 
-`python -m tools.figures` tells what does not fit; exit code 1 when something does not.
+`python -m tools.figures` reports mismatches; exit code 1 if there are any.
 """
 
 import argparse
@@ -32,12 +32,12 @@ FIGURE = re.compile(rf"(?<![\w.,])\d[\d ]*(?:\.\d+)?[  ]?(?:{UNITS})(?![\w/])")
 
 
 def check_sum(text: str) -> str:
-    """Return what stands for a text in its mark."""
+    """Return the checksum of a text for its mark."""
     return hashlib.sha256(text.encode("utf-8")).hexdigest()[:12]
 
 
 def block(name: str, text: str, command: str, root: Path = ROOT) -> str:
-    """Return a text with its marks, as measured now from the commit that is checked out."""
+    """Return a text with its marks, measured now at the checked-out commit."""
     words = ["git", "-C", str(root), "rev-parse", "--short=10", "HEAD"]
     commit = subprocess.run(words, capture_output=True, text=True, check=True).stdout.strip()
     text = text.strip("\n")
@@ -46,13 +46,13 @@ def block(name: str, text: str, command: str, root: Path = ROOT) -> str:
 
 
 def whole(name: str, page: str, command: str) -> str:
-    """Return a page that a command writes, all of it but its title in a block."""
+    """Return a generated page, all of it except the title in a block."""
     title, _, rest = page.partition("\n")
     return f"{title}\n\n{block(name, rest, command)}\n"
 
 
 def put(page: Path, name: str, text: str, command: str) -> None:
-    """Write a block into a page, in the place of the one of this name.
+    """Write a block into a page, replacing the one with this name.
 
     Raises:
         ValueError: The page has no such block.
@@ -67,7 +67,7 @@ def put(page: Path, name: str, text: str, command: str) -> None:
 
 
 def pages(root: Path = ROOT) -> list[Path]:
-    """Return README and the pages of docs; decisions are records of their day."""
+    """Return README and the pages of docs, without the decisions, which are historical."""
     return [root / "README.md", *sorted((root / "docs").glob("*.md"))]
 
 
@@ -77,13 +77,13 @@ def figures(text: str) -> list[str]:
 
 
 def listed(root: Path = ROOT) -> dict[str, list[str]]:
-    """Return the figures that a person has read, by page."""
+    """Return the reviewed figures by page."""
     found = {str(page.relative_to(root)): figures(page.read_text("utf-8")) for page in pages(root)}
     return {page: each for page, each in found.items() if each}
 
 
 def mistakes(root: Path = ROOT) -> Iterator[str]:
-    """Say of every figure that nobody wrote by command, or read, where it is."""
+    """Yield the location of every figure that is neither generated nor reviewed."""
     known = yaml.safe_load((root / "docs" / LIST.name).read_text(encoding="utf-8")) or {}
     for page in pages(root):
         text, name = page.read_text(encoding="utf-8"), str(page.relative_to(root))
@@ -91,7 +91,7 @@ def mistakes(root: Path = ROOT) -> Iterator[str]:
             if check_sum(found["text"]) != found["sum"]:
                 yield f"{name}: block {found['name']} was changed by hand: {found['command']}"
         if text.count("<!-- measured ") != len(BLOCK.findall(text)):
-            yield f"{name}: a mark `<!-- measured` that is none"
+            yield f"{name}: malformed mark `<!-- measured`"
         now, read = figures(text), known.get(name, [])
         if now != read:
             yield f"{name}: {_first_difference(now, read)}"
@@ -107,7 +107,7 @@ def _first_difference(now: list[str], read: list[str]) -> str:
 
 
 def main() -> int:
-    """Judge the pages, or write the list anew."""
+    """Check the pages, or rewrite the list."""
     parser = argparse.ArgumentParser(prog="python -m tools.figures", description=__doc__)
     parser.add_argument("--list", action="store_true", help="write docs/figures.yaml: review it")
     if parser.parse_args().list:

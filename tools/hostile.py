@@ -1,11 +1,11 @@
-"""A hostile outsider with Zenoh and MessagePack alone: nothing of forcemesh is imported here.
+"""Hostile external client that uses only Zenoh and MessagePack, without importing forcemesh.
 
-python -m tools.hostile --up [FILE] [--count 10000]   brings up a cell on a free port, or the demo
+python -m tools.hostile --up [FILE] [--count 10000]   starts a cell on a free port, or the demo
 python -m tools.hostile --endpoint tcp/... --cell NAME
 
-Sends so many hostile requests and messages to a running cell, first while the arm is held, then
-while it is armed, and asks for a hold again and again. Exit code 1 when a process ended, when
-something moved that should not, or when a hold did not work.
+Sends `count` hostile requests and messages to a running cell, first while the arm is armed, then
+while it is held, and requests holds repeatedly. Exit code 1 if a process ended, if the arm
+moved without permission, or if a hold did not work.
 """
 
 import argparse
@@ -34,10 +34,10 @@ ROLES = ("hub", "robot", "sensor", "wrench", "regulator", "arbiter")
 PATIENCE_S = 90.0  # of a loaded machine
 MOVED_RAD = 1e-3
 SPEED_M_S = 0.6  # no demo moves so fast; its limit is 0.25 m/s
-HOLD_S = 5.0  # until a hold must be seen, on a loaded machine
+HOLD_S = 5.0  # until a hold must be reported, on a loaded machine
 ROUND = 100  # attacks between two tries of hold
 
-ENDING = {"request/hold"}  # it would end what an attack on an armed arm is about
+ENDING = {"request/hold"}  # would end the armed state under attack
 POSE = {"position_m": (0.0, 0.5, 0.4), "orientation_xyzw": (1.0, 0.0, 0.0, 0.0)}
 ANGLES = (0.0, 0.02, 0.0, 0.0, 0.0, 0.0)
 GAIN = (1e-6, 1e-6, 1e-6)
@@ -80,7 +80,7 @@ def change(value: Any, rng: random.Random) -> Any:
 
 
 def spoiled(fields: dict[str, Any], cell: str, key: str, rng: random.Random) -> bytes:
-    """Return a request or message that is wrong in one way or several."""
+    """Return a request or message with one or several errors."""
     chance = rng.random()
     if chance < 0.1:
         return rng.choice(JUNK)
@@ -99,10 +99,10 @@ def spoiled(fields: dict[str, Any], cell: str, key: str, rng: random.Random) -> 
 
 
 class Outsider:
-    """Hears everything that is published in a cell, and says what it should not."""
+    """Client that receives all topics of a cell, and publishes hostile messages."""
 
     def __init__(self, session: zenoh.Session, cell: str, seed: int) -> None:
-        """Listen."""
+        """Subscribe to all topics."""
         self.session, self.cell = session, cell
         self.rng = random.Random(seed)  # noqa: S311 - attacks that can be repeated
         self.newest: dict[str, dict[str, Any]] = {}
@@ -110,7 +110,7 @@ class Outsider:
         self.fastest_m_s = 0.0
         self.replies: Counter[str] = Counter()
         self._lock = threading.Lock()
-        self._epochs: set[int] = set()  # of the cell's own writers: all others are ours
+        self._epochs: set[int] = set()  # of the cell's own publishers: all others are ours
         self._own = True
         self._subscriber = session.declare_subscriber(f"{cell}/**", self._hear)
 
@@ -133,24 +133,24 @@ class Outsider:
 
     def _see(self, before: dict[str, Any] | None, now: dict[str, Any]) -> None:
         if before is None or now["stamp_ns"] - before["stamp_ns"] < 3_000_000:
-            return  # steps that were delayed on their way are not fast
+            return  # steps that were delayed in transit are not fast
         way_m = math.dist(before["position_m"], now["position_m"])
         speed_m_s = way_m / ((now["stamp_ns"] - before["stamp_ns"]) * 1e-9)
         self.fastest_m_s = max(self.fastest_m_s, speed_m_s)
 
     def ready(self) -> dict[str, int]:
-        """Wait until every process is heard; return their process numbers."""
+        """Wait for the health of every process; return their process ids."""
         give_up_s = time.monotonic() + PATIENCE_S
         wanted = {f"{role}/health" for role in ROLES} | {"robot/state", "arbiter/status"}
         while not wanted <= set(self.newest):
             if time.monotonic() > give_up_s:
-                sys.exit(f"never heard: {', '.join(sorted(wanted - set(self.newest)))}")
+                sys.exit(f"never received: {', '.join(sorted(wanted - set(self.newest)))}")
             time.sleep(0.1)
         self._own = False
         return {role: self.newest[f"{role}/health"]["pid"] for role in ROLES}
 
     def ask(self, key: str, data: bytes, timeout_s: float = 0.5) -> dict[str, Any] | None:
-        """Ask, again while nobody is found (the link may be coming back); return the reply."""
+        """Send a request, again while no server is found (after a reconnect); return the reply."""
         give_up_s = time.monotonic() + timeout_s
         while (left_s := give_up_s - time.monotonic()) > 0.0:
             replies = list(self.session.get(f"{self.cell}/{key}", payload=data, timeout=left_s))
@@ -166,18 +166,18 @@ class Outsider:
         return None
 
     def attack(self, *, forge: bool) -> None:
-        """Send one hostile request or message; forged ones may be such as a writer would send."""
+        """Send one hostile request or message; forged ones may resemble those of a publisher."""
         if self.rng.random() < 0.5:
             self._message(forge=forge)
             return
         key = self.rng.choice(sorted(REQUESTS if forge else REQUESTS.keys() - ENDING))
         data = spoiled(REQUESTS[key], self.cell, key, self.rng)
-        if key == "request/arm":  # a good one would be obeyed, and rightly
+        if key == "request/arm":  # a valid one would correctly be accepted
             data = spoiled({"purpose": "none"}, self.cell, key, self.rng)
         self.ask(key, data, 0.3)
 
     def _message(self, *, forge: bool) -> None:
-        """Publish on a topic of another writer; where nothing is forged, no reader can take it."""
+        """Publish on a topic of another publisher; unless forged, no reader can accept it."""
         key = self.rng.choice(sorted(self.newest))
         fields = {**self.newest[key], "epoch": self.rng.choice((1, 2, 2**62))}
         if not forge:
@@ -188,7 +188,7 @@ class Outsider:
         self.session.put(f"{self.cell}/{key}", data)
 
     def hold_works(self) -> bool:
-        """Ask for a hold as badly as can be; tell whether the arm is held soon after."""
+        """Send a malformed hold request; return whether the arm is held soon after."""
         bad = (b"", b"\xc1", msgpack.packb({"v": 9}), msgpack.packb({"reason": "x" * 5000}))
         reply = None
         give_up_s = time.monotonic() + HOLD_S
@@ -207,7 +207,7 @@ class Outsider:
         return True
 
     def armed(self) -> bool:
-        """Clear, tare and arm, as an operator does; tell whether the arm is armed."""
+        """Clear, tare and arm, as an operator does; return whether the arm is armed."""
         give_up_s = time.monotonic() + 2 * HOLD_S
         while not (armed := self._armed()) and time.monotonic() < give_up_s:
             time.sleep(0.5)
@@ -221,16 +221,16 @@ class Outsider:
         return bool(reply and reply["accepted"])
 
     def joints(self) -> tuple[float, ...]:
-        """Return the joint angles that the robot has published last [rad]."""
+        """Return the last published joint angles of the robot [rad]."""
         return tuple(self.newest["robot/state"]["joint_rad"])
 
 
 def while_armed(outsider: Outsider, count: int) -> tuple[list[bool], int]:
-    """Attack an arm that may move; return what holds did, and how often it was armed."""
+    """Attack an arm that may move; return results of the holds, and the times it was armed."""
     holds, armed = [], 0
     for number in range(count):
         if number % ROUND == 0:
-            time.sleep(1.5)  # until the inputs were good for a second
+            time.sleep(1.5)  # until the inputs have been valid for a second
             armed += outsider.armed()
         outsider.attack(forge=False)
         if number % ROUND == ROUND - 1:
@@ -239,9 +239,9 @@ def while_armed(outsider: Outsider, count: int) -> tuple[list[bool], int]:
 
 
 def while_held(outsider: Outsider, count: int) -> tuple[list[bool], float]:
-    """Attack an arm that must not move; return what holds did, and how far a joint moved."""
+    """Attack an arm that must not move; return results of the holds, and the joint motion."""
     holds, moved_rad = [outsider.hold_works()], 0.0
-    time.sleep(1.0)  # until it rests
+    time.sleep(1.0)  # until it is at rest
     rest = outsider.joints()
     for number in range(count):
         outsider.attack(forge=True)
@@ -252,7 +252,7 @@ def while_held(outsider: Outsider, count: int) -> tuple[list[bool], float]:
 
 
 def assault(outsider: Outsider, count: int) -> dict[str, Any]:
-    """Send so many hostile requests and messages; return what came of it."""
+    """Send `count` hostile requests and messages; return the results."""
     pids = outsider.ready()
     holds, armed = while_armed(outsider, count // 2)
     more, moved_rad = while_held(outsider, count - count // 2)
@@ -277,7 +277,7 @@ def assault(outsider: Outsider, count: int) -> dict[str, Any]:
 
 
 def is_well(found: dict[str, Any]) -> bool:
-    """Tell whether nothing came of it."""
+    """Return whether the attacks had no effect."""
     return bool(
         not found["processes_ended"]
         and not found["unforeseen_errors"]
@@ -289,7 +289,7 @@ def is_well(found: dict[str, Any]) -> bool:
 
 @contextmanager
 def running_cell(cell_file: str) -> Iterator[str]:
-    """Bring a cell up on a free port; yield its endpoint."""
+    """Start a cell on a free port; yield its endpoint."""
     with socket.create_server(("127.0.0.1", 0)) as probe:
         endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
     with tempfile.TemporaryDirectory() as folder:
@@ -338,10 +338,10 @@ def connected(endpoint: str) -> zenoh.Session:
 
 
 def main() -> int:
-    """Assault a cell, print what came of it."""
+    """Attack a cell, print the results."""
     parser = argparse.ArgumentParser(prog="tools.hostile", description=__doc__)
     parser.add_argument("--up", nargs="?", const="cells/demo.yaml", metavar="FILE",
-                        help="bring a cell up for it, the demo if none is named")  # fmt: skip
+                        help="start a cell for the test, by default the demo")  # fmt: skip
     parser.add_argument("--endpoint", default="tcp/127.0.0.1:7447")
     parser.add_argument("--cell", default="demo", help="its name on the bus")
     parser.add_argument("--count", type=int, default=10_000)

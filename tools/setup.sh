@@ -30,8 +30,8 @@ else
   same_python && .venv/bin/python -m pip -V >/dev/null 2>&1 || "$python" -m venv --clear .venv
   pip=(.venv/bin/python -m pip install -q --disable-pip-version-check --no-input)
 fi
-# The lock is whole. Asked to look for more, pip meets "coverage[toml]", which the lock has without
-# its extra, takes a newer release for it, and refuses that one.
+# The lock is complete. With dependency resolution pip finds "coverage[toml]", which the lock has without
+# its extra, selects a newer release for it, and then refuses that release.
 "${pip[@]}" --no-deps --require-hashes --only-binary :all: -r requirements.lock
 "${pip[@]}" --no-deps --no-build-isolation -e .
 

@@ -1,4 +1,4 @@
-"""Print the five largest Python files and functions, and fail above the limits of the house style.
+"""Report of the largest Python files and functions; fails above the limits of the house style.
 
 Files: 450 lines (a file is one subject, never split for a number). Functions: 60 lines from
 `def` to the last one.
@@ -20,7 +20,7 @@ SHOWN = 5
 
 @dataclass(frozen=True, slots=True, order=True)
 class Size:
-    """How many lines something has, and where it stands."""
+    """Number of lines, and location."""
 
     lines: int
     where: str

@@ -1,7 +1,7 @@
-"""`make test-subscribers`: the examples in other languages read the wrench of a hub of ours.
+"""Test of the subscriber examples in other languages: `make test-subscribers`.
 
-Each one is built and run where its tools are; one whose tools are missing is named, and the exit
-code is 77 when that was all of them.
+Each example is built and run if its tools are installed; missing ones are listed, and the exit
+code is 77 if any is missing.
 """
 
 import os
@@ -22,7 +22,7 @@ from forcemesh.messages import WrenchAtTcp
 ROOT = Path(__file__).resolve().parent.parent
 EXAMPLES = ROOT / "examples" / "subscribers"
 BUILD = ROOT / "out" / "subscribers"
-THERE, KEY = "tcp/127.0.0.1:7447", "demo/wrench"  # what the examples say
+THERE, KEY = "tcp/127.0.0.1:7447", "demo/wrench"  # as in the examples
 FORCE_N = (1.5, -2.5, 30.25)
 PATIENCE_S = 60.0
 MISSING = 77
@@ -30,7 +30,7 @@ MISSING = 77
 
 @contextmanager
 def speaking_hub() -> Iterator[str]:
-    """Be the hub of the demo cell on a free port and say one wrench again and again."""
+    """Run the hub of the demo cell on a free port and publish one wrench repeatedly."""
     with socket.create_server(("127.0.0.1", 0)) as probe:
         endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
     cell = load_cell(ROOT / "cells" / "demo.yaml", {"bus.endpoint": endpoint})
@@ -71,12 +71,12 @@ def first_line(command: list[str]) -> str:
 
 
 def numbers(line: str) -> tuple[float, ...]:
-    """Return the numbers in a line, whatever stands around them."""
+    """Return the numbers in a line, without the surrounding text."""
     return tuple(float(word) for word in line.strip(" []()\n").replace(",", " ").split())
 
 
 def rust(endpoint: str) -> list[str] | None:
-    """Build the Rust example for a hub; None where there is no cargo."""
+    """Build the Rust example for a hub; None without cargo."""
     if shutil.which("cargo") is None:
         return None
     folder = BUILD / "rust"
@@ -101,7 +101,7 @@ def python(endpoint: str) -> list[str]:
 
 
 def main() -> int:
-    """Try each one; return the exit code."""
+    """Test each example; return the exit code."""
     with speaking_hub() as endpoint:
         commands = {"python": python(endpoint), "rust": rust(endpoint)}
         missing = [name for name, command in commands.items() if command is None]

@@ -1,12 +1,12 @@
-"""Runs too long for CI: kept with the commit they are of; CI says when one is too old.
+"""Record of test runs that are too long for CI, with their commit; CI reports outdated ones.
 
-`python -m tools.whole_runs keep NAME` runs the command of a row from a clean tree, shows what it
-prints, and writes docs/runs/NAME.json: command, commit, day, duration, exit code, and the end of
-what was printed. A run that failed is kept as well: what is committed is what was seen.
+`python -m tools.whole_runs keep NAME` runs the command of a row from a clean tree, shows its
+output, and writes docs/runs/NAME.json: command, commit, day, duration, exit code, and the end of
+the output. A failed run is recorded as well.
 
-`python -m tools.whole_runs check` tells which runs are missing, failed, or older than the files
-they speak of by more commits than allowed. A row may say until when its failure does not bind: then
-it is told only. Exit code 0: none; 1: some, or the run failed; 2: the tree has changes that no
+`python -m tools.whole_runs check` reports runs that are missing, failed, or older than the files
+under test by more commits than allowed. A row may state until when its failure is tolerated: it is
+then only reported. Exit code 0: none; 1: some, or the run failed; 2: the tree has uncommitted
 commit has.
 """
 
@@ -24,18 +24,18 @@ from tests.mutations import JUDGES, files_of
 from tools.tree import PRODUCTION, ROOT
 
 FOLDER = Path("docs/runs")
-MOST_COMMITS = 40  # that touch what a run is about, before it has to be done again
+MOST_COMMITS = 40  # to the files under test, before a run has to be repeated
 KEPT_LINES = 80
 CELL = (*(room for room in PRODUCTION if room != "cli"), "cells")
 
 
 @dataclass(frozen=True, slots=True)
 class WholeRun:
-    """What is run, and which files it speaks of."""
+    """Command of a run, and the files under test."""
 
     command: str
     about: tuple[str, ...]
-    may_fail_until: str = ""  # what has to come before a failure binds; it is told all the same
+    may_fail_until: str = ""  # condition until which a failure is tolerated; still reported
 
 
 RUNS = {
@@ -52,17 +52,20 @@ RUNS = {
 
 
 def git(*words: str, root: Path = ROOT) -> str:
-    """Return what git says. Raises subprocess.CalledProcessError where it refuses."""
+    """Return the output of git. Raises subprocess.CalledProcessError on failure."""
     command = ["git", *words]
     done = subprocess.run(command, cwd=root, capture_output=True, text=True, check=True)
     return done.stdout.strip()
 
 
 def keep(name: str, root: Path = ROOT, run: WholeRun | None = None) -> int:
-    """Run a row of the table and write down what came of it; return its exit code."""
+    """Run a row of the table and record the result; return its exit code."""
     run = run or RUNS[name]
     if git("status", "--porcelain", "--untracked-files=no", root=root):
-        print("commit first: a run is of a commit, and this tree has changes", file=sys.stderr)
+        print(
+            "the tree has uncommitted changes, and a run is recorded for a commit: commit first",
+            file=sys.stderr,
+        )
         return 2
     commit, began_s = git("rev-parse", "--short=10", "HEAD", root=root), time.monotonic()
     printed: list[str] = []
@@ -87,7 +90,7 @@ def keep(name: str, root: Path = ROOT, run: WholeRun | None = None) -> int:
 
 
 def complaint(name: str, root: Path = ROOT, run: WholeRun | None = None) -> str:
-    """Return what is wrong with the kept run of a row, empty when nothing is."""
+    """Return the defect of the recorded run of a row, empty if there is none."""
     run = run or RUNS[name]
     path = root / FOLDER / f"{name}.json"
     again = f"do it again: python -m tools.whole_runs keep {name}"
@@ -111,9 +114,9 @@ def complaint(name: str, root: Path = ROOT, run: WholeRun | None = None) -> str:
 
 
 def kept_at(name: str, root: Path = ROOT) -> str:
-    """Return the commit that a kept run is of, the first one of all where none is kept.
+    """Return the commit of a recorded run, or the first commit if there is no run.
 
-    Where history was rewritten and does not know it, the one that brought the kept run in.
+    If the history was rewritten and lacks it, the commit that added the record.
     """
     path = root / FOLDER / f"{name}.json"
     if not path.is_file():
@@ -127,7 +130,7 @@ def kept_at(name: str, root: Path = ROOT) -> str:
 
 
 def main() -> int:
-    """Keep one run, or check all of them; return the exit code."""
+    """Record one run, or check all of them; return the exit code."""
     parser = argparse.ArgumentParser(prog="tools.whole_runs", description=__doc__)
     verbs = parser.add_subparsers(dest="verb", required=True)
     verbs.add_parser("keep").add_argument("name", choices=sorted(RUNS))
@@ -141,7 +144,7 @@ def main() -> int:
 
 
 def failures(root: Path = ROOT, runs: Mapping[str, WholeRun] = RUNS) -> Iterator[str]:
-    """Tell of the kept runs that failed and may."""
+    """Yield the recorded runs whose failure is tolerated."""
     for name, run in runs.items():
         path = root / FOLDER / f"{name}.json"
         if run.may_fail_until and path.is_file():

@@ -23,9 +23,9 @@ MOST_OVERSHOOT_PCT = 25.0
 
 
 def fixed_taus(place: tuple[float, int]) -> float:
-    """Return the settling in tau of a PI law that was tuned for one place, at another.
+    """Return the settling in tau of a PI law, tuned for one stiffness and delay, at others.
 
-    Not a number where it does not settle, or gets rid of the force by leaving the plate.
+    Not a number if it does not settle, or lifts off the plate.
     """
     gain = 0.45 / (TUNED_FOR.stiffness_N_m * settle.true_tau_s(TUNED_FOR))
     world = World(*place)
@@ -35,14 +35,16 @@ def fixed_taus(place: tuple[float, int]) -> float:
 
 
 def main() -> None:
-    """Run, print, and write what is asked for."""
+    """Run the benchmark, print, and write the requested outputs."""
     parser = argparse.ArgumentParser(prog="python -m bench.force", description=__doc__)
     extents = parser.add_mutually_exclusive_group()
     extents.add_argument("--quick", action="store_true", help="a few scenes: about a minute")
-    extents.add_argument("--short", action="store_true", help="fewer places: a third of the time")
+    extents.add_argument(
+        "--short", action="store_true", help="fewer combinations: a third of the time"
+    )
     parser.add_argument("--json", action="store_true", help="plain numbers on standard output")
     parser.add_argument("--write", action="store_true", help="docs/force.md and its pictures")
-    parser.add_argument("--rows", type=Path, help="file to keep tables in; those in it are not run")
+    parser.add_argument("--rows", type=Path, help="file of finished tables")
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
     asked = parser.parse_args()
     extent, option = (QUICK, "--quick ") if asked.quick else (Extent(), "")

@@ -1,4 +1,4 @@
-"""Scenes with a hand that holds the tool through a soft grip: led freely, and to a wall."""
+"""Scenes with a hand that guides the tool through a soft grip: freely, and to a wall."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -12,14 +12,14 @@ from common.motion.frames import Array
 from sim.robot.settings import TICK_S
 
 GRIP_N_M, GRIP_NS_M, HAND_M_S = 500.0, 20.0, 0.03
-FIRM_N_M = 1000.0  # the grip of somebody who leans on the wall
+FIRM_N_M = 1000.0  # grip of a hand that presses against the wall
 WALL_M, LEAN_S, BACK_S, END_S = 0.005, 0.4, 1.2, 2.2
 
-Way = Callable[[float], tuple[Array, Array]]  # of the hand, since it took hold [m], [m/s]
+Way = Callable[[float], tuple[Array, Array]]  # of the hand since the grip [m], [m/s]
 
 
 def guide(world: World, make: Make) -> Measures:
-    """A hand pulls the free tool along at 30 mm/s."""
+    """A hand pulls the free tool at 30 mm/s."""
     along = np.array([0.0, HAND_M_S, 0.0])
     rig = Rig(replace(world, gap_m=0.05).cell())
     pilot = make(rig)
@@ -30,7 +30,7 @@ def guide(world: World, make: Make) -> Measures:
 
 
 def guide_to_a_wall(world: World, make: Make) -> Measures:
-    """A hand leads the tool down against the plate, leans on it, and leads it up again."""
+    """A hand guides the tool down against the plate, presses, and guides it up again."""
     down = np.array([0.0, 0.0, -HAND_M_S])
     rig = Rig(replace(world, gap_m=WALL_M).cell())
     pilot = make(rig)
@@ -54,7 +54,7 @@ def guide_to_a_wall(world: World, make: Make) -> Measures:
 
 
 def held(rig: Rig, way: Way, grip_N_m: float) -> Callable[[Rig], None]:
-    """Return what a hand does to the tool at every tick."""
+    """Return the function that applies the force of the hand at every tick."""
     tool, start = rig.arm.model.body("tool").id, rig.arm.ticks
     home: Array = np.array(rig.arm.T_base_tcp.translation)
     last = [home.copy()]

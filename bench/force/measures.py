@@ -1,7 +1,7 @@
-"""What a trace of force is measured by. Pure.
+"""Measures of a force trace. Pure.
 
-Averages over 8 ms, for the sensor's noise, and not the first 15 ms, in which the tool's own inertia
-shows up as force.
+Means over 8 ms, because of the sensor's noise, without the first 15 ms, in which the tool's inertia
+appears as force.
 """
 
 import numpy as np
@@ -22,7 +22,7 @@ def means(t_s: Array, values: Array) -> Array:
 
 
 def settling_s(t_s: Array, error: Array, band: float) -> float | None:
-    """Return from when on the error stays within a band; None when it does not at the end."""
+    """Return the time from which the error stays within a band; None if it does not."""
     outside = np.flatnonzero(np.abs(means(t_s, error)) > band)
     if len(outside) == 0:
         return 0.0
@@ -30,7 +30,7 @@ def settling_s(t_s: Array, error: Array, band: float) -> float | None:
 
 
 def energy_mJ(trace: Trace) -> float:
-    """Return the energy that goes to and fro between tool and surroundings: each way counts."""
+    """Return the energy exchanged between tool and environment, both directions added."""
     force_N = np.array(trace.force_N)
     place_m = np.array([T.translation for T in trace.T_base_tcp])
     work_J = np.einsum("ij,ij->i", 0.5 * (force_N[1:] + force_N[:-1]), np.diff(place_m, axis=0))

@@ -1,8 +1,8 @@
-"""Force feedback inside the emulated controller, whose gains the PC adapts by command 6.
+"""Force feedback in the emulated controller, whose gains the PC adapts by command 6.
 
 The cell of `cells/demo-tcp.yaml` in lock step on the virtual clock: gateway, TCP, the shipped AS
-program. It is told that the stiffest contact is 1e5 N/m; the plate may be softer. The step time of
-the emulated controller makes its loop slower or faster; how fast is read from its own counter.
+program. The configured stiffest contact is 1e5 N/m; the plate may be softer. The step time of
+the emulated controller sets its loop rate, which is read from its own counter.
 """
 
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from cli.demo.scenario import Plan, ScenarioError
 from common.config.cell import Cell
 from tuning.gain_rule import tune
 
-STEPS_S = (0.0001, 0.0002, 0.0004)  # about 60, 30 and 15 turns of the loop a second
+STEPS_S = (0.0001, 0.0002, 0.0004)  # about 60, 30 and 15 iterations of the loop per second
 STIFFNESSES_N_M = (5e3, 2e4, 1e5)
 STIFFEST_N_M = 1e5
 STAYS_S = 2.0
@@ -30,7 +30,7 @@ class Case:
     stiffness_N_m: float
 
     def cell(self) -> Cell:
-        """Return a cell that knows the stiffest contact, and not this one."""
+        """Return a cell configured for the stiffest contact, not for this one."""
         trial = Trial(stiffness_N_m=STIFFEST_N_M, as_step_s=self.as_step_s, law="adaptive")
         cell = demo_cell(CELL, trial)
         if cell.sim is None:
@@ -43,7 +43,7 @@ CASES = tuple(Case(step_s, k) for step_s, k in product(STEPS_S, STIFFNESSES_N_M)
 
 
 def row(case: Case) -> dict[str, Any]:
-    """Return how the controller brings 30 N to zero at first contact."""
+    """Return the measures of a release from 30 N at first contact."""
     cell = case.cell()
     plan = Plan(mode="position", host="controller", setpoint_N=0.0, settled_for_s=STAYS_S)
     found: dict[str, Any] = {"as_step_s": case.as_step_s, "stiffness_N_m": case.stiffness_N_m}

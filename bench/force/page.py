@@ -1,4 +1,4 @@
-"""The rows of the benchmark as Markdown: docs/force.md is made of it."""
+"""The rows of the benchmark as Markdown, for docs/force.md."""
 
 from collections.abc import Iterable, Sequence
 from itertools import groupby
@@ -6,42 +6,43 @@ from itertools import groupby
 from bench.force.promises import Rows, beside, promises
 from bench.force.run import Row
 
-HEAD = """# How good the force is
+HEAD = """# Force control benchmark
 
-Measured on the simulated RS007L (MuJoCo, 1 ms) with the real wrench filter, motion limits and
+This page states the requirements on the force control laws and the results of their benchmark. It
+is measured on the simulated RS007L (MuJoCo, 1 ms) with the real wrench filter, motion limits and
 regulator in one loop on a virtual clock; sensor noise 0.1 N at 1 kHz, median of five, low-pass
-5 ms, control at 250 Hz unless said otherwise, 150 mm/s and 10 m/s2 at most. One set of settings for
-all: the stiffest contact is said to be 2e5 N/m, and the adaptive law starts from that. tau is the
-true sum of delay, servo lag, filters, half a period and the processes. Settled is within 1 N, in
-means of 8 ms, after the first 15 ms; overshoot is true lift-off times stiffness, of the 30 N.
-Surfaces move under a tool that stands, as they would under one that slides. Made by `{command}`.
+5 ms, control at 250 Hz unless stated otherwise, 150 mm/s and 10 m/s2 at most. One set of settings
+for all: the stiffest contact is configured as 2e5 N/m, from which the adaptive law starts. tau is
+the true sum of delay, servo lag, filters, half a period and the processes. Settled means within
+1 N, in means of 8 ms, after the first 15 ms; overshoot is true lift-off times stiffness, in percent
+of the 30 N. Surfaces move under a tool at rest, equivalent to a sliding tool. Made by `{command}`.
 
 ![Release from 30 N](pictures/force-releases.png)
 
-## Promised and found
+## Requirements and results
 
-A lead over a peer is turned round, so that smaller is better everywhere.
+The speed ratio to a peer law is given as its reciprocal, so smaller is better in every row.
 """
 
-MET = """First contact (the law starts from 2e5 N/m) / once the stiffness was met, and what was
-believed then of the stiffness as the commands meet it: the servos give way too, about 8e5 N/m.
+MET = """First contact (the law starts from 2e5 N/m) / with the stiffness identified, and the
+estimate of the effective stiffness then: it includes the servos in series, about 8e5 N/m.
 """
-CONTROLLER = """Above, host pc: the robot takes a pose at every turn of the loop. Below, host
-controller, first contact: the emulated controller executes the shipped program, whose loop turns
-as often as its own counter says; the PC sends it wrenches over TCP, and gains as the stiffness
-becomes known. It starts from the gain for 1e5 N/m, and has no prediction.
+CONTROLLER = """Above, host pc: the robot accepts one pose per iteration of the loop. Below, host
+controller, first contact: the emulated controller executes the shipped program, whose loop rate
+is that of its own counter; the PC sends wrenches over TCP, and gains as the stiffness estimate
+improves. It starts from the gain for 1e5 N/m, and has no prediction.
 """
 LIMITED = """At 10 ms of delay, with a lower speed limit. At 1e3 N/m the speed limit bounds the
-first part of the way and the inertia cap the rest, so the times of both add up.
+first part of the travel and the inertia limit the rest, so the times of both add up.
 """
-BRAKES = """The same releases with less acceleration allowed: settling in tau, first contact / once
-the stiffness was met, and overshoot. Braking takes its time; it does not overshoot.
+BRAKES = """The same releases with a lower acceleration limit: settling in tau, first contact /
+with the stiffness identified, and overshoot. Braking takes longer, without more overshoot.
 """
 PEERS = """Every law is tuned by the same search (bench/force/search.py): 10 gains times 3 second
-numbers, each on every scene; more than 5 % overshoot does not count as settled. One setting: the
-one that settles in most scenes, and is fastest in them. Tuned here: the best for this scene alone,
-by somebody who knows stiffness and delay. Admittance and FDCC-like are our own minimal versions
-after the documentation of the packages.
+parameters, each on every scene; more than 5 % overshoot does not count as settled. One setting:
+the one that settles in most scenes, and is fastest in them. Tuned here: the best for this scene
+alone, with known stiffness and delay. Admittance and FDCC-like are our own minimal
+implementations after the documentation of the packages.
 """
 
 
@@ -59,10 +60,10 @@ def page(rows: Rows, command: str) -> str:
         _controller(rows["controller host"]),
         LIMITED,
         _limited(rows["limited speed"]),
-        "## Arms that brake slowly\n",
+        "## Arms with low braking acceleration\n",
         BRAKES,
         _brakes(rows["slow brakes"]),
-        "## Beside other laws\n",
+        "## Comparison with other control laws\n",
         PEERS,
         *_peers(beside(rows)),
         _fixed(rows["fixed gain"][0]),
@@ -78,7 +79,7 @@ def _promises(rows: Rows) -> str:
         (p.text, f"{p.limit:.3g}", f"{p.found:.3g}", p.where, "yes" if p.kept else "**no**")
         for p in promises(rows)
     ]
-    return _table(("what", "promised", "worst found", "where", "kept"), body)
+    return _table(("quantity", "limit", "worst result", "where", "met"), body)
 
 
 def _releases(rows: list[Row]) -> Iterable[str]:
@@ -104,7 +105,7 @@ def _slow(rows: list[Row]) -> str:
         )
         for r in rows
     ]
-    return _table(("loop", "stiffness", "first", "met", "overshoot"), body)
+    return _table(("loop", "stiffness", "first", "identified", "overshoot"), body)
 
 
 def _controller(rows: list[Row]) -> str:
@@ -134,7 +135,7 @@ def _limited(rows: list[Row]) -> str:
         )
         for r in rows
     ]
-    return _table(("speed limit", "stiffness", "first", "met", "overshoot"), body)
+    return _table(("speed limit", "stiffness", "first", "identified", "overshoot"), body)
 
 
 def _brakes(rows: list[Row]) -> str:
@@ -165,14 +166,14 @@ def _peers(rows: list[Row]) -> Iterable[str]:
         ]
         one = these[0]["one_setting"]
         chosen = f"{one['gain_m_per_Ns']:.2g} m/(N s), {one['time_s'] * 1e3:g} ms"
-        head = (f"{law} ({chosen})", "one setting", "tuned here", "ours, first", "ours, met")
-        yield _table((*head, "lead, one setting", "lead, tuned here"), body)
+        head = (f"{law} ({chosen})", "one setting", "tuned here", "ours, first", "ours, identified")
+        yield _table((*head, "ratio, one setting", "ratio, tuned here"), body)
 
 
 def _fixed(row: Row) -> str:
     return (
         f"A PI with the gain rule for 1e5 N/m takes {_s(row['fixed_s'])} on 5e3 N/m at 10 ms, "
-        f"ours {_s(row['met_s'])} once it was met.\n"
+        f"ours {_s(row['met_s'])} with the stiffness identified.\n"
     )
 
 

@@ -1,4 +1,4 @@
-"""Two laws after the documentation of their ROS packages: our own minimal versions, no copies.
+"""Two peer control laws, minimal implementations after the documentation of their ROS packages.
 
 `admittance`: M a + D v = F - F_set, as ros2_controllers' admittance_controller with stiffness zero.
 `fdcc`: the force part of FZI's forward dynamics compliance control: a PD law on the net wrench
@@ -18,7 +18,7 @@ KEPT_SPEED = 0.9  # of the virtual model at each step
 
 @dataclass(slots=True)
 class _Body:
-    """The commanded tool as a virtual body: place and speed, orientation kept."""
+    """The commanded tool as a virtual body: position and velocity, constant orientation."""
 
     T_base_tcp: pin.SE3
     speed_m_s: Array
@@ -59,7 +59,7 @@ class Fdcc:
     def __init__(
         self, T_base_tcp: pin.SE3, gain_m_per_Ns: float, time_s: float, *, longest_m_s: float
     ) -> None:
-        """Start at rest; gain is the steady speed for a force, time the share of the D part."""
+        """Start at rest; gain is the steady speed per force, time the weight of the D part."""
         self._body = _Body(T_base_tcp, np.zeros(3))
         self._gain, self._time_s, self._longest_m_s = gain_m_per_Ns, time_s, longest_m_s
         self._last_N: Array | None = None

@@ -1,4 +1,4 @@
-"""Pictures of the benchmark: what a release looks like, how a surface is followed, the map."""
+"""Figures of the benchmark: releases, surface following, map of settling times."""
 
 from pathlib import Path
 
@@ -36,7 +36,7 @@ def releases(path: Path) -> None:
 
 
 def map_of(rows: list[Row], fixed: dict[tuple[float, int], float], path: Path) -> None:
-    """Draw settling in tau over stiffness and delay: ours, and the PI law tuned for one place."""
+    """Draw settling in tau over stiffness and delay: ours, and a PI law tuned for one case."""
     right = [row for row in rows if row["delay_error_ms"] == 0.0]
     ks = sorted({row["stiffness_N_m"] for row in right})
     ds = sorted({row["delay_ms"] for row in right})
@@ -50,7 +50,7 @@ def map_of(rows: list[Row], fixed: dict[tuple[float, int], float], path: Path) -
         grid = np.array([[values.get((k, d), np.nan) for k in ks] for d in ds])
         pane.imshow(np.log10(grid), vmin=0.4, vmax=2.0, cmap="RdYlGn_r", aspect="auto")
         for i, j in np.ndindex(grid.shape):
-            text = f"{grid[i, j]:.1f}" if np.isfinite(grid[i, j]) else "leaves\nor swings"
+            text = f"{grid[i, j]:.1f}" if np.isfinite(grid[i, j]) else "lifts off or\noscillates"
             pane.text(j, i, text, ha="center", va="center", fontsize=8)
         pane.set(title=f"{title}: settling in tau", xlabel="stiffness [N/m]")
         pane.set_ylabel("delay [ms]")
@@ -63,7 +63,7 @@ def map_of(rows: list[Row], fixed: dict[tuple[float, int], float], path: Path) -
 def following(path: Path) -> None:
     """Draw the force on a wavy surface under two laws."""
     figure, pane = plt.subplots(figsize=(9, 3.4), layout="constrained")
-    for name in ("adaptive", "plain, told k"):
+    for name in ("adaptive", "plain, known k"):
         trace = scenes.followed(World(2e4, 30), LAWS[name], "sine")
         pane.plot(trace.t_s, trace.push_N, label=name)
     pane.axhline(stage.HOLD_N, color="black", linewidth=0.8)

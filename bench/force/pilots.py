@@ -1,4 +1,4 @@
-"""The regulator's laws on the rig."""
+"""The control laws of the regulator, adapted to the test rig."""
 
 from dataclasses import replace
 
@@ -30,7 +30,7 @@ class Ours:
         mode: Mode = "position",
         setpoint_N: float = 0.0,
     ) -> None:
-        """Start at rest; the arm is where it is told to be unless `T_measured` says otherwise."""
+        """Start at rest; the measured pose is the commanded one unless `T_measured` is given."""
         self.settings, self.plain = AdaptiveSettings.of(cell), law_settings(cell)
         self.gains = pi_gains(tune(cell).gains)
         self.mode, self.setpoint_N, self.across_m_s = mode, setpoint_N, np.zeros(3)
@@ -89,7 +89,7 @@ class Guided:
     """Hand guiding as the regulator runs it."""
 
     def __init__(self, cell: Cell, T_base_tcp: pin.SE3, T_measured: pin.SE3) -> None:
-        """Start at rest, with nobody's hand on it."""
+        """Start at rest, without a hand on the tool."""
         self.settings, self.plain = GuideSettings.of(cell), law_settings(cell)
         self.gains = pi_gains(tune(cell).gains)
         self.mode: Mode = "position"
@@ -112,7 +112,7 @@ class Guided:
 
 
 def _sample(heard: Heard, pilot: "Ours | Plain", law: LawState) -> LawInput:
-    """Return what a law is told; where the tool is led across, the force does not move it there."""
+    """Return the input of a law; axes of an imposed lateral motion are not force-controlled."""
     led = bool(pilot.across_m_s.any())
     return LawInput(
         heard.force_N,
@@ -126,7 +126,7 @@ def _sample(heard: Heard, pilot: "Ours | Plain", law: LawState) -> LawInput:
 
 
 def _moved(law: LawState, way_m: Array) -> LawState:
-    """Lead the tool across its axis, which is not the force's business."""
+    """Move the tool perpendicular to its axis, independent of the force."""
     T, axis = law.T_base_tcp, law.T_base_tcp.rotation[:, 2]
     across_m = way_m - (way_m @ axis) * axis
     return replace(law, T_base_tcp=pin.SE3(T.rotation, T.translation + across_m))

@@ -1,4 +1,4 @@
-"""What is promised of the adaptive law, judged by the rows of the benchmark. Pure."""
+"""Requirements on the adaptive law, checked against the rows of the benchmark. Pure."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ Rows = dict[str, list[Row]]
 
 @dataclass(frozen=True, slots=True)
 class Promise:
-    """One line: what, the limit, and the worst that was found. Kept when found <= limit."""
+    """One requirement: quantity, limit, and the worst result. Met when found <= limit."""
 
     text: str
     limit: float
@@ -22,12 +22,12 @@ class Promise:
 
     @property
     def kept(self) -> bool:
-        """Whether it holds."""
+        """Whether it is met."""
         return self.found <= self.limit
 
 
 def promises(rows: Rows) -> list[Promise]:
-    """Return every promise that these rows can judge."""
+    """Return every requirement that these rows cover."""
     made: list[Promise | None] = [
         *_releases(rows["release"]),
         *_slow(rows["slow loops"]),
@@ -75,19 +75,19 @@ def _releases(rows: list[Row]) -> Iterable[Promise | None]:
     others = [row for row in right if row not in undelayed]
     late = [r for r in stiff if r["delay_error_ms"] == 5.0 and r not in undelayed]
     yield _worst("first contact, tau", 9.0, safe, _taus("first"))
-    yield _worst("stiffness met, tau", 5.0, others, _taus("met"))
+    yield _worst("stiffness identified, tau", 5.0, others, _taus("met"))
     yield _worst("the same, delay assumed 5 ms long", 5.0, late, _taus("met"))
     yield _worst("both, k <= 1e4 without delay", 6.0, undelayed, _taus("met"))
-    yield _worst("overshoot, % (delay right or 5 ms long)", 5.0, safe, _overshoot)
+    yield _worst("overshoot, % (delay exact or 5 ms long)", 5.0, safe, _overshoot)
     far = [row for row in right if row["stiffness_N_m"] >= 1e4 and row["delay_ms"] >= 10]
-    yield _worst("stretch, k >= 1e4, delay >= 10 ms, first, tau", 7.0, far, _taus("first"))
-    yield _worst("the same, met, tau", 4.0, far, _taus("met"))
+    yield _worst("stricter, k >= 1e4, delay >= 10 ms, first, tau", 7.0, far, _taus("first"))
+    yield _worst("the same, identified, tau", 4.0, far, _taus("met"))
     wrong = [row for row in stiff if row["delay_error_ms"] == 10.0]
     yield _worst("delay assumed 10 ms long, tau", 11.0, wrong, _taus("first"))
     yield _worst("the same, overshoot, %", 10.0, wrong, _overshoot)
     short = [row for row in stiff if row["delay_error_ms"] == -5.0]
     yield _worst("delay assumed 5 ms short, overshoot, % (bounded)", 100.0, short, _overshoot)
-    text = "1e3 and 2e3 N/m, first, of 3.5/(k Ki_cap) + tau"
+    text = "1e3 and 2e3 N/m, first, relative to 3.5/(k Ki_cap) + tau"
     yield _worst(text, 1.0, soft, lambda row: _or_never(row["first_s"]) / _capped_s(row))
 
 
@@ -102,17 +102,17 @@ def _limited(rows: list[Row]) -> Iterable[Promise | None]:
         return _or_never(row["first_s"]) / max(limited_s, _capped_s(row))
 
     soft = [row for row in rows if row["stiffness_N_m"] < 5e3]
-    text = "20 and 50 mm/s, first, of (F0 - 1)/(k vmax) + 5 tau"
+    text = "20 and 50 mm/s, first, relative to (F0 - 1)/(k vmax) + 5 tau"
     yield _worst(text, 1.0, [row for row in rows if row not in soft], part)
-    yield _worst("the same at 1e3 N/m, or of the line above where longer", 1.0, soft, part)
+    yield _worst("the same at 1e3 N/m, or relative to the line above if longer", 1.0, soft, part)
 
 
 def _brakes(rows: list[Row]) -> Iterable[Promise | None]:
-    yield _worst("arms that brake slowly, overshoot, %", 5.0, rows, _overshoot)
+    yield _worst("arms with low braking acceleration, overshoot, %", 5.0, rows, _overshoot)
 
 
 def beside(rows: Rows) -> list[Row]:
-    """Return the peers' rows with what ours took in the same scene."""
+    """Return the peers' rows with our results in the same scene."""
     ours = {
         (row["stiffness_N_m"], row["delay_ms"]): row
         for row in rows["release"]
@@ -128,7 +128,9 @@ def _slow(rows: list[Row]) -> Iterable[Promise | None]:
         yield _worst(
             f"loop of {hz:g} Hz, first, s", first, these, lambda r: _or_never(r["first_s"])
         )
-        yield _worst(f"loop of {hz:g} Hz, met, s", met, these, lambda r: _or_never(r["met_s"]))
+        yield _worst(
+            f"loop of {hz:g} Hz, identified, s", met, these, lambda r: _or_never(r["met_s"])
+        )
     yield _worst("slow loops, overshoot, %", 5.0, rows, _overshoot)
 
 
@@ -145,10 +147,10 @@ def _scenes(rows: list[Row]) -> Iterable[Promise | None]:
     yield _worst("sine up to 2e4, N", 0.2, of("sine", 5e3, 2e4), value("mean_error_N"))
     yield _worst("sine at 1e5, N", 0.5, of("sine", 1e5), value("mean_error_N"))
     onset = [*of("slope"), *of("sine")]
-    yield _worst("onset, of k v tau", 1.2, onset, value("onset_of_k_v_tau"))
+    yield _worst("onset, relative to k v tau", 1.2, onset, value("onset_of_k_v_tau"))
     step = of("set point step", 0.0)
     yield _worst("set point from 10 to 20 N, overshoot, %", 5.0, step, value("overshoot_pct"))
-    yield _worst("still surface, N", 0.1, of("press", 0.0), value("steady_error_N"))
+    yield _worst("stationary surface, N", 0.1, of("press", 0.0), value("steady_error_N"))
     yield _worst("alignment from 10 degrees, degrees", 0.1, of("align"), value("misalignment_deg"))
     lost = [row for row in ours if "contact_lost" in row]
     yield _worst("contacts lost", 0.0, lost, value("contact_lost"))
@@ -157,26 +159,38 @@ def _scenes(rows: list[Row]) -> Iterable[Promise | None]:
         yield _worst(f"wall vanishes at {speed * 1e3:g} mm/s, mm", limit, walls, value("travel_mm"))
     yield _worst("spikes, ripple, N rms", 0.1, of("spikes", 0.0), value("ripple_N"))
     yield _worst(
-        "ten times stiffer, peak of its bound", 1.0, of("ten times stiffer", 0.0),
+        "ten times stiffer, peak relative to its bound", 1.0, of("ten times stiffer", 0.0),
         lambda row: float(row["peak_N"] / row["peak_bound_N"]),
     )  # fmt: skip
 
 
 def _peers(rows: list[Row]) -> Iterable[Promise]:
-    """Ratios are turned round: kept when ours is faster by so much."""
+    """Yield reciprocal speed ratios: met when ours is faster by the required factor."""
     one = [_or_never(row["one_s"]) / _or_never(row["first_s"]) for row in rows]
     here = [_or_never(row["tuned_here_s"]) / _or_never(row["met_s"]) for row in rows]
     scenes = [f"{row['law']}, {row['stiffness_N_m']:g} N/m, {row['delay_ms']} ms" for row in rows]
-    yield Promise("1 / median lead, one setting for all", 1 / 5.0, 1 / float(np.median(one)), "")
     yield Promise(
-        "1 / least lead, one setting for all", 1.0, 1 / min(one), scenes[int(np.argmin(one))]
+        "1 / median speed ratio, one setting for all", 1 / 5.0, 1 / float(np.median(one)), ""
     )
-    yield Promise("1 / median lead, tuned per scene", 1 / 1.3, 1 / float(np.median(here)), "")
     yield Promise(
-        "1 / least lead, tuned per scene", 1.1, 1 / min(here), scenes[int(np.argmin(here))]
+        "1 / smallest speed ratio, one setting for all",
+        1.0,
+        1 / min(one),
+        scenes[int(np.argmin(one))],
+    )
+    yield Promise(
+        "1 / median speed ratio, tuned per scene", 1 / 1.3, 1 / float(np.median(here)), ""
+    )
+    yield Promise(
+        "1 / smallest speed ratio, tuned per scene",
+        1.1,
+        1 / min(here),
+        scenes[int(np.argmin(here))],
     )
 
 
 def _fixed(row: Row) -> Promise:
     lead = _or_never(row["fixed_s"]) / _or_never(row["met_s"])
-    return Promise("1 / lead over a fixed gain safe at 1e5, at 5e3 N/m", 1 / 12.0, 1 / lead, "")
+    return Promise(
+        "1 / speed ratio to a fixed gain safe at 1e5, at 5e3 N/m", 1 / 12.0, 1 / lead, ""
+    )

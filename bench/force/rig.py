@@ -1,7 +1,7 @@
-"""The simulated arm with the real wrench filter, the real limits and one law, in one loop.
+"""Test rig: the simulated arm with the real wrench filter and limits and one law, in one loop.
 
-No bus and no processes: a second of the cell takes a tenth of one. Everything that shapes the
-force is what the cell runs: physics, set-point line, sensor, filter, compensation, motion limits.
+No bus and no processes: a second of the cell takes a tenth of one. All components that shape the
+force are those of the cell: physics, set-point path, sensor, filter, compensation, motion limits.
 """
 
 from collections.abc import Callable
@@ -28,13 +28,13 @@ from sim.robot.service import sim_settings
 from sim.robot.settings import TICK_S
 
 CELL = Path(__file__).resolve().parents[2] / "cells" / "demo.yaml"
-CHAIN_TICKS = 1  # from the sensor's sample to the arm that obeys
+CHAIN_TICKS = 1  # from the sensor's sample to the arm's command
 STIFFEST_N_M = 2e5
 
 
 @dataclass(frozen=True, slots=True)
 class World:
-    """What differs from scene to scene."""
+    """Parameters of a scene."""
 
     stiffness_N_m: float = 2e4
     delay_ms: int = 10
@@ -75,7 +75,7 @@ class World:
 
 @dataclass(frozen=True, slots=True)
 class Heard:
-    """What a law is told at each of its steps."""
+    """Inputs of a law at each of its steps."""
 
     force_N: Array  # base axes, about the TCP
     torque_Nm: Array
@@ -86,7 +86,7 @@ class Heard:
 
 
 class Pilot(Protocol):
-    """A law at work."""
+    """Interface of a control law."""
 
     def step(self, heard: Heard) -> pin.SE3:
         """Return the TCP's next pose."""
@@ -94,7 +94,7 @@ class Pilot(Protocol):
 
 @dataclass(slots=True)
 class Trace:
-    """What happened, one row for each step of the law."""
+    """Recorded signals, one row per step of the law."""
 
     t_s: list[float] = field(default_factory=list)
     force_N: list[Array] = field(default_factory=list)
@@ -105,10 +105,10 @@ class Trace:
 
 
 class Rig:
-    """One arm, one plate, and whoever moves it."""
+    """One arm, one plate, and the loop that moves the arm."""
 
     def __init__(self, cell: Cell) -> None:
-        """Stand at home above the plate."""
+        """Start at the home pose above the plate."""
         if cell.sim is None:
             raise ValueError("the benchmark needs a simulated cell")
         self.cell = cell
@@ -142,7 +142,7 @@ class Rig:
         return self._pace.T_base_flange * self._T_flange_tcp
 
     def wrench(self) -> Wrench:
-        """Return the wrench about the TCP, base axes, as the wrench service would say it."""
+        """Return the wrench about the TCP, base axes, as the wrench service would publish it."""
         output = self._filter.output
         assert output is not None  # noqa: S101 - the first ticks have filled it
         return compensate(
@@ -157,7 +157,7 @@ class Rig:
         return -float(self.wrench().force_N @ self.arm.T_base_tcp.rotation[:, 2])
 
     def press(self, force_N: float) -> None:
-        """Press by position alone until the plate pushes back with a force, and stand still."""
+        """Press under position control until the plate pushes back with a force, then rest."""
         k = self.arm.settings.stiffness_N_m
         way_m = max(0.0, self.arm.lift_off_m) + force_N / k
         for _ in range(8):
@@ -177,7 +177,7 @@ class Rig:
                 break
 
     def run(self, pilot: Pilot, duration_s: float, trace: Trace | None = None) -> Trace:
-        """Let a law work for a while; its trace begins at zero or goes on."""
+        """Run a law for a duration; its trace starts at zero or continues."""
         trace = trace or Trace()
         first_s = trace.t_s[-1] + self._law_ticks * TICK_S if trace.t_s else 0.0
         for number in range(round(duration_s / TICK_S / self._law_ticks)):
@@ -229,4 +229,4 @@ class Rig:
 
 
 def _nothing(_: Rig) -> None:
-    """Every tick, unless a scene has something to do."""
+    """Do nothing: default of `every_tick`."""

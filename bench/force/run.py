@@ -1,4 +1,4 @@
-"""Runs every part of the benchmark and gathers plain numbers, ready for JSON."""
+"""Runner of all parts of the benchmark; collects plain numbers for JSON."""
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
@@ -18,7 +18,7 @@ LOOPS_HZ = (60.0, 30.0, 15.0)
 LAWS: dict[str, stage.Make] = {
     "adaptive": stage.adaptive,
     "plain, safe at 2e5 N/m": stage.plain,
-    "plain, told k": stage.tuned_plain,
+    "plain, known k": stage.tuned_plain,
 }
 HAND_GUIDING = "hand guiding"
 GUIDED = ("guide", "guide to a wall")
@@ -34,7 +34,7 @@ SOFTEST_PLATE_N_M = 1e3  # that the simulated cell can be given
 
 @dataclass(frozen=True, slots=True)
 class Extent:
-    """How much is run."""
+    """Extent of a run."""
 
     stiffnesses_N_m: Sequence[float] = settle.STIFFNESSES_N_M
     delays_ms: Sequence[int] = settle.DELAYS_MS
@@ -65,7 +65,7 @@ QUICK = Extent(
 
 
 def release_rows(extent: Extent, pool: Executor) -> list[Row]:
-    """Return the releases over stiffness, delay and what is assumed of it."""
+    """Return the releases over stiffness, delay and delay error."""
     worlds = [
         World(k, d, delay_error_ms=error)
         for error, d, k in product(extent.errors_ms, extent.delays_ms, extent.stiffnesses_N_m)
@@ -74,7 +74,7 @@ def release_rows(extent: Extent, pool: Executor) -> list[Row]:
 
 
 def slow_rows(_: Extent, pool: Executor) -> list[Row]:
-    """Return the releases with a controller that takes few poses."""
+    """Return the releases with a controller of low pose rate."""
     slow = [World(k, 10, hz) for hz, k in product(LOOPS_HZ, (5e3, 2e4, 1e5))]
     return list(pool.map(release_row, slow))
 
@@ -90,7 +90,7 @@ def limited_rows(extent: Extent, pool: Executor) -> list[Row]:
 
 
 def brake_rows(extent: Extent, pool: Executor) -> list[Row]:
-    """Return the releases with arms that brake slowly."""
+    """Return the releases with low braking acceleration."""
     return list(pool.map(release_row, extent.brakes))
 
 
@@ -100,7 +100,7 @@ def scene_rows(extent: Extent, pool: Executor) -> list[Row]:
 
 
 def release_row(world: World) -> Row:
-    """Return first contact and stiffness met, of our law."""
+    """Return first contact and identified stiffness, for our law."""
     first, met = settle.ours(world)
     row: Row = {
         "stiffness_N_m": world.stiffness_N_m,
@@ -118,7 +118,7 @@ def release_row(world: World) -> Row:
 
 
 def fixed_gain_rows(_: Extent, __: Executor) -> list[Row]:
-    """Return what a PI safe at 1e5 N/m takes at 5e3 N/m beside ours."""
+    """Return the settling of a PI law safe at 1e5 N/m and of ours, at 5e3 N/m."""
     world = World(5e3, 10)
     tau_s = settle.true_tau_s(world)
     fixed: Release = settle.plain(world, 0.45 / (1e5 * tau_s), SLOW_PLAIN_S)
@@ -127,7 +127,7 @@ def fixed_gain_rows(_: Extent, __: Executor) -> list[Row]:
 
 
 def peer_rows(extent: Extent, pool: Executor) -> list[Row]:
-    """Return what the search found for each peer, scene by scene."""
+    """Return the results of the search for each peer, scene by scene."""
     rows = []
     for law in search.LAWS:
         found = search.tuned(law, extent.search_scenes, pool, extent.search_part)
@@ -151,7 +151,7 @@ def _settled(seconds: float) -> float | None:
 
 
 def scene_jobs(extent: Extent) -> list[tuple[str, str, World]]:
-    """Return every scene with every law in every world that has it."""
+    """Return every combination of scene, law and world."""
     jobs = [
         (scene, law, world)
         for scene, law, world in product(scenes.SCENES, LAWS, extent.scene_worlds)

@@ -1,4 +1,4 @@
-"""Scenes beside the release: find, hold, follow, lay flat, guide, and what may go wrong."""
+"""Scenes other than the release: contact, hold, follow, align, guide, and disturbances."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -21,7 +21,7 @@ SPIKE_N, SPIKE_SHARE = 20.0, 0.01
 
 
 def press(world: World, make: Make) -> Measures:
-    """From a touch of 3 N to 10 N, then 1 s of holding still."""
+    """From a contact with 3 N to 10 N, then 1 s of holding at rest."""
     rig, pilot, found = holding(world, make)
     still = rig.run(pilot, 1.0)
     settled = settling_s(np.array(found.t_s), np.array(found.push_N) - HOLD_N, 1.0)
@@ -52,7 +52,7 @@ def touch(world: World, make: Make) -> Measures:
 
 
 def followed(world: World, make: Make, kind: str) -> Trace:
-    """Return a trace on a surface that moves as a slope or waves do under a sliding tool."""
+    """Return a trace on a surface that moves like a slope or waves under a sliding tool."""
     rig, pilot, _ = holding(world, make)
     rest_m, start = rig.arm.plate.point_m.copy(), rig.arm.ticks
 
@@ -97,7 +97,7 @@ def set_point_step(world: World, make: Make) -> Measures:
 
 
 def payload_error(world: World, make: Make) -> Measures:
-    """The tool is 100 g heavier than was said: what the plate really feels."""
+    """The tool is 100 g heavier than configured: true force on the plate."""
     rig = Rig(world.cell())
     rig.payload = replace(rig.payload, mass_kg=rig.payload.mass_kg - 0.1)
     rig.press(3.0)
@@ -133,7 +133,7 @@ def spikes(world: World, make: Make) -> Measures:
 
 
 def vanish(world: World, make: Make) -> Measures:
-    """The wall is gone: how far the tool goes until the search is as slow as an approach."""
+    """The wall vanishes: travel until the search is as slow as an approach."""
     rig, pilot, _ = holding(world, make)
     rig.arm.plate.point_m[2] -= 0.1
     z = float(rig.arm.T_base_tcp.translation[2])
@@ -143,7 +143,7 @@ def vanish(world: World, make: Make) -> Measures:
 
 
 def stiffer(world: World, make: Make) -> Measures:
-    """What was met is suddenly ten times stiffer while the set point goes from 10 to 20 N."""
+    """The contact becomes ten times stiffer while the set point changes from 10 to 20 N."""
     rig, pilot, _ = holding(replace(world, stiffness_N_m=world.stiffness_N_m / 10.0), make)
     plate, springs = rig.arm.plate, rig.arm.plate.springs
     springs.stiffness_N_m *= 10.0

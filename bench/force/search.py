@@ -1,7 +1,7 @@
-"""The search that tunes the peers: every candidate on every scene, the same budget for each law.
+"""Grid search that tunes the peers: all candidates on all scenes, the same budget for each law.
 
-One matrix answers both questions: the one setting that is best for all scenes, and for each scene
-the setting that is best there, by somebody who knows stiffness and delay.
+One matrix gives both results: the setting that is best for all scenes, and for each scene the
+best setting, with known stiffness and delay.
 """
 
 from collections.abc import Sequence
@@ -36,13 +36,13 @@ class Candidate:
 
 
 def candidates(law: str, part: int = 1) -> list[Candidate]:
-    """Return the settings that are tried; `part`: every so many gains."""
+    """Return the settings to try; `part`: use every n-th gain."""
     pairs = product(GAINS_M_PER_NS[::part], TIMES_S)
     return [Candidate(law, gain, time_s) for gain, time_s in pairs]
 
 
 def score_s(job: tuple[Candidate, World]) -> float:
-    """Return the settling time of one release; one that lifts off too far has not settled."""
+    """Return the settling time of one release; excessive lift-off counts as not settled."""
     candidate, world = job
     cell = world.cell()
     rig = Rig(cell)
@@ -62,7 +62,7 @@ def score_s(job: tuple[Candidate, World]) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Tuned:
-    """What the search found for one law. Arrays over the scenes."""
+    """Results of the search for one law. Arrays over the scenes."""
 
     one: Candidate  # best for all: settles in most scenes, then least sum of logarithms
     one_s: Array

@@ -1,4 +1,4 @@
-"""Release from 30 N to zero: first contact with an unknown stiffness, and one met before."""
+"""Release from 30 N to zero: first contact with unknown stiffness, and with it identified."""
 
 from dataclasses import dataclass, replace
 from typing import Protocol
@@ -34,7 +34,7 @@ class Release:
     settling_s: float | None
     overshoot_pct: float  # true lift-off times stiffness, of the step
     tau_s: float  # true
-    believed: float = 0.0  # stiffness, of the true one
+    believed: float = 0.0  # estimated stiffness, relative to the true one
 
     @property
     def taus(self) -> float | None:
@@ -43,7 +43,7 @@ class Release:
 
 
 def true_tau_s(world: World) -> float:
-    """Return all delay and lag of the loop, whatever is assumed of it [s]."""
+    """Return all delay and lag of the loop, without the delay error [s]."""
     return replace(world, delay_error_ms=0.0).cell().loop_delay_s
 
 
@@ -55,7 +55,7 @@ def release(
     *,
     most_overshoot_pct: float = float("inf"),
 ) -> Release:
-    """Let a law bring the force to zero from where it is; end early where it lifts off too far."""
+    """Let a law reduce the force to zero; end early on excessive lift-off."""
     pilot.setpoint_N = 0.0
     trace, t = Trace(), 0.0
     while t < longest_s:
@@ -78,7 +78,7 @@ def _overshoot_pct(trace: Trace, world: World) -> float:
 
 
 def ours(world: World) -> tuple[Release, Release]:
-    """Return first contact and, after pressing anew, the stiffness once met."""
+    """Return first contact and, after pressing again, a release with identified stiffness."""
     cell = world.cell()
     rig = Rig(cell)
     rig.press(PRESS_N)

@@ -1,4 +1,4 @@
-"""The laws that are compared in the scenes, and how a scene begins."""
+"""The control laws that are compared in the scenes, and the start of a scene."""
 
 from collections.abc import Callable
 
@@ -23,19 +23,19 @@ def plain(rig: Rig) -> Pilot:
 
 
 def tuned_plain(rig: Rig) -> Pilot:
-    """The PI law with the gain rule for this scene's stiffness, which it is told."""
+    """The PI law with the gain rule for this scene's known stiffness."""
     k, tau_s = rig.arm.settings.stiffness_N_m, rig.cell.loop_delay_s
     inertia = 0.5 / (rig.cell.contact.inertia_kg * rig.cell.robot.bandwidth_rad_s)
     return Plain(rig.cell, rig.T_base_tcp, min(0.45 / (k * tau_s), inertia))
 
 
 def guided(rig: Rig) -> Pilot:
-    """Our law for a hand that leads the tool."""
+    """Our law for hand guiding."""
     return Guided(rig.cell, rig.T_base_tcp, rig.arm.T_base_tcp)
 
 
 def holding(world: World, make: Make, setpoint_N: float = HOLD_N) -> tuple[Rig, Pilot, Trace]:
-    """Return a rig whose law has found its set point from a light touch, and how it did."""
+    """Return a rig at its set point after a light contact, and the trace."""
     rig = Rig(world.cell())
     rig.press(3.0)
     pilot = make(rig)

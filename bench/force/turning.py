@@ -1,4 +1,4 @@
-"""Scenes in which the tool turns as well: laid flat, pulled sideways, led across."""
+"""Scenes with rotation of the tool: alignment, lateral pull, sliding."""
 
 from dataclasses import replace
 
@@ -12,7 +12,7 @@ SLIDE_M_S, SLIDE_S, SLIDE_TILT_DEG = 0.02, 1.5, 3.0
 
 
 def align(world: World, make: Make) -> Measures:
-    """A face laid flat from 10 degrees in mode both, at 10 N."""
+    """Alignment of a face from 10 degrees in mode both, at 10 N."""
     rig = Rig(replace(world, tilt_deg=10.0).cell())
     rig.press(3.0)
     pilot = make(rig)
@@ -31,7 +31,7 @@ def align(world: World, make: Make) -> Measures:
 
 
 def lateral(world: World, make: Make) -> Measures:
-    """Mode both at 10 N while something pulls sideways with 3 N at the tool."""
+    """Mode both at 10 N while a lateral force of 3 N acts on the tool."""
     rig, pilot, _ = holding(world, make)
     pilot.mode = "both"
     tool = rig.arm.model.body("tool").id
@@ -45,10 +45,10 @@ def lateral(world: World, make: Make) -> Measures:
 
 
 def slide(world: World, make: Make) -> Measures:
-    """Mode both at 10 N, led 30 mm across at 20 mm/s over a plate with friction, tilted 3 degrees.
+    """Mode both at 10 N, moved 30 mm at 20 mm/s over a plate with friction, tilted 3 degrees.
 
-    The disc lies flat before it is led, uphill; the first 0.3 s, in which friction builds up, are
-    told apart.
+    The disc lies flat before it is moved, uphill; the first 0.3 s, in which friction builds up, are
+    evaluated separately.
     """
     rig = Rig(replace(world, tilt_deg=SLIDE_TILT_DEG).cell())
     rig.press(3.0)

@@ -102,7 +102,7 @@ def report(rows: list[Row], seed: int, took_s: float) -> str:
         f"{len(rows)} trials, {held} held, {len(rows) - held} went on, {wrong} out of bounds; "
         f"seed {seed}, {took_s:.0f} s"
     )
-    return table("Trouble on cables", HEAD, [row.cells() for row in rows]) + "\n" + line
+    return table("Faults on cables", HEAD, [row.cells() for row in rows]) + "\n" + line
 
 
 def main() -> int:

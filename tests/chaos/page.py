@@ -22,21 +22,18 @@ def page(report: Report, each: int, when: datetime) -> str:
     went_on = sum(outcome.went_on for outcome in outcomes)
     held, bound_ms = len(outcomes) - went_on, LAST_ACCEPTED_S * 1e3
     lines = [
-        "# Any plug",
+        "# Fault injection in real processes",
         "",
-        (
-            "Made by `python -m tests.chaos --write`; "
-            "how it is measured: [chaos](../tests/chaos/README.md)."
-        ),
+        "Made by `python -m tests.chaos --write`; method: [chaos](../tests/chaos/README.md).",
         f"{when:%Y-%m-%d}, two shared cores, at least {each} injections per service and kind:",
         f"{len(outcomes)} trials in real processes, each hit while the flange moved faster than",
-        f"2 mm/s. {held} held, {went_on} went on (a freeze of 0.1 s is as long as the deadlines",
-        f"of these cells), {broken} broke a bound. {len(report.spoilt)} more did not count and",
+        f"2 mm/s. {held} held, {went_on} continued (a freeze of 0.1 s is as long as the deadlines",
+        f"of these cells), {broken} violated a bound. {len(report.spoilt)} more were not valid and",
         "were repeated: the arm was too slow, or the machine itself stalled.",
         "",
         "Numbers are the worst of each row. Last motion accepted: from the fault to the last",
-        f"command that the robot's process took for motion, bound {bound_ms:.0f} ms. At rest:",
-        "until the true flange is slower than 1 mm/s, from the thaw where the arm was frozen.",
+        f"motion command that the robot's process executed, bound {bound_ms:.0f} ms. At rest:",
+        "until the true flange is slower than 1 mm/s, counted from the thaw if the arm was frozen.",
     ]
     for name, limits in report.limits.items():
         chosen = [outcome for outcome in outcomes if outcome.case.cell == name]

@@ -7,8 +7,8 @@ from tests.chaos.cases import KINDS, ROLES, Case
 from tests.chaos.outcome import Limits, Outcome, violations
 
 HEAD = (
-    "| hit | how | tried | held | last motion accepted, ms | at rest, ms | stale executed |"
-    " moved after, mm | cause named | broken bounds |"
+    "| target | kind | trials | held | last motion accepted, ms | at rest, ms | stale executed |"
+    " moved after, mm | cause reported | violated bounds |"
 )
 RULE = "|---|---|---:|---:|---:|---:|---:|---:|---|---:|"
 
@@ -51,8 +51,8 @@ def _row(group: list[Outcome], limits: Limits) -> str:
         case.kind,
         str(len(group)),
         str(len(held)),
-        _ms(max(accepted)) if accepted else "gone with it" if held else "-",
-        _ms(max(rests)) if rests else "arm gone with its process" if gone else "-",
+        _ms(max(accepted)) if accepted else "ended with it" if held else "-",
+        _ms(max(rests)) if rests else "arm ended with its process" if gone else "-",
         str(sum(outcome.stale for outcome in group)),
         f"{max((o.moved_m for o in held), default=0.0) * 1e3:.2f}",
         ", ".join(f"`{cause}`" for cause in causes) or "-",

@@ -111,7 +111,7 @@ def test_the_page_counts_what_passes_every_line() -> None:
     rows = [
         outcome(),
         outcome(verdict="right", findings=(), arming="", press="", peak_N=30.0),
-        outcome(mistake="none: all is right", verdict="right", findings=(), arming=""),
+        outcome(mistake="none: all correct", verdict="right", findings=(), arming=""),
     ]
     text = page(rows)
     assert "| g | 1 of 2 | 1 of 2 | 1 of 2 | 1 |" in text

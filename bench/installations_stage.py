@@ -14,7 +14,7 @@ from cli.calibration.gather import Gatherer
 from common.bus.memory_bus import MemoryTransport
 from common.config.cell import Cell
 from common.config.load import cell_from_tree
-from common.motion.convert import vec6
+from common.motion.convert import joints
 from common.motion.frames import (
     Array,
     Oat,
@@ -160,7 +160,7 @@ class Stage(World):
         drive = Drive(self.world.client, SPEED_M_S)
         drive.arm()
         q = drive.joints() + np.radians(TURN_DEG)
-        request = MoveRequest(kind="joints", joint_rad=vec6(q), speed_m_s=SPEED_M_S)
+        request = MoveRequest(kind="joints", joint_rad=joints(q), speed_m_s=SPEED_M_S)
         self.ask(topics.MOVE, request)
         self.world.advance(6.0, lambda: bool(np.abs(drive.joints() - q).max() < 1e-3))
         drive.release()

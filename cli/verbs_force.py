@@ -55,7 +55,7 @@ def force_start(
         Literal["pc", "controller"], typer.Option(help="Where the regulator runs.")
     ] = "pc",
     law: Annotated[
-        Literal["plain", "adaptive", "guide"] | None,
+        Literal["plain", "adaptive", "admittance"] | None,
         typer.Option(
             help="Of the regulator; without it the cell file's. guide: give way to a hand.",
             show_default=False,

@@ -21,7 +21,7 @@ from cli.numbers import JOINTS, NEGATIVE_NUMBERS, POSE, check_angle, parse_numbe
 if TYPE_CHECKING:
     from common.bus.configured_cell import ConfiguredCell
     from forcemesh.client import Move
-    from forcemesh.messages import Asker, RobotState, Vec3, Vec6
+    from forcemesh.messages import Asker, Joints, RobotState, Vec3
     from forcemesh.requests import MoveRequest
 
 move = typer.Typer(
@@ -149,12 +149,12 @@ def _along(axis: str, value: float) -> "Vec3":
     return (x, y, z)
 
 
-def _six(angles: list[float]) -> "Vec6":
+def _six(angles: list[float]) -> "Joints":
     a, b, c, d, e, f = angles
     return (a, b, c, d, e, f)
 
 
-def _radians(text: str) -> "Vec6":
+def _radians(text: str) -> "Joints":
     angles_deg = parse_vector(text, JOINTS)
     for name, angle_deg in zip(JOINTS.names, angles_deg, strict=True):
         check_angle(angle_deg, name)

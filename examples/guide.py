@@ -17,7 +17,7 @@ EVERY_M = 0.01  # distance between recorded positions
 def lead(cell: Cell, seconds: float) -> list[PoseRecord]:
     """Run hand guiding for a time; return the recorded poses of the flange."""
     places = [here(cell)]
-    cell.force.start(law="guide")
+    cell.force.start(law="admittance")
     try:
         for _ in cell.state.stream(seconds=seconds):
             if not cell.status().goes_on:

@@ -12,9 +12,10 @@ from pydantic import ValidationError
 
 from forcemesh.errors import MessageError, MisroutedError, first_mistake
 from forcemesh.messages import Message, Record
+from forcemesh.old_versions import upgraded
 
-SCHEMA_VERSION = 2  # 2: an address names the cell too; 1: the key alone
-RECORDED_VERSIONS = (1, SCHEMA_VERSION)  # readable in recordings
+SCHEMA_VERSION = 3  # forcemesh/old_versions.py has the history
+RECORDED_VERSIONS = (1, 2, SCHEMA_VERSION)  # readable in recordings
 MAX_BYTES = 4096
 MAX_ITEMS = 64
 
@@ -79,13 +80,13 @@ def decode_recorded(data: bytes, message_type: type[M], key: str) -> tuple[Heade
     written_for = header.topic if header.v == 1 else header.topic.partition("/")[2]
     if written_for != key:
         raise MisroutedError(f"addressed to {header.topic[:80]!r}, but recorded as {key}")
-    return header, _validate(fields, message_type)
+    return header, _validate(_of_today(fields, key), message_type)
 
 
 def readdressed(data: bytes, address: str) -> bytes:
-    """Return a recorded message with a new address and the present schema version.
+    """Return a recorded message with a new address and the fields of the present schema version.
 
-    Other fields keep their values; bytes that need no change or are no message are unchanged.
+    Bytes that need no change or are no message are unchanged.
     """
     try:
         fields = unpack(data)
@@ -94,7 +95,7 @@ def readdressed(data: bytes, address: str) -> bytes:
     now = {"v": SCHEMA_VERSION, "topic": address}
     if fields.get("v") not in RECORDED_VERSIONS or fields | now == fields:
         return data
-    return pack(fields | now)
+    return pack(_of_today(fields, address.partition("/")[2]) | now)
 
 
 def encode_record(record: Record, address: str = "") -> bytes:
@@ -144,6 +145,10 @@ def unpack(data: bytes) -> dict[str, Any]:
     if not isinstance(fields, dict):
         raise MessageError(f"a {type(fields).__name__} instead of a map of fields")
     return fields
+
+
+def _of_today(fields: dict[str, Any], key: str) -> dict[str, Any]:
+    return fields if fields.get("v") == SCHEMA_VERSION else upgraded(fields, key)
 
 
 def _of_this_version(

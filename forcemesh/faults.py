@@ -95,6 +95,7 @@ FAULTS: dict[str, Fault] = {fault.code: fault for fault in (
     Fault(412, "oscillation",       "HOLD",    "the force oscillates: the contact is stiffer than the cell file states, or the gains are too high", "lower the gains, or raise contact.stiffness_N_m to that of the stiffest permitted contact"),
     Fault(413, "back_off",          "HOLD",    "backing off has freed the arm", "arm when the path is clear; if in contact, arm for jog, then `forcemesh retract`"),
     Fault(414, "still_loaded",      "HOLD",    "backing off ended before the arm was free: full distance travelled, too long, or the force does not fall as a contact force does", "run `forcemesh back-off` again; if the force does not change, tare in free space"),
+    Fault(415, "joint_count",       "FAULT",   "the number of joint angles is not that of the arm in the cell file", "use the cell file of this arm; give one angle for each of its joints"),
     # --- 5xx: commands and requests ----------------------------------------------------------------
     Fault(501, "hold",              "HOLD",    "a client requested a hold", "arm again when the path is clear"),
     Fault(502, "regulator",         "HOLD",    "the regulator stopped on its own", "fix what its reason names, then start it again"),
@@ -126,7 +127,12 @@ FAULTS: dict[str, Fault] = {fault.code: fault for fault in (
 
 
 def tripped(
-    code: str, text: str, *, value: float | None = None, limit: float | None = None
+    code: str,
+    text: str,
+    *,
+    value: float | None = None,
+    limit: float | None = None,
+    unit: str = "",
 ) -> Trip:
     """Return a trip: a code of the table, the finding, and the value that broke the rule.
 
@@ -138,6 +144,7 @@ def tripped(
         text=clipped(text),
         value=_sendable(value),
         limit=_sendable(limit),
+        unit=unit,
     )
 
 

@@ -12,7 +12,7 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 Vec3 = tuple[float, float, float]
-Vec6 = tuple[float, float, float, float, float, float]
+Joints = Annotated[tuple[float, ...], Field(max_length=16)]  # one angle for each joint [rad]
 Quaternion = tuple[float, float, float, float]
 Gain = Annotated[float, Field(ge=0.0)]  # a negative gain would push instead of yield
 Gain3 = tuple[Gain, Gain, Gain]
@@ -21,7 +21,7 @@ Text = Annotated[str, Field(max_length=500)]
 Mode = Literal["position", "orientation", "both"]
 Host = Literal["pc", "controller"]
 Law = Literal["plain", "adaptive"]  # of the regulator
-StartLaw = Literal["plain", "adaptive", "guide"]  # guide: hand guiding
+StartLaw = Literal["plain", "adaptive", "admittance"]  # admittance: hand guiding
 Preset = Literal["gentle", "normal", "stiff"]  # of gains
 Commander = Literal["none", "regulator", "program", "operator"]
 Asker = Literal["operator", "program"]  # clients that may request motion
@@ -29,7 +29,6 @@ ArmPurpose = Literal["all", "jog"]  # purpose of arming
 Purpose = Literal["all", "jog", "back_off"]  # the same, plus the arbiter's back-off
 
 ZERO3: Vec3 = (0.0, 0.0, 0.0)
-ZERO6: Vec6 = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 UNIT_QUATERNION: Quaternion = (0.0, 0.0, 0.0, 1.0)
 
 
@@ -54,20 +53,39 @@ class PoseRecord(Record):
     orientation_xyzw: Quaternion
 
 
-class RobotStatus(Record):
-    """The controller's eleven status bits (design section 3)."""
+class Trip(Record):
+    """A rule that stopped the arm or keeps it from moving: code, and the value that broke it."""
+
+    code: Text  # row of forcemesh/faults.py
+    rule: int  # number of that row
+    text: Text
+    value: float | None = None
+    limit: float | None = None
+    unit: Text = ""  # of value and limit, empty while the text names it
+
+
+class KawasakiStatus(Record):
+    """Status bits of a Kawasaki controller beyond those of any robot, and its error."""
 
     motor_power: bool = False
     repeat_mode: bool = False
     teach_lock_off: bool = False
     program_running: bool = False
-    moving: bool = False
-    position_feedback: bool = False
-    orientation_feedback: bool = False
-    held: bool = False
     watchdog_latched: bool = False
     target_refused: bool = False
     error: bool = False
+    error_code: int = 0  # 0: none
+
+
+class RobotStatus(Record):
+    """Status of any robot: whether it would follow a command, and what prevents it."""
+
+    ready: bool = False  # drives on, automatic mode, program running, no fault
+    moving: bool = False
+    held: bool = False
+    feedback: Mode | None = None  # force feedback that runs inside the controller
+    faults: tuple[Trip, ...] = ()  # what keeps it from being ready
+    kawasaki: KawasakiStatus | None = None  # None for other robots
 
 
 class Accepted(Record):
@@ -75,7 +93,7 @@ class Accepted(Record):
 
     epoch: int
     seq: int
-    turn: int = 0  # of its permission
+    ownership: int = 0  # of its permission
     at_ns: int  # robot's monotonic clock
     sensor_stamp_ns: int | None = None
     sensor_seq: int | None = None
@@ -106,15 +124,23 @@ class RobotState(Message):
 
     position_m: Vec3 = ZERO3
     orientation_xyzw: Quaternion = UNIT_QUATERNION
-    joint_rad: Vec6 = ZERO6
+    joint_rad: Joints = ()  # one angle for each joint of the arm
     status: RobotStatus = RobotStatus()
-    error_code: int = 0
     goal: GoalReport = GoalReport()
     accepted: Accepted | None = None
     sent: PoseRecord | None = None  # last set point sent to the arm, flange in base
-    hold_reason: Text = ""  # why the robot holds, empty while it may move
-    hold_code: Text = ""  # the same reason as a code of forcemesh/faults.py
+    hold: Trip | None = None  # why the robot holds; None while it may move
     link: LinkHealth = LinkHealth()
+
+    @property
+    def hold_reason(self) -> str:
+        """Text of `hold`, empty while the robot may move."""
+        return "" if self.hold is None else self.hold.text
+
+    @property
+    def hold_code(self) -> str:
+        """Code of `hold`, empty while the robot may move."""
+        return "" if self.hold is None else self.hold.code
 
 
 class SensorWrench(Message):
@@ -197,7 +223,7 @@ class Goal(Record):
     id: int
     kind: Literal["pose", "joints", "by"]
     pose: PoseRecord | None = None  # flange in base, for kind "pose"
-    joint_rad: Vec6 | None = None  # for kinds "joints" (absolute) and "by" (relative)
+    joint_rad: Joints | None = None  # for kinds "joints" (absolute) and "by" (relative)
 
 
 class Permission(Record):
@@ -206,7 +232,7 @@ class Permission(Record):
     host: Host
     lease: int  # a new number at each arming
     deadline_s: float
-    turn: int = 0  # a new number each time ownership ends; at most one owner each
+    ownership: int = 0  # a new number each time ownership ends; at most one owner each
     purpose: Purpose = (
         "all"  # of the lease; back_off: other limits apply (common/motion/back_off.py)
     )
@@ -225,16 +251,6 @@ class RobotCommand(Message):
     feedback: Feedback | None = None
 
 
-class Trip(Record):
-    """A rule that stopped the arm: its code, the finding, and the value that broke it."""
-
-    code: Text
-    rule: int
-    text: Text
-    value: float | None = None
-    limit: float | None = None
-
-
 ArbiterState = Literal[
     "BOOT", "IDLE", "ARMED", "SETTLING", "ACTIVE", "STOPPING", "HOLDING", "FAULT"
 ]
@@ -250,7 +266,7 @@ class ArbiterStatus(Message):
     next_commander: Commander = "none"  # takes over when the arm is at rest
     goal_id: int = 0  # the current or pending move; 0 for none
     lease: int = 0
-    turn: int = 0  # of the present owner under this lease
+    ownership: int = 0  # of the present owner under this lease
     armed_for: Purpose = "all"
     trips: tuple[Trip, ...] = ()
     not_ready: tuple[Text, ...] = ()  # reasons why arming would be refused

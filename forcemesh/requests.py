@@ -23,7 +23,7 @@ LONGEST_QUATERNION = 1.01
 Coordinate = Annotated[float, Field(ge=-FARTHEST_M, le=FARTHEST_M)]
 Place = tuple[Coordinate, Coordinate, Coordinate]
 Angle = Annotated[float, Field(ge=-100.0, le=100.0)]  # [rad]
-Angles = tuple[Angle, Angle, Angle, Angle, Angle, Angle]
+Angles = Annotated[tuple[Angle, ...], Field(min_length=1, max_length=16)]  # one for each joint
 ForceP = Annotated[float, Field(ge=0.0, le=1.0)]  # [m/N]: the packet holds 0.001
 ForceI = Annotated[float, Field(ge=0.0, le=10.0)]  # [m/(N s)]: the packet holds 0.1
 TorqueP = Annotated[float, Field(ge=0.0, le=10.0)]  # [rad/(N m)]: the packet holds 0.02
@@ -86,7 +86,7 @@ class ForceStartRequest(Record):
     mode: Mode
     host: Host = "pc"
     setpoint_N: float = Field(0.0, ge=0.0, le=LARGEST_SETPOINT_N)
-    law: StartLaw | None = None  # default: that of the cell file; guide: hand guiding
+    law: StartLaw | None = None  # default: that of the cell file; admittance: hand guiding
     preset: Preset | None = None  # initial gains; default: those set last
     # Free axes: along and about x, y, z of the task frame, which is fixed to base or tool.
     axes: tuple[bool, bool, bool, bool, bool, bool] = (True, True, True, True, True, True)

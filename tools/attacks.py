@@ -87,7 +87,7 @@ class Scene:
         command = RobotCommand(
             kind="goal",
             commander="operator",
-            permission=Permission(host="pc", lease=STOLEN_LEASE, deadline_s=0.1, turn=1),
+            permission=Permission(host="pc", lease=STOLEN_LEASE, deadline_s=0.1, ownership=1),
             goal=Goal(id=STOLEN_LEASE, kind="by", joint_rad=(0.1, 0.0, 0.0, 0.0, 0.0, 0.0)),
         )
         clock, topic = MonotonicClock(), self.key

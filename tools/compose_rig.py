@@ -216,7 +216,7 @@ class Operator:
         self.clear()
         self._do(topics.ARM, ArmRequest(purpose="jog"))
         home = self._home
-        self._do(topics.MOVE, MoveRequest(kind="joints", joint_rad=home, speed_m_s=0.05))  # type: ignore[arg-type]
+        self._do(topics.MOVE, MoveRequest(kind="joints", joint_rad=home, speed_m_s=0.05))
         self.until(lambda: self._distance(home) < 2 * STILL_RAD, RETREAT_S, "the return path")
         time.sleep(0.5)
         self._ask(topics.HOLD, HoldRequest(reason="back again"))

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from common.motion.convert import vec6
+from common.motion.convert import joints
 from common.motion.frames import Array
 from forcemesh import topics
 from forcemesh.bus import Bus
@@ -111,7 +111,7 @@ class Drive:
         Raises PoseRefusedError when this goal alone is not possible, StoppedError when the arm was
         stopped, RefusedError when nobody may move it.
         """
-        request = MoveRequest(kind="joints", joint_rad=vec6(q), speed_m_s=self._speed_m_s)
+        request = MoveRequest(kind="joints", joint_rad=joints(q), speed_m_s=self._speed_m_s)
         reply = self._ask_until(lambda: self._bus.ask(topics.MOVE, request), OF_THE_POSE)
         if not reply.accepted:
             raise PoseRefusedError(reply.text)

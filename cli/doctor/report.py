@@ -30,7 +30,9 @@ from cli.doctor.pose import Frames, check_pose, model_of
 from common.motion.convert import pose_of
 from controller.packet_table import Status, greeted
 from forcemesh import topics
+from forcemesh.messages import KawasakiStatus
 from services.gateway.round_trips import Spread
+from services.gateway.service import CONTROLLER_BITS
 
 if TYPE_CHECKING:
     import pinocchio as pin
@@ -38,7 +40,7 @@ if TYPE_CHECKING:
     from cli.doctor.bus import Overheard
     from cli.doctor.link import Heard, Visit
     from common.config.cell import Cell, GatewaySection
-    from forcemesh.messages import Health, RobotState, RobotStatus, Vec6
+    from forcemesh.messages import Health, Joints, RobotState, RobotStatus
     from services.gateway.scales import Scales
 
 THINNED_BELOW = 0.6
@@ -131,7 +133,7 @@ def bus_lines(cell: "Cell", scales: "Scales", found: "Overheard") -> list[Line]:
     times = f"{state.link.reconnects} reconnects, {state.link.errors} protocol errors"
     lines.append(passed("link", f"connected; {times}"))
     lines += check_status(status_of(state.status))
-    lines.append(check_error_code(state.error_code))
+    lines.append(check_error_code((state.status.kawasaki or KawasakiStatus()).error_code))
     lines.append(_state_pose(cell, scales, state))
     return [*lines, *_number_lines(cell, cell.gateway, found.robot)]
 
@@ -151,12 +153,19 @@ def _slow_below(cell: "Cell", key: str) -> float:
     return THINNED_BELOW if is_thinned else SLOW_BELOW
 
 
-def status_of(status: "RobotStatus") -> Status:
-    """Return named status bits as the controller sends them."""
+def status_of(robot: "RobotStatus") -> Status:
+    """Return the status of a robot as the bits that its controller sends."""
+    controller = robot.kawasaki or KawasakiStatus()
+    named = {
+        **{Status[name.upper()]: getattr(controller, name) for name in CONTROLLER_BITS},
+        Status.MOVING: robot.moving,
+        Status.HELD: robot.held,
+        Status.POSITION_FEEDBACK: robot.feedback in ("position", "both"),
+        Status.ORIENTATION_FEEDBACK: robot.feedback in ("orientation", "both"),
+    }
     bits = Status(0)
-    for bit in Status:
-        if bit.name and getattr(status, bit.name.lower()):
-            bits |= bit
+    for bit, is_set in named.items():
+        bits |= bit if is_set else Status(0)
     return bits
 
 
@@ -191,7 +200,7 @@ def _state_pose(cell: "Cell", scales: "Scales", state: "RobotState | None") -> L
 
 
 def _pose_line(
-    cell: "Cell", scales: "Scales", *, T_base_flange: "pin.SE3", q: "Vec6", status: Status
+    cell: "Cell", scales: "Scales", *, T_base_flange: "pin.SE3", q: "Joints", status: Status
 ) -> Line:
     arm = model_of(cell.robot.joint_min_deg, cell.robot.joint_max_deg)
     if arm is None:

@@ -69,7 +69,7 @@ def guide(
         return felt.t_s >= seconds or enough()
 
     with force_ends(cell):
-        cell.force.begin(ForceStartRequest(mode=mode, law="guide"))
+        cell.force.begin(ForceStartRequest(mode=mode, law="admittance"))
         feeler.until(see, within_s=seconds + 1.0, what="guided", tell=tell)
 
 

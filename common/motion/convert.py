@@ -4,7 +4,7 @@ import numpy as np
 import pinocchio as pin
 
 from common.motion.frames import Array, unit_quaternion
-from forcemesh.messages import PoseRecord, RobotState, Vec3, Vec6
+from forcemesh.messages import Joints, PoseRecord, RobotState, Vec3
 
 
 def vec3(array: Array) -> Vec3:
@@ -13,10 +13,9 @@ def vec3(array: Array) -> Vec3:
     return (x, y, z)
 
 
-def vec6(array: Array) -> Vec6:
-    """Return an array of six numbers as a message tuple."""
-    a, b, c, d, e, f = array.tolist()
-    return (a, b, c, d, e, f)
+def joints(array: Array) -> Joints:
+    """Return an array of one number for each joint as a message tuple."""
+    return tuple(array.tolist())
 
 
 def record_of(T: pin.SE3) -> PoseRecord:

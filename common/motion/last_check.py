@@ -19,6 +19,7 @@ from common.motion.convert import pose_of
 from common.motion.frames import Array, is_finite_pose, rotation_between, rotation_from_vector
 from common.motion.limits import (
     Limits,
+    check_joint_count,
     check_joints,
     check_step,
     check_tether,
@@ -27,7 +28,7 @@ from common.motion.limits import (
 )
 from common.motion.setpoint_monitor import S_PER_NS, StreamBudget
 from forcemesh.faults import tripped
-from forcemesh.messages import Feedback, Goal, Purpose, Speed, Trip, Vec6, WrenchAtTcp
+from forcemesh.messages import Feedback, Goal, Joints, Purpose, Speed, Trip, WrenchAtTcp
 
 # Tolerance of measured values beyond a limit on commands: rounding of reports, settling.
 MEASURED_SLACK_M = 2e-3
@@ -98,7 +99,7 @@ class Guard:
         )
 
     def goal(
-        self, goal: Goal, speed: Speed, T_measured: pin.SE3, joint_rad: Vec6 | Array
+        self, goal: Goal, speed: Speed, T_measured: pin.SE3, joint_rad: Joints | Array
     ) -> Trip | None:
         """Check a move: its end, and its path as far as known.
 
@@ -117,8 +118,10 @@ class Guard:
         if goal.kind == "pose" and goal.pose is not None:
             trip = self._pose_trip(T_measured, pose_of(goal.pose))
         elif goal.kind != "pose" and goal.joint_rad is not None:
+            if (trip := check_joint_count(self._limits, goal.joint_rad)) is not None:
+                return trip
             q_from = np.array(joint_rad)
-            start = q_from if goal.kind == "by" else np.zeros(6)
+            start = q_from if goal.kind == "by" else np.zeros(len(q_from))
             trip = self._joint_trip(q_from, start + np.array(goal.joint_rad))
         else:
             return tripped("malformed", f"a goal of kind {goal.kind} without its numbers")
@@ -165,7 +168,7 @@ class Guard:
 
     # --- the arm ----------------------------------------------------------------------------------
 
-    def arm(self, T_measured: pin.SE3, joint_rad: Vec6 | Array, now_ns: int) -> Trip | None:
+    def arm(self, T_measured: pin.SE3, joint_rad: Joints | Array, now_ns: int) -> Trip | None:
         """Check pose and joint speeds of the arm; call it for every report."""
         q = np.array(joint_rad)
         return (

@@ -19,7 +19,7 @@ from common.motion.frames import (
     rotation_from_vector,
 )
 from forcemesh.faults import tripped
-from forcemesh.messages import Trip, Vec3, Vec6
+from forcemesh.messages import Joints, Trip, Vec3
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,8 +135,21 @@ def check_tether(limits: Limits, T_start: pin.SE3, T_now: pin.SE3) -> Trip | Non
     return None
 
 
-def check_joints(limits: Limits, joint_rad: Vec6 | Array, *, slack_rad: float = 0.0) -> Trip | None:
+def check_joint_count(limits: Limits, joint_rad: Joints | Array) -> Trip | None:
+    """Refuse joint angles of another arm: one for each joint of the cell file."""
+    count, expected = len(joint_rad), len(limits.joint_min_rad)
+    if count == expected:
+        return None
+    text = f"{count} joint angles, the arm of the cell file has {expected} joints"
+    return tripped("joint_count", text, value=count, limit=expected)
+
+
+def check_joints(
+    limits: Limits, joint_rad: Joints | Array, *, slack_rad: float = 0.0
+) -> Trip | None:
     """Refuse joint angles outside the arm's range, with a tolerance."""
+    if (trip := check_joint_count(limits, joint_rad)) is not None:
+        return trip
     if not is_finite(joint_rad):
         return _not_finite("a joint angle")
     bounds = (limits.joint_min_rad.tolist(), limits.joint_max_rad.tolist())

@@ -11,9 +11,10 @@ and ends the lease, because only an unexpected publisher would send it.
 
 from dataclasses import dataclass
 
-from forcemesh.bus import LONGEST_FAULT, Reading
+from forcemesh.bus import Reading
 from forcemesh.clock import NS_PER_S
-from forcemesh.messages import Accepted, Permission, RobotCommand
+from forcemesh.faults import FAULTS, clipped, tripped
+from forcemesh.messages import Accepted, Permission, RobotCommand, Trip
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,14 +22,23 @@ class Verdict:
     """Decision of the gate: execute a command, or hold for a reason."""
 
     command: RobotCommand | None
-    hold_reason: str  # empty when the command is to be executed
-    hold_code: str  # the same reason as a code of forcemesh/faults.py
+    hold: Trip | None  # None when the command is to be executed
     accepted: Accepted | None  # echo of the last accepted command
     is_new: bool = False  # first time that this command is received
 
+    @property
+    def hold_reason(self) -> str:
+        """Text of `hold`, empty when the command is to be executed."""
+        return "" if self.hold is None else self.hold.text
+
+    @property
+    def hold_code(self) -> str:
+        """Code of `hold`, empty when the command is to be executed."""
+        return "" if self.hold is None else self.hold.code
+
 
 MOST_DEAD = 64  # stored leases: the bus reader bounds former publishers in the same way
-NO_COMMAND_YET = Verdict(None, "no command yet", "no_lease", None)
+NO_COMMAND_YET = Verdict(None, tripped("no_lease", "no command yet"), None)
 
 
 class CommandGate:
@@ -38,31 +48,36 @@ class CommandGate:
         """Start without permission."""
         self._accepted: Accepted | None = None
         self._live_lease: tuple[int, int] | None = None  # arbiter's epoch, lease
-        self._dead: dict[tuple[int, int], tuple[str, str]] = {}  # lease: reason, code of its end
+        self._dead: dict[tuple[int, int], Trip] = {}  # lease: what ended it
         self._newest = (0, 0, 0)  # arbiter's epoch, lease, turn
 
     def judge(self, reading: Reading[RobotCommand], now_ns: int) -> Verdict:
         """Return the decision at this time."""
         command, header = reading.fresh, reading.header
         if command is None or header is None:
-            return self._refuse(reading.fault, reading.code)
+            return self._refuse(_trip(reading.code, reading.fault))
         permission = command.permission
         is_over = permission is not None and self._is_over(header.epoch, permission)
         if reading.conflict:
-            return self._refuse("two processes write robot/command", "two_writers")
+            return self._refuse(tripped("two_writers", "two processes write robot/command"))
         if permission is None:
-            return self._refuse(command.reason or "the arbiter holds", command.code or "hold")
+            return self._refuse(
+                _trip(command.code or "hold", command.reason or "the arbiter holds")
+            )
         if reading.age_s > permission.deadline_s:
             age_ms, limit_ms = reading.age_s * 1e3, permission.deadline_s * 1e3
             reason = f"permission {age_ms:.0f} ms old, limit {limit_ms:.0f} ms"
-            return self._refuse(reason, "stale")
+            return self._refuse(
+                tripped("stale", reason, value=reading.age_s, limit=permission.deadline_s, unit="s")
+            )
         if is_over:
-            reason = f"lease {permission.lease} turn {permission.turn} is over"
-            return self._refuse(reason, "no_lease")
+            reason = f"lease {permission.lease} owner {permission.ownership} is over"
+            return self._refuse(tripped("no_lease", reason))
         lease = (header.epoch, permission.lease)
         if lease in self._dead:
-            why, code = self._dead[lease]
-            return self._refuse(f"lease {lease[1]} ended: {why}", code)
+            why = self._dead[lease]
+            text = clipped(f"lease {lease[1]} ended: {why.text}")
+            return self._refuse(why.model_copy(update={"text": text}))
         self._live_lease = lease
         previous = self._accepted
         is_new = previous is None or (previous.epoch, previous.seq) != (header.epoch, header.seq)
@@ -70,37 +85,38 @@ class CommandGate:
             self._accepted = Accepted(
                 epoch=header.epoch,
                 seq=header.seq,
-                turn=permission.turn,
+                ownership=permission.ownership,
                 at_ns=now_ns,
                 sensor_stamp_ns=header.sensor_stamp_ns,
                 sensor_seq=header.sensor_seq,
             )
-        return Verdict(command, "", "", self._accepted, is_new)
+        return Verdict(command, None, self._accepted, is_new)
 
     def _is_over(self, epoch: int, permission: Permission) -> bool:
         """Return whether a newer turn of this arbiter was received, even a refused one."""
-        seen = (epoch, permission.lease, permission.turn)
+        seen = (epoch, permission.lease, permission.ownership)
         if epoch == self._newest[0] and seen < self._newest:
             return True
         self._newest = seen
         return False
 
-    def revoke(self, reason: str, code: str) -> Verdict:
+    def revoke(self, why: Trip) -> Verdict:
         """End the live lease from the robot's side, after a command that it cannot execute."""
-        return self._refuse(reason, code)
+        return self._refuse(why)
 
-    def _refuse(self, reason: str, code: str) -> Verdict:
+    def _refuse(self, why: Trip) -> Verdict:
         """Hold, and mark the live lease as dead."""
         if self._live_lease is not None:
-            self._dead[self._live_lease] = (reason, code)
+            self._dead[self._live_lease] = why
             self._live_lease = None
             if len(self._dead) > MOST_DEAD:
                 del self._dead[next(iter(self._dead))]
-        return self._hold(reason, code)
+        return Verdict(None, why, self._accepted)
 
-    def _hold(self, reason: str, code: str) -> Verdict:
-        reason = reason[:LONGEST_FAULT] or "no permission"
-        return Verdict(None, reason, code or "no_lease", self._accepted)
+
+def _trip(code: str, reason: str) -> Trip:
+    """Return what another process reports as a trip; its code may be of another version."""
+    return tripped(code if code in FAULTS else "no_lease", reason or "no permission")
 
 
 def chain_latency_s(accepted: Accepted) -> float | None:

@@ -15,7 +15,7 @@ import pinocchio as pin
 from common.config.cell import Cell
 from common.motion.frames import Array, length, rotation_between
 from forcemesh.faults import tripped
-from forcemesh.messages import Trip, Vec6
+from forcemesh.messages import Joints, Trip
 
 PERIODS = 5  # permitted consecutive reports off the commanded pose
 # The delay in the cell file is a mean; a planning step or a full ring buffer makes it longer.
@@ -61,7 +61,7 @@ class Tracking:
         self.free()
         self._commanded = Commanded(deque([(0, T_from), (0, T_to)]), is_line=True)
 
-    def turn(self, from_rad: Vec6 | Array, to_rad: Vec6 | Array) -> None:
+    def turn(self, from_rad: Joints | Array, to_rad: Joints | Array) -> None:
         """Register a commanded joint move: all joints start and arrive together."""
         self.free()
         self._commanded = Commanded(joints=(np.array(from_rad), np.array(to_rad)))
@@ -75,7 +75,7 @@ class Tracking:
             self._is_resting = True
             self._commanded.poses.append((0, T_measured))
 
-    def judge(self, T_measured: pin.SE3, joint_rad: Vec6 | Array, now_ns: int) -> Trip | None:
+    def judge(self, T_measured: pin.SE3, joint_rad: Joints | Array, now_ns: int) -> Trip | None:
         """Check a report; call it once for each."""
         if self._commanded.joints is not None:
             away_m, away_rad = 0.0, _beside(*self._commanded.joints, np.array(joint_rad))

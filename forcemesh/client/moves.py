@@ -9,7 +9,7 @@ from forcemesh.client.ask import remedy_of, stopped, well_formed
 from forcemesh.client.session import Session
 from forcemesh.clock import NS_PER_S
 from forcemesh.errors import ArmStoppedError, LostError, NotReachedError, RefusedError
-from forcemesh.messages import ZERO3, PoseRecord, Quaternion, RobotState, Vec3, Vec6
+from forcemesh.messages import ZERO3, Joints, PoseRecord, Quaternion, RobotState, Vec3
 from forcemesh.requests import HoldRequest, MoveRequest
 
 POLL_S = 0.02
@@ -141,7 +141,7 @@ class Moves:
 
     @well_formed()
     def joints(
-        self, joint_rad: Vec6, *, speed_m_s: float | None = None, timeout_s: float = LONGEST_S
+        self, joint_rad: Joints, *, speed_m_s: float | None = None, timeout_s: float = LONGEST_S
     ) -> RobotState:
         """Move the joints to angles [rad]."""
         request = MoveRequest(kind="joints", joint_rad=joint_rad, speed_m_s=speed_m_s)
@@ -149,7 +149,7 @@ class Moves:
 
     @well_formed()
     def by(
-        self, joint_rad: Vec6, *, speed_m_s: float | None = None, timeout_s: float = LONGEST_S
+        self, joint_rad: Joints, *, speed_m_s: float | None = None, timeout_s: float = LONGEST_S
     ) -> RobotState:
         """Move the joints by angles [rad] from where they are."""
         request = MoveRequest(kind="by", joint_rad=joint_rad, speed_m_s=speed_m_s)

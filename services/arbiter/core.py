@@ -8,7 +8,7 @@ import pinocchio as pin
 from common.config.cell import Cell
 from common.motion.back_off import Load, in_move
 from common.motion.convert import pose_of, record_of
-from common.motion.limits import Limits
+from common.motion.limits import Limits, check_joint_count
 from common.motion.rate_limiter import JointTrack
 from forcemesh.clock import NS_PER_S
 from forcemesh.faults import FAULTS, clipped, refusal, refused, tripped
@@ -97,7 +97,7 @@ class Arbiter:
             next_commander="none" if claim is None else claim.commander,
             goal_id=self._commanders.goal_id,
             lease=self._lease,
-            turn=turn.number,
+            ownership=turn.number,
             armed_for=self._armed_for,
             trips=self.trips,
             not_ready=lines([trip.text for trip in not_ready]),
@@ -136,8 +136,11 @@ class Arbiter:
         if faults or robot.fresh is None or robot.header is None or unfelt:
             self._stop("fault", *faults)
             return
-        self._joints = self._joints.after(robot.header.stamp_ns, np.array(robot.fresh.joint_rad))
         bounds = self._bounds
+        if (trip := check_joint_count(bounds.limits, robot.fresh.joint_rad)) is not None:
+            self._stop("fault", trip)
+            return
+        self._joints = self._joints.after(robot.header.stamp_ns, np.array(robot.fresh.joint_rad))
         if self.state == "ACTIVE" and self._commanders.turn.stream is not None:
             bounds = replace(bounds, limits=self._retreat.ceilings(bounds.limits))
         trip = (
@@ -209,7 +212,7 @@ class Arbiter:
         permission = Permission(
             host=content.pop("host"),
             lease=self._lease,
-            turn=turn.number,
+            ownership=turn.number,
             deadline_s=self._deadline_s,
             purpose=self._armed_for,
         )

@@ -3,7 +3,7 @@
 import numpy as np
 
 from common.motion.convert import pose_of
-from common.motion.limits import Limits, check_joints
+from common.motion.limits import Limits, check_joint_count, check_joints
 from forcemesh.faults import tripped
 from forcemesh.messages import RobotState, Speed, Trip
 from forcemesh.requests import MoveRequest
@@ -24,6 +24,8 @@ def goal_trip(request: MoveRequest, robot: RobotState, bounds: Bounds) -> Trip |
         return bounds.place(pose_of(request.pose))
     if request.joint_rad is None:
         return tripped("malformed", f"a move of kind {request.kind} needs joint_rad")
+    if (trip := check_joint_count(bounds.limits, request.joint_rad)) is not None:
+        return trip
     joint_rad = np.array(request.joint_rad)
     if request.kind == "by":
         joint_rad = joint_rad + np.array(robot.joint_rad)

@@ -27,15 +27,6 @@ COMMANDING = ("robot", "sensor", "wrench", "regulator")  # whose loops motion de
 
 OWN_HOLDS = ("hold", "no_lease")  # the robot repeats the arbiter: it has not seen the new lease
 ROBOT_ANSWERS_WITHIN_S = 0.3  # a robot that still holds after this does not accept the lease
-# The controller's bits that must be as named before anything moves, and the fault when one is not.
-PRECONDITIONS = {
-    "motor_power": (True, "robot_motors"),
-    "repeat_mode": (True, "robot_teach"),
-    "teach_lock_off": (True, "robot_lock"),
-    "program_running": (True, "robot_program"),
-    "watchdog_latched": (False, "robot_latched"),
-    "error": (False, "robot_error"),
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,15 +129,19 @@ def _felt(inputs: Inputs) -> list[Reading[Any]]:
 
 
 def robot_complaints(inputs: Inputs) -> list[Trip]:
-    """Return what the robot's status bits lack for motion."""
+    """Return what keeps the robot from following commands, by its own status."""
     robot = inputs.robot.fresh
-    if robot is None:
+    if robot is None or (robot.status.ready and not robot.status.faults):
         return []
-    return [
-        tripped(code, FAULTS[code].remedy)
-        for name, (wanted, code) in PRECONDITIONS.items()
-        if getattr(robot.status, name) is not wanted
-    ]
+    faults = [_fault_of_robot(fault) for fault in robot.status.faults]
+    return faults or [tripped("robot_error", "the robot is not ready and names no cause")]
+
+
+def _fault_of_robot(fault: Trip) -> Trip:
+    """Return a fault of the robot with its remedy; its code may be of another version."""
+    if fault.code not in FAULTS:
+        return fault.model_copy(update={"code": "robot_error", "rule": FAULTS["robot_error"].rule})
+    return fault.model_copy(update={"text": FAULTS[fault.code].remedy})
 
 
 def strangers(inputs: Inputs, config_hash: str, version: str) -> list[Trip]:
@@ -202,11 +197,15 @@ def robot_trip(inputs: Inputs, lease_since_ns: int) -> Trip | None:
     """Return why the robot holds although it may move: it has seen something that we have not."""
     robot = inputs.robot.fresh
     since_s = (inputs.now_ns - lease_since_ns) / NS_PER_S
-    if robot is None or not robot.hold_reason or since_s < ROBOT_ANSWERS_WITHIN_S:
+    if robot is None or robot.hold is None or since_s < ROBOT_ANSWERS_WITHIN_S:
         return None
-    known = robot.hold_code in FAULTS and robot.hold_code not in OWN_HOLDS
+    hold = robot.hold
     return tripped(
-        robot.hold_code if known else "robot_holds", f"the robot holds: {robot.hold_reason}"
+        hold.code if hold.code in FAULTS and hold.code not in OWN_HOLDS else "robot_holds",
+        f"the robot holds: {hold.text}",
+        value=hold.value,
+        limit=hold.limit,
+        unit=hold.unit,
     )
 
 

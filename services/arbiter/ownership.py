@@ -53,12 +53,12 @@ class Rest:
 
         A robot that has never accepted a command is not moving for us.
         """
-        if robot is None or turn.commander != "none" or robot.hold_reason:
+        if robot is None or turn.commander != "none" or robot.hold is not None:
             return Rest()
         status, echo = robot.status, robot.accepted
-        if status.moving or status.position_feedback or status.orientation_feedback:
+        if status.moving or status.feedback is not None:
             return Rest()
-        if echo is not None and echo.turn != turn.number:
+        if echo is not None and echo.ownership != turn.number:
             return Rest()
         return Rest(now_ns) if self.since_ns is None else self
 

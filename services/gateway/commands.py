@@ -26,7 +26,7 @@ from controller.packet_table import (
     greeting,
 )
 from forcemesh.errors import LocalProtocolError
-from forcemesh.messages import Gains, Mode, Speed, Vec3, Vec6
+from forcemesh.messages import Gains, Joints, Mode, Speed, Vec3
 from services.gateway.scales import Scales, to_units, to_vec
 
 MM_PER_M = 1e3
@@ -138,12 +138,12 @@ def set_point(
     return replace(command, com=Com.SET_POINT), left
 
 
-def move_to_joints(joint_rad: Vec6, scales: Scales) -> Command:
+def move_to_joints(joint_rad: Joints, scales: Scales) -> Command:
     """Return command 2 for joint angles [rad]."""
     return Command(Com.MOVE_JOINTS, 0, _joint_vec(joint_rad, scales))
 
 
-def move_by_joints(turn_rad: Vec6, scales: Scales) -> Command:
+def move_by_joints(turn_rad: Joints, scales: Scales) -> Command:
     """Return command 3 for joint rotations [rad]."""
     return Command(Com.MOVE_BY_JOINTS, 0, _joint_vec(turn_rad, scales))
 
@@ -268,7 +268,7 @@ def _pose_vec(position_mm: Array, oat: Oat, scales: Scales) -> VecInt:
     return to_vec(_POSE_NAMES, (x, y, z, o, a, t), per_one)
 
 
-def _joint_vec(joint_rad: Vec6, scales: Scales) -> VecInt:
+def _joint_vec(joint_rad: Joints, scales: Scales) -> VecInt:
     a, b, c, d, e, f = (degrees(angle) for angle in joint_rad)
     return to_vec(_JOINT_NAMES, (a, b, c, d, e, f), (scales.joint_per_deg,) * 6)
 

@@ -130,6 +130,14 @@ class Connection:
             return None
         return tripped(codes[0], "; ".join(FAULTS[code].cause for code in codes))
 
+    def faults(self) -> tuple[Trip, ...]:
+        """Return what keeps the controller from following commands, each as a fault."""
+        error = 0 if self.health is None else self.health.error_code
+        return tuple(
+            tripped(code, FAULTS[code].cause, value=error if code == "robot_error" else None)
+            for code in self._unfit_codes()
+        )
+
     def _unfit_codes(self) -> list[str]:
         status = Status(0) if self.measured is None else self.measured.status
         codes = [code for bit, code in NEEDED.items() if not status & bit]

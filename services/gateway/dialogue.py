@@ -15,7 +15,7 @@ import pinocchio as pin
 from controller.packet import Packet, PacketReader, encode
 from controller.packet_table import FEEDBACK_BITS, NO_ID, Com, Point, Status
 from forcemesh.errors import LocalProtocolError
-from forcemesh.messages import Gains, Mode, Speed, Vec3, Vec6
+from forcemesh.messages import Gains, Joints, Mode, Speed, Vec3
 from services.gateway import commands
 from services.gateway.commands import Command, ControllerLimits, Pacing, PoseCarry
 from services.gateway.numbering import NONE_YET, EchoMark, id_of, number_of
@@ -175,11 +175,11 @@ class Dialogue:
         command, _ = commands.move_to_pose(T_base_flange, self.scales, PoseCarry())
         return self._goal(command, speed, now_ns)
 
-    def move_to_joints(self, joint_rad: Vec6, speed: Speed, now_ns: int) -> bytes:
+    def move_to_joints(self, joint_rad: Joints, speed: Speed, now_ns: int) -> bytes:
         """Command 2, with its speeds first when they have changed."""
         return self._goal(commands.move_to_joints(joint_rad, self.scales), speed, now_ns)
 
-    def move_by_joints(self, turn_rad: Vec6, speed: Speed, now_ns: int) -> bytes:
+    def move_by_joints(self, turn_rad: Joints, speed: Speed, now_ns: int) -> bytes:
         """Command 3, with its speeds first when they have changed."""
         return self._goal(commands.move_by_joints(turn_rad, self.scales), speed, now_ns)
 

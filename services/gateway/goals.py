@@ -8,7 +8,7 @@ import pinocchio as pin
 from common.motion.convert import pose_of
 from common.motion.frames import rotation_between
 from controller.packet_table import Status
-from forcemesh.messages import Goal, GoalReport, GoalState, Vec6
+from forcemesh.messages import Goal, GoalReport, GoalState, Joints
 from services.gateway.numbering import NONE_YET
 
 NO_GOAL = GoalReport()
@@ -25,7 +25,7 @@ class Measured:
     """The newest pose and joints that the controller reported."""
 
     T_base_flange: pin.SE3
-    joint_rad: Vec6
+    joint_rad: Joints
     status: Status
     counter: int
     taken: int  # number of the last packet that the robot program has taken
@@ -39,7 +39,7 @@ class Track:
     report: GoalReport = NO_GOAL
     packet: int = NONE_YET  # its number
     T_target: pin.SE3 | None = None
-    joint_target_rad: Vec6 | None = None
+    joint_target_rad: Joints | None = None
     sent_ns: int = 0
     rest_ns: int | None = None  # since when it was taken and the arm is at rest
     candidate: GoalState = "running"  # what the last report said
@@ -67,7 +67,7 @@ def refused(goal: Goal, reason: str) -> Track:
     return Track(GoalReport(id=goal.id, state="refused", reason=reason[:400]))
 
 
-def sent(goal: Goal, packet: int, joint_rad: Vec6, now_ns: int) -> Track:
+def sent(goal: Goal, packet: int, joint_rad: Joints, now_ns: int) -> Track:
     """Return a goal whose packet was sent while the joints were at `joint_rad` [rad]."""
     joints = goal.joint_rad
     if goal.kind == "by" and joints is not None:

@@ -20,7 +20,7 @@ from controller.packet_table import (
     unpack_status,
 )
 from forcemesh.errors import RemoteProtocolError
-from forcemesh.messages import Vec6
+from forcemesh.messages import Joints
 from services.gateway.scales import Scales, differences, scales_from_hello
 
 
@@ -45,7 +45,7 @@ class PoseReport:
 class JointReport:
     """102: joint angles, the last command that the receiver framed."""
 
-    joint_rad: Vec6
+    joint_rad: Joints
     framed_id: int
     counter: int
     status: Status
@@ -116,7 +116,7 @@ def _pose(packet: Packet, scales: Scales) -> pin.SE3:
     return pin.SE3(R_from_oat(oat), np.array([x, y, z]) / scales.position_per_mm * 1e-3)
 
 
-def _joints(packet: Packet, scales: Scales) -> Vec6:
+def _joints(packet: Packet, scales: Scales) -> Joints:
     a, b, c, d, e, f = (radians(units / scales.joint_per_deg) for units in packet.vec)
     return (a, b, c, d, e, f)
 

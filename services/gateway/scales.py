@@ -5,7 +5,7 @@ from math import isfinite
 
 from controller.packet import VALUE_MAX, VALUE_MIN, VecInt
 from forcemesh.errors import LocalProtocolError, RemoteProtocolError
-from forcemesh.messages import Vec6
+from forcemesh.messages import Joints
 
 # Each scale must carry what it is for: 180 degrees of O, A, T and 360 of a joint into the negative
 # side (-99999), 1 m, 100 N, 10 N m and 250 mm/s; 499999 to the other side is five times as much.
@@ -84,7 +84,7 @@ def to_units(name: str, value: float, units_per_one: float) -> int:
     return units
 
 
-def to_vec(names: tuple[str, ...], values: Vec6, units_per_one: tuple[float, ...]) -> VecInt:
+def to_vec(names: tuple[str, ...], values: Joints, units_per_one: tuple[float, ...]) -> VecInt:
     """Return six values as packet units; errors name the one that cannot be sent."""
     rows = zip(names, values, units_per_one, strict=True)
     a, b, c, d, e, f = (to_units(name, value, scale) for name, value, scale in rows)

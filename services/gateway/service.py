@@ -15,7 +15,8 @@ from forcemesh import topics
 from forcemesh.bus import Bus
 from forcemesh.clock import NS_PER_S
 from forcemesh.errors import ConfigError, LocalProtocolError, RefusedError
-from forcemesh.messages import LinkHealth, RobotState, RobotStatus
+from forcemesh.faults import clipped, tripped
+from forcemesh.messages import KawasakiStatus, LinkHealth, Mode, RobotState, RobotStatus, Trip
 from services.gateway.commands import ControllerLimits, Pacing
 from services.gateway.connection import Connection, Wire
 from services.gateway.dialogue import Dialogue
@@ -31,6 +32,14 @@ TURN_MARGIN_RAD = radians(0.5)
 STEP_MARGIN = 1.1
 SPEED_MARGIN = 1.01
 WALL_MARGIN_M = MEASURED_SLACK_M + 1e-3
+CONTROLLER_BITS = tuple(name for name in KawasakiStatus.model_fields if name != "error_code")
+# Bits of feedback of position and of orientation, as the mode that both together are.
+FEEDBACK: dict[tuple[bool, bool], Mode | None] = {
+    (False, False): None,
+    (True, False): "position",
+    (False, True): "orientation",
+    (True, True): "both",
+}
 EARLY = 0.75  # a report that comes this share of a period after the last one is passed on
 
 
@@ -132,12 +141,12 @@ class Gateway:
         if not self._connection.is_ready:
             self._driver.disconnected()
         if self.fault or measured is None:
-            return self._gate.revoke(self.fault, self._connection.code)
+            return self._gate.revoke(tripped(self._connection.code, self.fault))
         command, accepted = verdict.command, verdict.accepted
         if command is None or command.permission is None or accepted is None:
             return self._with_cause(verdict)
         if (unfit := self._connection.unfit()) is not None:
-            return self._gate.revoke(unfit.text, unfit.code)
+            return self._gate.revoke(unfit)
         try:
             self._driver.obey(
                 command,
@@ -152,18 +161,20 @@ class Gateway:
                 self._driver.watch(measured, now_ns)
         except LocalProtocolError as error:
             self._refusals += 1
-            return self._gate.revoke(str(error), "unsendable")
+            return self._gate.revoke(tripped("unsendable", str(error)))
         except RefusedError as error:
             self._refusals += 1
-            return self._gate.revoke(str(error), error.code)
+            return self._gate.revoke(
+                tripped(error.code, str(error), value=error.value, limit=error.limit)
+            )
         return verdict
 
     def _with_cause(self, verdict: Verdict) -> Verdict:
         """Name what the controller lacks right now before why the lease ended: it is the cause."""
         if (unfit := self._connection.unfit()) is None:
             return verdict
-        reason = f"{unfit.text}; {verdict.hold_reason}"
-        return replace(verdict, hold_reason=reason, hold_code=unfit.code)
+        text = clipped(f"{unfit.text}; {verdict.hold_reason}")
+        return replace(verdict, hold=unfit.model_copy(update={"text": text}))
 
     # --- saying -----------------------------------------------------------------------------------
 
@@ -182,8 +193,7 @@ class Gateway:
                     reason=self.fault[:400],
                     code=self._connection.code,
                     goal=self._driver.goal,
-                    hold_reason=self._verdict.hold_reason[:400],
-                    hold_code=self._verdict.hold_code,
+                    hold=self._verdict.hold,
                     link=self._link_health(),
                 )
             )
@@ -194,13 +204,15 @@ class Gateway:
             position_m=flange.position_m,
             orientation_xyzw=flange.orientation_xyzw,
             joint_rad=measured.joint_rad,
-            status=robot_status(measured.status),
-            error_code=0 if health is None else health.error_code,
+            status=robot_status(
+                measured.status,
+                0 if health is None else health.error_code,
+                self._connection.faults(),
+            ),
             goal=self._driver.goal,
             accepted=self._verdict.accepted,
             sent=None if self._driver.sent is None else record_of(self._driver.sent),
-            hold_reason=self._verdict.hold_reason[:400],
-            hold_code=self._verdict.hold_code,
+            hold=self._verdict.hold,
             link=self._link_health(),
         )
 
@@ -213,9 +225,19 @@ class Gateway:
         )
 
 
-def robot_status(status: Status) -> RobotStatus:
-    """Return the controller's bits by name."""
-    return RobotStatus(**{bit.name.lower(): bool(status & bit) for bit in Status if bit.name})
+def robot_status(status: Status, error_code: int, faults: tuple[Trip, ...]) -> RobotStatus:
+    """Return the status of any robot, and the controller's own bits by name."""
+    own = {name: bool(status & Status[name.upper()]) for name in CONTROLLER_BITS}
+    return RobotStatus(
+        ready=not faults,
+        moving=bool(status & Status.MOVING),
+        held=bool(status & Status.HELD),
+        feedback=FEEDBACK[
+            bool(status & Status.POSITION_FEEDBACK), bool(status & Status.ORIENTATION_FEEDBACK)
+        ],
+        faults=faults,
+        kawasaki=KawasakiStatus(**own, error_code=error_code),
+    )
 
 
 def scales_of(section: GatewaySection) -> Scales:

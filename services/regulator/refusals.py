@@ -32,9 +32,9 @@ def refused_start(
         return refusal("host", text)
     if wanted.host == "controller" and not all(wanted.axes):
         return refusal("host", "axes: the controller cannot hold axes of its own, the PC can")
-    if wanted.host == "controller" and wanted.law == "guide":
+    if wanted.host == "controller" and wanted.law == "admittance":
         return refusal("host", "law guide: the controller cannot give way to a hand, the PC can")
-    if wanted.law == "guide" and wanted.setpoint_N > 0.0:
+    if wanted.law == "admittance" and wanted.setpoint_N > 0.0:
         text = "law guide gives way to a hand: its set point is 0"
         return refusal("setpoint", text, value=wanted.setpoint_N, limit=0.0)
     if wanted.setpoint_N > largest_N:
@@ -81,7 +81,7 @@ def refused_guide(wanted: ForceStartRequest, wrench: WrenchAtTcp) -> Reply | Non
 
     A wrong sign looks like a hand: nothing in the readings would tell them apart.
     """
-    if wanted.law != "guide" or wrench.axes_checked:
+    if wanted.law != "admittance" or wrench.axes_checked:
         return None
     text = (
         "law guide follows what the sensor reads, and nothing has shown yet that its axes and "

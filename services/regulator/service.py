@@ -354,7 +354,7 @@ class Regulator:
             return refused
         if wanted.preset is not None:
             self._gains = tune(self._cell, wanted.preset).gains
-        guide = guiding.begin(T_measured) if wanted.law == "guide" else None
+        guide = guiding.begin(T_measured) if wanted.law == "admittance" else None
         running = self._session
         if running is not None and running.wanted.host == wanted.host and not running.failure:
             memory = self._memory(wanted, running.law.T_base_tcp, robot.fresh, running.memory)

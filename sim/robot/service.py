@@ -6,7 +6,7 @@ import pinocchio as pin
 
 from common.config.cell import Cell
 from common.config.cell_sim import SimSection
-from common.motion.convert import record_of, vec6
+from common.motion.convert import joints, record_of
 from common.motion.permission import NO_COMMAND_YET, CommandGate, Verdict
 from common.motion.setpoint_monitor import SPEED_MARGIN
 from forcemesh import topics
@@ -42,7 +42,6 @@ class SimRobot:
         self._gate = CommandGate()
         self._verdict = NO_COMMAND_YET
         self._driver = SimDriver(cell, self.arm, self._motion)
-        self._target_refused = False
         self._refusals = 0
         self._state_ticks = max(1, round(1.0 / cell.rates.robot_hz / TICK_S))
         self._start_ns = bus.clock.now_ns()
@@ -114,50 +113,34 @@ class SimRobot:
 
     def _refuse(self, trip: Trip) -> None:
         limit = "" if trip.limit is None else f" (limit {trip.limit:.6g})"
-        self._target_refused = True
         self._refusals += 1
-        self._verdict = self._gate.revoke(trip.text + limit, trip.code)
+        self._verdict = self._gate.revoke(trip.model_copy(update={"text": trip.text + limit}))
         self._driver.hold(self._verdict.hold_reason)
 
     # --- publishing -----------------------------------------------------------------------------
 
     def _put_state(self) -> None:
         T_base_flange = record_of(self.arm.T_base_flange)
-        hold_reason = self._verdict.hold_reason
-        self._target_refused = self._target_refused and bool(hold_reason)
-        status = _status(
-            moving=self.arm.moving,
-            held=bool(hold_reason),
-            target_refused=self._target_refused,
-        )
+        hold = self._verdict.hold
         self._state.put(
             RobotState(
                 position_m=T_base_flange.position_m,
                 orientation_xyzw=T_base_flange.orientation_xyzw,
-                joint_rad=vec6(self.arm.q),
-                status=status,
+                joint_rad=joints(self.arm.q),
+                status=_status(moving=self.arm.moving, held=hold is not None),
                 goal=self._driver.goal,
                 accepted=self._verdict.accepted,
                 sent=None if self._driver.sent is None else record_of(self._driver.sent),
-                hold_reason=hold_reason,
-                hold_code=self._verdict.hold_code,
+                hold=hold,
                 link=_LINK,
             )
         )
 
 
 @cache
-def _status(*, moving: bool, held: bool, target_refused: bool) -> RobotStatus:
-    """Return the status bits of an arm that is always ready; cached, as few values occur."""
-    return RobotStatus(
-        motor_power=True,
-        repeat_mode=True,
-        teach_lock_off=True,
-        program_running=True,
-        moving=moving,
-        held=held,
-        target_refused=target_refused,
-    )
+def _status(*, moving: bool, held: bool) -> RobotStatus:
+    """Return the status of an arm that is always ready; cached, as few values occur."""
+    return RobotStatus(ready=True, moving=moving, held=held)
 
 
 def sim_settings(cell: Cell, sim: SimSection) -> SimSettings:

@@ -203,7 +203,8 @@ class Rig:
     @property
     def feedback_bits(self) -> tuple[bool, bool]:
         """Whether the controller says that feedback of position, of orientation runs."""
-        return self.state.status.position_feedback, self.state.status.orientation_feedback
+        mode = self.state.status.feedback
+        return mode in ("position", "both"), mode in ("orientation", "both")
 
     @property
     def joint_rad(self) -> np.ndarray:

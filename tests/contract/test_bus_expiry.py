@@ -73,7 +73,7 @@ def test_an_arbiter_whose_certificate_ends_is_cut_off_and_the_robot_holds(
     ):
         commands = robot.reader(topics.ROBOT_COMMAND)
         says = arbiter.publisher(topics.ROBOT_COMMAND)
-        leave = Permission(host="pc", lease=1, deadline_s=0.1, turn=1)
+        leave = Permission(host="pc", lease=1, deadline_s=0.1, ownership=1)
         heard_s = 0.0
         while time.time() < ends_s + 4.0:
             says.put(RobotCommand(kind="idle", permission=leave))

@@ -41,7 +41,7 @@ from forcemesh.requests import Reply
 from forcemesh.version import __version__
 from services.arbiter.core import Arbiter
 from services.arbiter.inputs import Inputs, Watched
-from tests.fakes.arbiter_world import CELL, FIT, STOPPED, T_START, shifted
+from tests.fakes.arbiter_world import CELL, FIT, STOPPED, T_START, shifted, unfit
 
 # A way to go back when it is pushed hard, so that all three ways to stop are walked.
 FREE = WrenchAtTcp(calibrated=True)  # nothing touches the tool
@@ -80,10 +80,10 @@ WISHES: dict[str, RegulatorTarget] = {
 SILENT = {f"{name} silent": name for name in ("robot", "sensor", "wrench", "target", "health")}
 INVALID = {f"{name} invalid": name for name in ("robot", "sensor", "wrench")}
 SAYS: dict[str, tuple[str, dict[str, Any]]] = {
-    "motors off": ("robot", {"status": FIT.model_copy(update={"motor_power": False})}),
-    "error": ("robot", {"status": FIT.model_copy(update={"error": True})}),
-    "robot holds": ("robot", {"hold_reason": "HOLD on the pendant", "hold_code": "tracking"}),
-    "robot fails": ("robot", {"hold_reason": "the link is slow", "hold_code": "link_slow"}),
+    "motors off": ("robot", {"status": unfit("robot_motors")}),
+    "error": ("robot", {"status": unfit("robot_error")}),
+    "robot holds": ("robot", {"hold": tripped("tracking", "HOLD on the pendant")}),
+    "robot fails": ("robot", {"hold": tripped("link_slow", "the link is slow")}),
     "arm outside": ("robot", OUTSIDE.model_dump()),
     "pushed": ("wrench", {"force_N": (0.0, 0.0, 0.9 * FORCE_N)}),
     "crushed": ("wrench", {"force_N": (0.0, 0.0, 1.1 * FORCE_N)}),
@@ -193,8 +193,7 @@ class Product:
                 status=FIT_AND_MOVING if self.moving else FIT,
                 goal=self.goal,
                 accepted=self.verdict.accepted,
-                hold_reason=self.verdict.hold_reason,
-                hold_code=self.verdict.hold_code,
+                hold=self.verdict.hold,
             )
         else:
             message = WISHES[self.wish] if name == "target" else ALWAYS_SAID[name]
@@ -285,4 +284,4 @@ def _owner(said: tuple[Header, RobotCommand]) -> tuple[int, int, int] | None:
     header, command = said
     if command.permission is None:
         return None
-    return header.epoch, command.permission.lease, command.permission.turn
+    return header.epoch, command.permission.lease, command.permission.ownership

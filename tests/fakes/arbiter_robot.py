@@ -4,6 +4,7 @@ from collections import deque
 from dataclasses import dataclass, field
 from typing import Any
 
+from forcemesh.faults import tripped
 from forcemesh.messages import (
     Accepted,
     Feedback,
@@ -54,10 +55,10 @@ class RobotWorld(World):
 
     def _obey(self, command: RobotCommand) -> None:
         if command.permission is None:
-            self.change("robot", hold_reason="the arbiter holds")
+            self.change("robot", hold=tripped("robot_holds", "the arbiter holds"))
         else:
-            echo = Accepted(epoch=1, seq=1, turn=command.permission.turn, at_ns=1)
-            self.change("robot", hold_reason="", accepted=echo)
+            echo = Accepted(epoch=1, seq=1, ownership=command.permission.ownership, at_ns=1)
+            self.change("robot", hold=None, accepted=echo)
         self._braking = self.brake_periods if command.kind in MOTIONS else self._braking - 1
         moving = self._braking > 0 or command.kind in MOTIONS
         update = {"moving": moving, "position_feedback": command.kind == "feedback"}

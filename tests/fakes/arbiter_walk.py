@@ -237,11 +237,11 @@ def _freeing_key(product: Product) -> Key:
 
 
 def _gate_key(product: Product) -> Key:
-    gate, turn = product.gate, product.status.turn
+    gate, turn = product.gate, product.status.ownership
     lease = (product.epoch, product.status.lease)
     accepted, obeys = gate._accepted, product.verdict.command is not None
     live = None if gate._live_lease is None else gate._live_lease == lease
-    echo = accepted and (accepted.epoch, accepted.turn) == (product.epoch, turn)
+    echo = accepted and (accepted.epoch, accepted.ownership) == (product.epoch, turn)
     if not product.may_move:
         return (live, obeys, obeys and echo)
     old = None if product.before is None else product.before[0].epoch == product.epoch

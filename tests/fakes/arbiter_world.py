@@ -14,6 +14,7 @@ from common.motion.convert import pose_of, record_of
 from common.motion.frames import Oat, R_from_oat
 from forcemesh.bus import Reading
 from forcemesh.codec import Header
+from forcemesh.faults import FAULTS, tripped
 from forcemesh.messages import (
     Health,
     Message,
@@ -36,7 +37,10 @@ ROLES = ("hub", "robot", "sensor", "wrench", "regulator")
 PERIOD_NS = 4_000_000
 LONG_PERIOD_NS = 20_000_000
 DEADLINE_S = 0.04
-FIT = RobotStatus(motor_power=True, repeat_mode=True, teach_lock_off=True, program_running=True)
+FIT = RobotStatus(ready=True)
+ROBOT_FAULTS = (
+    "robot_motors", "robot_teach", "robot_lock", "robot_program", "robot_latched", "robot_error",
+)  # fmt: skip
 T_START = pin.SE3(R_from_oat(Oat(0.0, pi, 0.0)), np.array([0.0, 0.5, 0.35]))  # flange, tool down
 FREE = WrenchAtTcp(calibrated=True)  # nothing touches the tool
 STOPPED = RegulatorTarget(valid=False, reason="stopped")
@@ -47,13 +51,21 @@ def good_messages(cell: Cell) -> dict[str, Message]:
     """Return what is heard in a cell where all is well and nobody wants anything."""
     start = record_of(T_START)
     robot = RobotState(
-        position_m=start.position_m, orientation_xyzw=start.orientation_xyzw, status=FIT
+        joint_rad=(0.0,) * 6,
+        position_m=start.position_m,
+        orientation_xyzw=start.orientation_xyzw,
+        status=FIT,
     )
     health = Health(config_hash=cell_hash(cell), version=__version__)
     messages: dict[str, Message] = {
         "robot": robot, "sensor": SensorWrench(), "wrench": FREE, "target": STOPPED
     }  # fmt: skip
     return messages | {f"{role}/health": health for role in ROLES}
+
+
+def unfit(code: str) -> RobotStatus:
+    """Return the status of a robot that one fault keeps from moving."""
+    return RobotStatus(faults=(tripped(code, FAULTS[code].cause),))
 
 
 @dataclass

@@ -44,7 +44,7 @@ def _whole(request: Request[Any]) -> Iterator[dict[str, Any]]:
         for kind in ("pose", "joints", "by"):
             yield body | {"kind": kind}
     elif request.key == "request/force/start":
-        for law in ("plain", "adaptive", "guide"):
+        for law in ("plain", "adaptive", "admittance"):
             yield body | {"law": law, "setpoint_N": 5.0}
     else:
         yield body

@@ -164,7 +164,7 @@ class GatewayWorld:
         self._put(data)
         self.allowed, self.kind = None, command.kind
         permission = command.permission
-        if permission is not None and (permission.lease, permission.turn) == (
+        if permission is not None and (permission.lease, permission.ownership) == (
             self.lease,
             self.turn,
         ):

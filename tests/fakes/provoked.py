@@ -8,13 +8,20 @@ import pinocchio as pin
 
 from common.motion.convert import record_of
 from forcemesh import topics
+from forcemesh.faults import tripped
 from forcemesh.messages import (
     GoalReport,
     RegulatorTarget,
 )
 from forcemesh.requests import HoldRequest
-from services.arbiter.inputs import PRECONDITIONS
-from tests.fakes.arbiter_world import CELL, FIT, MOVE_DOWN, T_START, shifted
+from tests.fakes.arbiter_world import (
+    CELL,
+    MOVE_DOWN,
+    ROBOT_FAULTS,
+    T_START,
+    shifted,
+    unfit,
+)
 from tests.fakes.cellmates import Cellmates
 
 Provoke = Callable[[Cellmates], None]
@@ -46,12 +53,7 @@ def invalid(name: str, code: str) -> Provoke:
 
 def holds(code: str) -> Provoke:
     """Let the robot hold by itself, and say why."""
-    return says("robot", hold_reason="as the test wishes", hold_code=code)
-
-
-def bit(name: str) -> Provoke:
-    """Turn one status bit of the controller the wrong way round."""
-    return says("robot", status=FIT.model_copy(update={name: not PRECONDITIONS[name][0]}))
+    return says("robot", hold=tripped(code, "as the test wishes"))
 
 
 def behind(cell: Cellmates, topic: topics.Topic[Any], data: bytes) -> None:
@@ -112,8 +114,8 @@ IN_MOTION: dict[str, Provoke] = {
     **{code: invalid("wrench", code) for code in WRENCH_CODES},
     "misaligned":    lambda cell: setattr(cell, "sample_age_s", 0.08),
     **{code: invalid("robot", code) for code in STATE_CODES},
-    **{code: bit(name) for name, (_, code) in PRECONDITIONS.items()},
-    "robot_holds":   says("robot", hold_reason="something of its own"),
+    **{code: says("robot", status=unfit(code)) for code in ROBOT_FAULTS},
+    "robot_holds":   says("robot", hold=tripped("robot_holds", "something of its own")),
     **{code: holds(code) for code in HOLD_CODES},
     "goal_refused":  pursue,
     "workspace":     place(0.41),

@@ -85,7 +85,7 @@ def guide_before_the_check() -> str:
     bench = RegulatorBench()
     bench.wrench = WrenchAtTcp()
     bench.pass_s(0.1)
-    return bench.start(ForceStartRequest(mode="position", law="guide")).code
+    return bench.start(ForceStartRequest(mode="position", law="admittance")).code
 
 
 def go_where_force_may_move() -> str:

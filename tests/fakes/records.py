@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from functools import cache
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
-from annotated_types import Ge, Gt, Le, Lt, MaxLen
+from annotated_types import Ge, Gt, Le, Lt, MaxLen, MinLen
 from hypothesis import strategies as st
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
@@ -42,7 +42,8 @@ def _values(annotation: Any, metadata: list[Any]) -> st.SearchStrategy[Any]:
     if origin is Literal:
         return st.sampled_from(args)
     if origin is tuple and args[-1] is Ellipsis:
-        return st.lists(_values(args[0], []), max_size=3).map(tuple)
+        least = max((item.min_length for item in metadata if isinstance(item, MinLen)), default=0)
+        return st.lists(_values(args[0], []), min_size=least, max_size=3).map(tuple)
     if origin is tuple:
         return st.tuples(*(_values(arg, []) for arg in args))
     if origin is dict:

@@ -72,7 +72,7 @@ def arbiter(said: m.RobotCommand) -> Said:
     if goal is not None:
         numbers |= _pose("command goal", goal.pose)
         numbers |= {} if goal.joint_rad is None else {"command joints": [*goal.joint_rad]}
-    who = None if permission is None else (permission.host, permission.lease, permission.turn)
+    who = None if permission is None else (permission.host, permission.lease, permission.ownership)
     why = None if permission is None else permission.purpose
     speed = tuple(said.speed.model_dump().values())
     return Said(numbers, (said.kind, said.commander, who, why, speed, said.limited))
@@ -80,18 +80,28 @@ def arbiter(said: m.RobotCommand) -> Said:
 
 def status(said: m.ArbiterStatus) -> Said:
     """Who may move the arm, and what stopped it."""
-    who = (said.state, said.commander, said.next_commander, said.lease, said.turn, said.armed_for)
+    who = (
+        said.state,
+        said.commander,
+        said.next_commander,
+        said.lease,
+        said.ownership,
+        said.armed_for,
+    )
     return Said({}, (*who, tuple(trip.code for trip in said.trips), len(said.not_ready)))
 
 
 def robot(said: m.RobotState) -> Said:
     """Where the arm is, what it was sent, and why it holds."""
-    numbers = {"joints": [*said.joint_rad]} | _pose("sent", said.sent)
+    numbers = {"joints": [*(said.joint_rad or (0.0,) * 6)]} | _pose("sent", said.sent)
     numbers["flange"] = [*said.position_m, *said.orientation_xyzw]
-    bits = "".join(str(int(bit)) for bit in said.status.model_dump().values())
-    taken = None if said.accepted is None else said.accepted.turn
+    status = said.status
+    bits = () if status.kawasaki is None else tuple(status.kawasaki.model_dump().values())
+    faults = tuple(fault.code for fault in status.faults)
+    flags = (status.ready, status.moving, status.held, status.feedback, faults, bits)
+    taken = None if said.accepted is None else said.accepted.ownership
     goal = (said.goal.id, said.goal.state)
-    return Said(numbers, (bits, said.error_code, goal, said.hold_code, taken, said.link.connected))
+    return Said(numbers, (flags, goal, said.hold_code, taken, said.link.connected))
 
 
 def _pose(name: str, pose: m.PoseRecord | None) -> dict[str, Row]:

@@ -55,7 +55,7 @@ def guided(player: Player) -> None:
     """A hand leads the tool to and fro in free space."""
     player.begin()
     player.prove_axes()
-    player.force(setpoint_N=0.0, law="guide")
+    player.force(setpoint_N=0.0, law="admittance")
     for force_N in ((8.0, 0.0, 0.0), (0.0, 0.0, 0.0), (-8.0, 4.0, 0.0), (0.0, 0.0, 0.0)):
         player.push(*force_N)
         player.wait(0.3)

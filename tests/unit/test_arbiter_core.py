@@ -7,18 +7,18 @@ import pytest
 from common.motion.convert import pose_of, record_of
 from common.motion.frames import rotation_from_vector
 from common.motion.limits import Limits
-from forcemesh.faults import FAULTS
+from forcemesh.faults import FAULTS, tripped
 from forcemesh.messages import MAY_MOVE, RobotCommand
-from services.arbiter.inputs import PRECONDITIONS
 from tests.fakes.arbiter_world import (
     CELL,
-    FIT,
     MOVE_JOINTS,
+    ROBOT_FAULTS,
     SPOILED,
     STOPPED,
     T_START,
     World,
     shifted,
+    unfit,
     with_limits,
 )
 
@@ -93,12 +93,11 @@ def test_arming_names_the_input_that_is_not_good(name: str) -> None:
     assert world.core.status().not_ready == (f"{name} {SPOILED}",)
 
 
-@pytest.mark.parametrize("bit", PRECONDITIONS)
-def test_arming_says_what_the_controller_lacks(bit: str) -> None:
-    """Swept: each status bit the wrong way round, with what to do about it."""
-    wanted, code = PRECONDITIONS[bit]
+@pytest.mark.parametrize("code", ROBOT_FAULTS)
+def test_arming_says_what_the_controller_lacks(code: str) -> None:
+    """Swept: each fault of the robot, with what to do about it."""
     world = World().make_ready()
-    world.change("robot", status=FIT.model_copy(update={bit: not wanted}))
+    world.change("robot", status=unfit(code))
     world.tick()
 
     reply = world.core.arm(world.inputs())
@@ -204,12 +203,11 @@ def test_a_silent_sensor_stands_there_once_and_a_silent_wrench_beside_it() -> No
 
 
 @each_motion
-@pytest.mark.parametrize("bit", PRECONDITIONS)
-def test_a_controller_that_is_not_fit_any_more_is_a_fault(bit: str, motion: str) -> None:
+@pytest.mark.parametrize("code", ROBOT_FAULTS)
+def test_a_controller_that_is_not_fit_any_more_is_a_fault(code: str, motion: str) -> None:
     """Swept: motors off, TEACH, an error, ... while the arm may move."""
-    wanted, code = PRECONDITIONS[bit]
     world = moving(motion)
-    world.change("robot", status=FIT.model_copy(update={bit: not wanted}))
+    world.change("robot", status=unfit(code))
     assert_stopped(world, world.tick(), "FAULT", FAULTS[code].remedy)
     assert world.core.trips[0].code == code
 
@@ -319,12 +317,12 @@ def test_the_tether_holds_a_tool_that_turns_on_and_on(motion: str, axis: int) ->
 def test_a_robot_that_keeps_holding_is_believed(motion: str) -> None:
     """It has seen something that the arbiter has not; a moment after arming it may still hold."""
     world = moving(motion)
-    world.change("robot", hold_reason="target out of reach")
+    world.change("robot", hold=tripped("robot_holds", "target out of reach"))
     assert_stopped(world, world.tick(), "HOLDING", "the robot holds: target out of reach")
 
     assert world.core.arm(world.inputs()).accepted
     assert world.tick(50).permission is not None
-    world.change("robot", hold_reason="")
+    world.change("robot", hold=None)
     assert world.pass_s(1.0).permission is not None
 
 

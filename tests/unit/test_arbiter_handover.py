@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from common.motion.convert import pose_of
+from forcemesh.faults import tripped
 from forcemesh.messages import Accepted, Asker, Commander, RobotCommand
 from forcemesh.requests import MoveRequest
 from services.arbiter.ownership import REST_S, SETTLE_WITHIN_S
@@ -106,8 +107,8 @@ def test_every_owner_has_a_turn_of_its_own_under_one_lease(owner: str, asker: st
     assert before is not None
     assert after is not None
     assert before.lease == after.lease
-    assert before.turn < after.turn
-    assert world.core.status().turn == after.turn
+    assert before.ownership < after.ownership
+    assert world.core.status().ownership == after.ownership
 
 
 @pytest.mark.parametrize(("owner", "asker"), sorted(TAKES))
@@ -167,14 +168,14 @@ def test_a_robot_that_does_not_echo_the_new_turn_lets_nobody_begin() -> None:
     """It says that it rests, but it has not heard yet: it may still be about to move."""
     world = World().make_armed()
     assert world.core.move(BY_PROGRAM, world.inputs()).accepted
-    turn = world.core.status().turn
-    world.change("robot", accepted=Accepted(epoch=1, seq=1, turn=turn, at_ns=1))
+    turn = world.core.status().ownership
+    world.change("robot", accepted=Accepted(epoch=1, seq=1, ownership=turn, at_ns=1))
     assert world.tick().commander == "program"
     assert world.core.move(MOVE_DOWN, world.inputs()).accepted
     assert world.tick(100).kind == "idle"
     assert world.core.state == "SETTLING"
 
-    world.change("robot", accepted=Accepted(epoch=1, seq=1, turn=turn + 1, at_ns=1))
+    world.change("robot", accepted=Accepted(epoch=1, seq=1, ownership=turn + 1, at_ns=1))
     assert world.pass_s(0.2).commander == "operator"
 
 
@@ -183,7 +184,7 @@ def test_a_robot_that_holds_by_itself_lets_nobody_begin() -> None:
     world = RobotWorld().give("program")
     world.ask("operator")
     for _ in range(200):
-        world.change("robot", hold_reason="lease 1 ended", accepted=None)
+        world.change("robot", hold=tripped("robot_holds", "lease 1 ended"), accepted=None)
         World.tick(world)
         assert world.core.status().commander == "none"
     assert world.core.state == "HOLDING"

@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
 from forcemesh.codec import MAX_BYTES, Header, encode
+from forcemesh.faults import tripped
 from forcemesh.messages import (
     MAY_MOVE,
     Accepted,
@@ -18,15 +19,16 @@ from forcemesh.messages import (
     Speed,
 )
 from forcemesh.requests import MoveRequest, Reply
-from services.arbiter.inputs import PRECONDITIONS
 from tests.fakes.arbiter_world import (
     CELL,
     FIT,
     MOVE_DOWN,
     MOVE_JOINTS,
+    ROBOT_FAULTS,
     STOPPED,
     World,
     shifted,
+    unfit,
     way_m,
 )
 
@@ -170,11 +172,10 @@ class ArbiterMachine(RuleBasedStateMachine):
         """An input says that it knows nothing."""
         self.world.change(name, valid=False, reason=reason[:400])
 
-    @rule(bit=st.sampled_from(sorted(PRECONDITIONS)))
-    def lose_a_bit(self, bit: str) -> None:
-        """The controller is not fit."""
-        wanted = PRECONDITIONS[bit][0]
-        self.world.change("robot", status=FIT.model_copy(update={bit: not wanted}))
+    @rule(code=st.sampled_from(ROBOT_FAULTS))
+    def report_a_fault(self, code: str) -> None:
+        """The robot is not ready."""
+        self.world.change("robot", status=unfit(code))
 
     @rule(force_N=st.sampled_from([0.0, 59.0, 61.0]))
     def push(self, force_N: float) -> None:
@@ -184,15 +185,16 @@ class ArbiterMachine(RuleBasedStateMachine):
     @rule(moving=st.booleans(), turn=st.integers(-1, 1))
     def robot_reports(self, moving: bool, turn: int) -> None:
         """The robot moves or rests, and echoes this turn, or another one."""
-        turn += self.world.core.status().turn
-        echo = Accepted(epoch=1, seq=1, turn=turn, at_ns=1)
+        turn += self.world.core.status().ownership
+        echo = Accepted(epoch=1, seq=1, ownership=turn, at_ns=1)
         status = FIT.model_copy(update={"moving": moving})
         self.world.change("robot", status=status, accepted=echo)
 
     @rule(hold_reason=st.sampled_from(["", "out of reach"]))
     def robot_holds(self, hold_reason: str) -> None:
         """The robot holds by itself, or goes on."""
-        self.world.change("robot", hold_reason=hold_reason)
+        hold = tripped("robot_holds", hold_reason) if hold_reason else None
+        self.world.change("robot", hold=hold)
 
     @rule(state=st.sampled_from(["running", "done", "refused"]), lag=st.integers(0, 1))
     def report(self, state: Any, lag: int) -> None:
@@ -249,7 +251,7 @@ class ArbiterMachine(RuleBasedStateMachine):
         if now.permission is not None:
             assert self.armed
             assert now.permission.lease == self.lease
-            assert now.permission.turn == self.world.core.status().turn
+            assert now.permission.ownership == self.world.core.status().ownership
         else:
             assert now.reason
         if before.kind == now.kind == "setpoint" and before.permission == now.permission:
@@ -257,7 +259,7 @@ class ArbiterMachine(RuleBasedStateMachine):
             assert way_m(now.pose, before.pose) <= CELL.limits.speed_m_s * 0.004 * (1.0 + 1e-9)
         owners = {before.commander, now.commander} - {"none"}
         if before.permission is not None and now.permission is not None and len(owners) > 1:
-            assert before.permission.turn < now.permission.turn
+            assert before.permission.ownership < now.permission.ownership
 
     # --- what must always be --------------------------------------------------------------------
 

@@ -50,12 +50,12 @@ def there_is_one_owner(edge: Edge) -> None:
     command, permission = edge.after.command, edge.after.command.permission
     assert (permission is not None) == edge.after.may_move == (command.kind != "hold")
     if permission is not None:
-        assert (permission.lease, permission.turn) == (after.lease, after.turn)
+        assert (permission.lease, permission.ownership) == (after.lease, after.ownership)
         assert command.commander == after.commander
     if edge.before.epoch == edge.after.epoch:
-        assert (after.lease, after.turn) >= (before.lease, before.turn)
+        assert (after.lease, after.ownership) >= (before.lease, before.ownership)
         if before.commander not in {"none", after.commander}:
-            assert (after.lease, after.turn) > (before.lease, before.turn)
+            assert (after.lease, after.ownership) > (before.lease, before.ownership)
     assert (after.commander != "none") == (after.state in {"ACTIVE", "STOPPING"})
     assert (after.next_commander != "none") == (after.state == "SETTLING")
 

@@ -11,7 +11,7 @@ from cli.calibration import by_arm
 from cli.calibration.wizard import Pace
 from common.config.load import load_cell
 from common.config.payload import Payload, predict, residual
-from common.motion.convert import record_of, vec6
+from common.motion.convert import joints, record_of
 from common.motion.frames import GRAVITY_M_S2, R_from_quaternion, skew
 from common.motion.kinematics import ArmKinematics
 from forcemesh.messages import RobotState
@@ -276,7 +276,7 @@ def state_with(T_reported) -> RobotState:
     return RobotState(
         position_m=record.position_m,
         orientation_xyzw=record.orientation_xyzw,
-        joint_rad=vec6(HOME_RAD),
+        joint_rad=joints(HOME_RAD),
     )
 
 

@@ -18,10 +18,10 @@ from common.motion.kinematics import ArmKinematics
 from controller.packet import Packet
 from controller.packet_table import ID_FIRST, Com, Status, greeting
 from forcemesh import topics
-from forcemesh.messages import Health, LinkHealth, RobotState, RobotStatus
+from forcemesh.messages import Health, KawasakiStatus, LinkHealth, RobotState, RobotStatus
 from services.gateway.reports import HealthReport, JointReport, PoseReport
 from services.gateway.round_trips import Spread
-from services.gateway.service import scales_of
+from services.gateway.service import robot_status, scales_of
 
 CELLS = Path(__file__).resolve().parents[2] / "cells"
 TCP = load_cell(CELLS / "demo-tcp.yaml")
@@ -74,9 +74,10 @@ def words(lines: list[Line]) -> dict[str, str]:
 def a_state(**changes: object) -> RobotState:
     """The state of a robot in good order."""
     quaternion = tuple(float(x) for x in _xyzw())
-    status = RobotStatus(
-        motor_power=True, repeat_mode=True, teach_lock_off=True, program_running=True, held=True
+    bits = KawasakiStatus(
+        motor_power=True, repeat_mode=True, teach_lock_off=True, program_running=True
     )
+    status = RobotStatus(ready=True, held=True, kawasaki=bits)
     state = RobotState(
         position_m=tuple(float(x) for x in T.translation),  # type: ignore[arg-type]
         orientation_xyzw=quaternion,  # type: ignore[arg-type]
@@ -230,10 +231,9 @@ def test_a_thinned_robot_state_is_not_slow_but_one_at_half_is() -> None:
 
 
 @pytest.mark.parametrize("bit", list(Status), ids=lambda bit: bit.name)
-def test_named_bits_are_the_controllers_bits(bit: Status) -> None:
-    """Each name of robot/state is one bit of the packet."""
-    assert bit.name is not None
-    assert status_of(RobotStatus.model_validate({bit.name.lower(): True})) == bit
+def test_the_status_of_a_robot_is_that_of_its_controller(bit: Status) -> None:
+    """Each bit of the packet is in robot/state, and comes back from it as it was."""
+    assert status_of(robot_status(bit, 0, ())) == bit
 
 
 def test_exit_codes() -> None:

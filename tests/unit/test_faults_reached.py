@@ -200,6 +200,7 @@ def backing_off_from_nothing_known() -> str:
 
 
 FAR = MoveRequest(kind="joints", joint_rad=(9.0,) * 6)
+OTHER_ARM = MoveRequest(kind="joints", joint_rad=(0.0,) * 7)
 NOWHERE = pin.SE3(np.eye(3), np.full(3, np.nan))
 BEYOND_ALL = pin.SE3(np.eye(3), np.full(3, 9.0))
 
@@ -231,6 +232,7 @@ REACHED: dict[str, Callable[[], str]] = {
     "robot_link":       from_a_gateway_alone,
     "robot_refuses":    from_a_bare_arm,
     "joint":            lambda: ask_armed((topics.MOVE, FAR)),
+    "joint_count":      lambda: ask_armed((topics.MOVE, OTHER_ARM)),
     "step":             lambda: ruled(check_step(LIMITS, HERE, BEYOND)),
     "tether":           lambda: ruled(check_tether(LIMITS, HERE, BEYOND_ALL)),
     "speed":            lambda: ask_armed((topics.SPEED, Speed(mechanical_m_s=4.0))),

@@ -12,7 +12,7 @@ from common.motion.frames import Oat, R_from_oat, rotation_between
 from controller.packet import Packet, PacketReader, encode
 from controller.packet_table import ID_FIRST, Com, Point, Status, pack_status
 from forcemesh.errors import LocalProtocolError, RemoteProtocolError
-from forcemesh.messages import Gains, Speed, Vec6
+from forcemesh.messages import Gains, Joints, Speed
 from services.gateway import commands, reports
 from services.gateway.commands import Command, ControllerLimits, PoseCarry
 from services.gateway.scales import SCALE_RANGES, Scales, scales_from_hello
@@ -114,7 +114,7 @@ def test_a_stream_that_comes_to_a_pole_keeps_its_o(a_deg: float) -> None:
 
 
 @given(st.tuples(*[st.floats(-2 * pi, 2 * pi)] * 6))
-def test_joint_angles_arrive_within_half_a_unit(q: Vec6) -> None:
+def test_joint_angles_arrive_within_half_a_unit(q: Joints) -> None:
     """Command 2 and the report of joints share unit and sign, for two full turns."""
     packet = over_the_wire(commands.move_to_joints(q, SCALES))
     echoed = Packet(ID_FIRST + 5, Com.JOINTS, pack_status(3, Status.MOVING), packet.vec)

@@ -42,8 +42,7 @@ def test_the_controller_gets_centre_and_gains_then_the_start_then_set_point_and_
     assert [p.vec for p in cell.controller.of(Com.FORCE_SET_POINT)] == [(0, 0, 1000, 0, 0, 0)]
     assert cell.controller.robot.gains_p == (1000, 1000, 1000, 0, 0, 0)
     assert cell.controller.robot.gains_i == (50, 50, 50, 0, 0, 0)
-    assert cell.rig.state.status.position_feedback
-    assert not cell.rig.state.status.orientation_feedback
+    assert cell.rig.state.status.feedback == "position"
 
 
 def test_a_wrench_is_sent_once(cell: GatewayCell) -> None:
@@ -61,7 +60,7 @@ def test_idle_stops_force_feedback(cell: GatewayCell) -> None:
     """7 with Param 2, and moves are possible again."""
     start_feedback(cell)
     cell.rig.say("idle")
-    cell.rig.until(lambda: not cell.rig.state.status.position_feedback)
+    cell.rig.until(lambda: cell.rig.state.status.feedback is None)
     assert Packet(0, 7, 2).frames[1:] in [p.frames[1:] for p in cell.controller.of(Com.FEEDBACK)]
     cell.rig.say("goal", goal=pose_goal(1, shifted(cell.rig.T, z_m=0.005)))
     cell.rig.until(lambda: cell.rig.state.goal.state == "done")
@@ -98,7 +97,7 @@ def test_force_feedback_ends_in_hold(cell: GatewayCell, cause: str) -> None:
     else:
         cell.controller.robot.status &= ~Status.POSITION_FEEDBACK
     cell.rig.until(lambda: cell.rig.state.hold_reason)
-    cell.rig.until(lambda: not cell.rig.state.status.position_feedback)
+    cell.rig.until(lambda: cell.rig.state.status.feedback is None)
     cell.rig.advance(0.05)
     assert cell.controller.received[-1].packet.com == Com.HOLD
     cell.rig.wrench = WrenchAtTcp()

@@ -292,11 +292,11 @@ def _numbered(dialogue: Dialogue) -> bytes:
 
 def no_reason_is_given(monkeypatch: pytest.MonkeyPatch) -> None:
     """A hold without its code."""
-    hold_well = CommandGate._hold
+    refuse_well = CommandGate._refuse
     monkeypatch.setattr(
         CommandGate,
-        "_hold",
-        lambda gate, reason, code: replace(hold_well(gate, reason, code), hold_code=""),
+        "_refuse",
+        lambda gate, why: replace(refuse_well(gate, why), hold=why.model_copy(update={"code": ""})),
     )
 
 

@@ -62,7 +62,11 @@ def test_the_lights_of_the_controller_are_passed_on(cell: GatewayCell) -> None:
     cell.controller.robot.status &= ~Status.TEACH_LOCK_OFF
     cell.reports_pass()
     status = cell.rig.state.status
-    assert (status.motor_power, status.teach_lock_off, status.held) == (True, False, True)
+    bits = status.kawasaki
+    assert bits is not None
+    assert (bits.motor_power, bits.teach_lock_off) == (True, False)
+    assert (status.ready, status.held) == (False, True)
+    assert [fault.code for fault in status.faults] == ["robot_lock"]
 
 
 @pytest.mark.parametrize(

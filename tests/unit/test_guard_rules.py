@@ -15,7 +15,7 @@ from common.config.load import load_cell
 from common.motion.convert import record_of
 from common.motion.frames import Array
 from common.motion.last_check import Guard
-from forcemesh.messages import Feedback, Gains, Goal, Speed, Trip, Vec6, WrenchAtTcp
+from forcemesh.messages import Feedback, Gains, Goal, Joints, Speed, Trip, WrenchAtTcp
 from tests.contract.rig import DEMO_CELL, shifted
 
 CELL = load_cell(DEMO_CELL, {"limits.tether_m": 0.3})
@@ -151,7 +151,7 @@ EDGE_CELL = load_cell(
         "limits.planes": [{"point_m": [-0.35, 0.25, 0.0], "normal": [2.0, 2.0, 0.0]}],
     },
 )
-EDGES: dict[str, tuple[str, float, Callable[[float], tuple[pin.SE3, Vec6 | Array]]]] = {
+EDGES: dict[str, tuple[str, float, Callable[[float], tuple[pin.SE3, Joints | Array]]]] = {
     "x min": ("workspace", 2.0, lambda mm: (tip_at(-0.4 - mm * 1e-3, 0.5, 0.14), JOINTS)),
     "x max": ("workspace", 2.0, lambda mm: (tip_at(0.4 + mm * 1e-3, 0.5, 0.14), JOINTS)),
     "y min": ("workspace", 2.0, lambda mm: (tip_at(0.0, 0.2 - mm * 1e-3, 0.14), JOINTS)),

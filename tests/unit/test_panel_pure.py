@@ -357,7 +357,7 @@ def test_the_wizard_of_a_cell_that_is_not_up_says_so(tmp_path):
 
 def test_the_question_before_guiding_speaks_of_a_hand_and_the_one_before_pressing_of_the_force():
     """What a person agrees to is what happens."""
-    guide = start_question(ForceStartRequest(law="guide", mode="position"), 0.05)
+    guide = start_question(ForceStartRequest(law="admittance", mode="position"), 0.05)
     assert "gives way to a hand" in guide.source
     assert "presses" not in guide.source
     press = start_question(ForceStartRequest(mode="position", setpoint_N=15.0), 0.05)

@@ -11,6 +11,7 @@ from common.motion.permission import NO_COMMAND_YET, CommandGate, Verdict, chain
 from forcemesh.bus import Reading
 from forcemesh.clock import NS_PER_S
 from forcemesh.codec import Header
+from forcemesh.faults import tripped
 from forcemesh.messages import Accepted, Permission, RobotCommand, RobotState
 
 DEADLINE_S = 0.04
@@ -32,7 +33,7 @@ def said(
     )
     if lease is None:
         return Reading(RobotCommand(reason="the arbiter is FAULT"), header, age_s, fault)
-    permission = Permission(host="pc", lease=lease, turn=turn, deadline_s=DEADLINE_S)
+    permission = Permission(host="pc", lease=lease, ownership=turn, deadline_s=DEADLINE_S)
     return Reading(RobotCommand(kind="idle", permission=permission), header, age_s, fault)
 
 
@@ -49,7 +50,9 @@ def test_without_a_command_the_robot_holds(gate: CommandGate) -> None:
     """Nothing heard yet: hold, and say why."""
     verdict = gate.judge(NOTHING, NOW_NS)
 
-    assert verdict == Verdict(None, "robot/command missing", "no_lease", None, is_new=False)
+    assert verdict == Verdict(
+        None, tripped("no_lease", "robot/command missing"), None, is_new=False
+    )
 
 
 @pytest.mark.parametrize(
@@ -78,7 +81,7 @@ def test_a_fresh_command_with_a_permission_is_obeyed_and_echoed(gate: CommandGat
     verdict = gate.judge(reading, NOW_NS)
 
     echo = Accepted(epoch=2, seq=4, at_ns=NOW_NS, sensor_stamp_ns=NOW_NS - 3_000_000, sensor_seq=9)
-    assert verdict == Verdict(reading.message, "", "", echo, is_new=True)
+    assert verdict == Verdict(reading.message, None, echo, is_new=True)
     assert chain_latency_s(echo) == pytest.approx(0.003)
     assert chain_latency_s(Accepted(epoch=1, seq=1, at_ns=5)) is None
 
@@ -156,7 +159,7 @@ def test_a_lease_that_never_lived_cannot_be_missed(gate: CommandGate) -> None:
 def test_the_robot_itself_can_end_a_lease(gate: CommandGate) -> None:
     """Asked for what it cannot do, it holds until a person arms again."""
     gate.judge(said(), NOW_NS)
-    assert gate.revoke("out of reach", "robot_refuses").hold_reason == "out of reach"
+    assert gate.revoke(tripped("robot_refuses", "out of reach")).hold_reason == "out of reach"
     assert gate.judge(said(seq=2), NOW_NS).hold_reason == "lease 1 ended: out of reach"
 
 
@@ -164,14 +167,14 @@ def test_a_hold_always_has_a_reason_that_fits_a_message(gate: CommandGate) -> No
     """However it came about, and however long the words were."""
     gate.judge(said(), NOW_NS)
     verdicts = [
-        gate.revoke("y" * 500, "robot_refuses"),
+        gate.revoke(tripped("robot_refuses", "y" * 500)),
         gate.judge(said(seq=2), NOW_NS),
         gate.judge(Reading(None, None, 0.0, ""), NOW_NS),
         gate.judge(said(lease=None), NOW_NS),
     ]
     for verdict in verdicts:
         assert verdict.command is None
-        assert RobotState(hold_reason=verdict.hold_reason).hold_reason
+        assert RobotState(hold=verdict.hold).hold_reason
 
 
 @dataclass
@@ -232,7 +235,7 @@ class GateMachine(RuleBasedStateMachine):
     @rule()
     def revoke(self) -> None:
         """The robot cannot go on."""
-        self.verdict = self.gate.revoke("cannot", "robot_refuses")
+        self.verdict = self.gate.revoke(tripped("robot_refuses", "cannot"))
         if self.model.live is not None:
             self.model.dead |= {self.model.live}
             self.model.live = None
@@ -282,7 +285,7 @@ def test_turns_of_a_lease_never_go_back(said_in_order: list[tuple[int, int]]) ->
         if obeyed:
             newest = (lease, turn)
             assert verdict.accepted is not None
-            assert verdict.accepted.turn == turn
+            assert verdict.accepted.ownership == turn
         else:
             dead = newest[0]
 

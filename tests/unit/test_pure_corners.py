@@ -19,7 +19,7 @@ from forcemesh.requests import HoldRequest
 from services.arbiter.inputs import limit_trip, robot_complaints
 from services.arbiter.watch import RestWatch
 from services.regulator.guards import GuardSettings, Seen, Watch, watch
-from tests.fakes.arbiter_world import CELL, FIT, T_START, World
+from tests.fakes.arbiter_world import CELL, T_START, World, unfit
 from tests.fakes.line import Line
 from tests.unit.test_inbox import bus_of
 
@@ -34,7 +34,7 @@ JOINTS = (0.0, 0.0, -1.5, 0.0, -1.5, 0.0)
 def test_of_what_is_not_heard_nothing_else_is_said(name: str) -> None:
     """Neither lights nor limits are judged by an old message; that it is old is said elsewhere."""
     world = World()
-    world.change("robot", status=FIT.model_copy(update={"error": True}))
+    world.change("robot", status=unfit("robot_error"))
     world.change("wrench", force_N=(0.0, 0.0, 2.0 * CELL.limits.force_N))
     assert limit_trip(world.inputs(), LIMITS, (0.0, 0.0, 0.0)) is not None
     world.silent.add(name)

@@ -43,7 +43,7 @@ def beside(x_m: float, z_m: float = 0.0) -> tuple[float, float, float]:
 @pytest.mark.parametrize(
     ("changes", "code", "words"),
     [
-        ({"law": "guide"}, "host", "law guide"),
+        ({"law": "admittance"}, "host", "law guide"),
         ({"axes": (True, True, True, True, True, False)}, "host", "axes"),
     ],
 )
@@ -62,7 +62,7 @@ def test_what_only_the_pc_can_do_is_refused_on_the_controller(
 
 def test_a_hand_is_given_way_to_at_set_point_0_alone(bench: RegulatorBench) -> None:
     """A hand that leads and a press that is kept are two wishes for one axis."""
-    wanted = ForceStartRequest(mode="position", law="guide", setpoint_N=1.0)
+    wanted = ForceStartRequest(mode="position", law="admittance", setpoint_N=1.0)
     reply = bench.start(wanted)
     assert (reply.accepted, reply.code, reply.value, reply.limit) == (False, "setpoint", 1.0, 0.0)
     assert bench.start(wanted.model_copy(update={"setpoint_N": 0.0})).accepted
@@ -96,7 +96,7 @@ def test_a_hand_guides_only_with_axes_that_were_checked(
     """A wrong sign looks like a hand; the refusal names the calibration and the check."""
     bench.wrench = bench.wrench.model_copy(update={"axes_checked": checked})
     bench.step()
-    reply = bench.start(ForceStartRequest(mode="position", law="guide"))
+    reply = bench.start(ForceStartRequest(mode="position", law="admittance"))
     assert reply.accepted == checked
     assert checked or (reply.code, "forcemesh check axes" in reply.text) == ("axes_unproved", True)
 

@@ -142,7 +142,7 @@ def test_work_that_was_counted_lives_on_over_changes_of_set_point() -> None:
 def test_hand_guiding_needs_the_proof() -> None:
     """Refused with the remedy, also in the place of what runs; accepted once axes were checked."""
     plant = TouchedPlant()
-    wanted = ForceStartRequest(mode="position", law="guide")
+    wanted = ForceStartRequest(mode="position", law="admittance")
     reply = plant.start(wanted)
     assert (reply.accepted, reply.code) == (False, "axes_unproved")
     assert "check axes" in reply.text
@@ -171,7 +171,7 @@ def test_a_release_from_60_N_goes_on_to_its_end(
     assert plant.truth_N[2] < 2.0
 
 
-@pytest.mark.parametrize("law", ["plain", "adaptive", "guide"])
+@pytest.mark.parametrize("law", ["plain", "adaptive", "admittance"])
 @pytest.mark.parametrize("pulled", [(1, 0, 0), (0, 0, 1), (1, -1, 1)], ids=str)
 def test_a_hand_pulls_the_tool_200_mm(law: Any, pulled: Any) -> None:
     """Axes checked: it follows as long as the hand goes on."""

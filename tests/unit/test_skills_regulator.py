@@ -124,16 +124,16 @@ def test_what_opposes_more_than_a_hand_damps_it_at_once(stiffness_N_m: float) ->
 def test_guiding_is_asked_for_by_its_law_and_changes_over_without_a_jump() -> None:
     """From guiding to pressing and back while pushed: no step beyond one period's limit."""
     bench = Obedient()
-    guide = ForceStartRequest(mode="both", law="guide")
+    guide = ForceStartRequest(mode="both", law="admittance")
     for wanted in (guide, PRESS, guide, ForceStartRequest(mode="orientation", law="adaptive")):
         bench.push((3.0, -25.0, 12.0), (0.3, 0.0, -0.4))
         assert bench.start(wanted).accepted
         bench.live(0.3)
     assert max(bench.way_m) <= SPEED * PERIOD_S * (1 + 1e-6)
     assert max(bench.way_m) > 0.9 * SPEED * PERIOD_S
-    refused = bench.start(ForceStartRequest(mode="position", law="guide", setpoint_N=5.0))
+    refused = bench.start(ForceStartRequest(mode="position", law="admittance", setpoint_N=5.0))
     assert (refused.accepted, refused.code) == (False, "setpoint")
-    refused = bench.start(ForceStartRequest(mode="position", law="guide", host="controller"))
+    refused = bench.start(ForceStartRequest(mode="position", law="admittance", host="controller"))
     assert (refused.accepted, refused.code) == (False, "host")
 
 

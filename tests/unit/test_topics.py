@@ -45,7 +45,9 @@ REALISTIC: dict[str, m.Message] = {
     "robot/state": m.RobotState(
         accepted=m.Accepted.model_validate(full(m.Accepted)),
         goal=m.GoalReport(id=12345, state="refused", reason=TEXT),
-        hold_reason=TEXT,
+        hold=TRIP,
+        joint_rad=(0.1,) * 7,
+        status=m.RobotStatus(faults=(TRIP,), kawasaki=m.KawasakiStatus()),
         link=m.LinkHealth(connected=True, round_trip_s=0.0123, reconnects=12, errors=3),
     ),
     "sensor/wrench": m.SensorWrench(force_N=(0.1, 0.2, 0.3), counter=10**9),
@@ -56,7 +58,7 @@ REALISTIC: dict[str, m.Message] = {
     "robot/command": m.RobotCommand(
         reason=TEXT,
         permission=m.Permission(host="controller", lease=12345, deadline_s=0.1),
-        goal=m.Goal(id=12345, kind="pose", pose=POSE, joint_rad=m.ZERO6),
+        goal=m.Goal(id=12345, kind="pose", pose=POSE, joint_rad=(0.1,) * 7),
         pose=POSE,
     ),
     "arbiter/status": m.ArbiterStatus(

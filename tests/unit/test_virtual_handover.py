@@ -54,7 +54,7 @@ def take(lab: Lab, commander: str) -> None:
     after = lab.status
     assert (after.state, after.commander) == ("ACTIVE", commander)
     assert after.lease == before.lease
-    assert after.turn > before.turn
+    assert after.ownership > before.ownership
     assert [trip.code for trip in after.trips] == ["preempted"]
 
 
@@ -114,12 +114,12 @@ def test_a_host_that_changes_is_a_hand_over_too() -> None:
     """From the PC to the controller: idle, rest, a new turn; the arm goes on pressing."""
     lab = Lab(TCP)
     press(lab, "pc")
-    turn = lab.status.turn
+    turn = lab.status.ownership
     wish = ForceStartRequest(mode="position", host="controller", setpoint_N=PRESS_N)
     assert lab.ask(topics.FORCE_START, wish).accepted
     lab.seconds_until(lambda: lab.now(lab.command).kind == "idle", 0.1)
     lab.seconds_until(lambda: lab.now(lab.command).kind == "feedback", 1.0)
-    assert lab.status.turn > turn
+    assert lab.status.ownership > turn
     lab.cell.advance(1.0)
     assert lab.status.commander == "regulator"
     assert lab.force_N == pytest.approx(PRESS_N, abs=2.0)

@@ -111,7 +111,7 @@ class _PressForm:
             mode=self._mode.value,
             host=self._host.value,
             law=law,
-            setpoint_N=0.0 if law == "guide" else float(self._setpoint.value),
+            setpoint_N=0.0 if law == "admittance" else float(self._setpoint.value),
         )
 
     def _begin(self, cell: Cell) -> str:
@@ -120,13 +120,13 @@ class _PressForm:
     def _on_start(self, _event: object) -> None:
         wanted = self._request()
         text = start_question(wanted, self._viewer.cell.force.search_m)
-        label = "Guide now" if wanted.law == "guide" else "Press now"
+        label = "Guide now" if wanted.law == "admittance" else "Press now"
         self._viewer.confirm_and_do("Start pressing", text, label, self._begin)
 
 
 def start_question(wanted: ForceStartRequest, search_m: float) -> Html:
     """Return what is going to happen, for the person who is to let it happen."""
-    if wanted.law == "guide":
+    if wanted.law == "admittance":
         return html(
             "<p>The tool gives way to a hand: <b>it moves wherever it is pushed</b> (mode {}). Is "
             "there nothing but air around it, and nobody in reach but the one who guides?</p>",

@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 import viser
 
-from common.motion.convert import pose_of, record_of, vec6
+from common.motion.convert import joints, pose_of, record_of
 from common.motion.frames import Oat, R_from_oat, oat_from_R, pose
 from forcemesh.client import Cell
 from forcemesh.messages import RobotState, Vec3
@@ -157,7 +157,7 @@ class _Jog:
         step_deg = float(self._step.value) * (-1.0 if self._by.value == "−" else 1.0)
         by = np.zeros(6)
         by[int(self._joint.value[1:]) - 1] = math.radians(step_deg)
-        request = MoveRequest(kind="by", joint_rad=vec6(by))
+        request = MoveRequest(kind="by", joint_rad=joints(by))
         self._mover.begin(f"{self._joint.value} by {step_deg:+g} degrees", lambda _cell: request)
 
 
@@ -184,7 +184,7 @@ class _Joints:
 
     def _go(self) -> None:
         angles = [float(handle.value) for handle in self._angles]
-        request = MoveRequest(kind="joints", joint_rad=vec6(np.radians(angles)))
+        request = MoveRequest(kind="joints", joint_rad=joints(np.radians(angles)))
         text = "All joints move to " + ", ".join(f"{angle:g}" for angle in angles) + " degrees."
         self._viewer.confirm(
             "Move the joints",

@@ -117,7 +117,7 @@ FAULTS: dict[str, Fault] = {fault.code: fault for fault in (
     Fault(518, "preempted",         "HOLD",    "a commander of a higher rank took over the arm; it stays armed", "wait until the arm is free, then retry"),
     Fault(519, "handover",          "HOLD",    "the arm did not come to rest, so the next commander did not start", "find what keeps it moving, then arm"),
     Fault(520, "axes",              "REFUSAL", "the axes that force feedback may move along do not fit: a path runs along one of them, or the set point acts along one that is held", "restart force feedback with other axes (`--axes`, `--frame`)"),
-    Fault(521, "axes_unproved",     "REFUSAL", "the sensor's axes and signs are not yet verified with this calibration, and law guide would follow a wrong one", "run `forcemesh check axes` once for each calibration and each start of the cell"),
+    Fault(521, "axes_unproved",     "REFUSAL", "the sensor's axes and signs are not yet verified with this calibration, and law admittance would follow a wrong one", "run `forcemesh check axes` once for each calibration and each start of the cell"),
     Fault(522, "no_direction",      "REFUSAL", "backing off has no force direction to follow: no valid wrench, a force too small, or one that pulls the tool forward", "check the tool: if 5 mm back along its axis are free, `forcemesh back-off --without-force`"),
     Fault(523, "tare",              "REFUSAL", "the last tare is too old for the sensor's drift", "run `forcemesh tare` in free space"),
     # --- 6xx: recordings ---------------------------------------------------------------------------

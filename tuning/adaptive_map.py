@@ -1,9 +1,10 @@
-"""Where the adaptive law was measured: how slow a loop, how late an arm, how soft a contact. Data.
+"""Measured range of the adaptive law: loop rate, delay and softest contact. Data.
 
 Each row is the slowest loop and the longest delay of releases from 30 N in the bench (`World` of
 bench/force), and the softest contact on which none of them overshot by more than 5 %. At 15 and
-30 Hz and 60 ms, contacts of 1e3 and 2e3 N/m overshoot by 9 to 20 %. Softer than its row the plain
-law's gain holds, which is safe for every softer contact; beyond all rows the plain law runs.
+30 Hz and 60 ms, contacts of 1e3 and 2e3 N/m overshoot by 9 to 20 %. Below the softest contact of
+its row the law uses the plain law's gain, which is safe for every softer contact; outside all rows
+the plain law runs.
 """
 
 from dataclasses import dataclass
@@ -13,7 +14,7 @@ from common.config.cell import Cell
 
 @dataclass(frozen=True, slots=True)
 class MeasuredLoops:
-    """Loops that are at least so fast and arms at most so late; softest contact that was well."""
+    """Slowest loop, longest delay, and the softest contact with at most 5 % overshoot there."""
 
     slowest_hz: float
     longest_delay_s: float
@@ -26,16 +27,16 @@ MEASURED = (
     MeasuredLoops(15.0, 0.030, 2e3),
     MeasuredLoops(15.0, 0.060, 5e3),
 )
-SAME = 1.0 - 1e-6  # a rate or a delay that was typed is the measured one
+SAME = 1.0 - 1e-6  # tolerance of rates and delays typed with fewer digits
 
 
 def loop_hz(cell: Cell) -> float:
-    """Return how often the slower of regulator and robot turns [Hz]."""
+    """Return the loop rate: the slower one of regulator and robot [Hz]."""
     return min(cell.rates.control_hz, cell.rates.robot_hz)
 
 
 def softest_N_m(cell: Cell) -> float | None:
-    """Return the softest contact that the adaptive law bears in a cell; None: none at all."""
+    """Return the softest contact the adaptive law is valid for in a cell [N/m]; None: none."""
     rate_hz, delay_s = loop_hz(cell), cell.robot.delay_s
     rows = (
         row.softest_N_m
@@ -46,7 +47,7 @@ def softest_N_m(cell: Cell) -> float | None:
 
 
 def remark(cell: Cell) -> str:
-    """Say what a person must know who asks for the adaptive law; empty: it holds everywhere."""
+    """Return the restriction of the adaptive law in a cell, empty when there is none."""
     softest = softest_N_m(cell)
     loop = f"{loop_hz(cell):g} Hz and {cell.robot.delay_s * 1e3:g} ms of delay"
     if softest is None:
@@ -59,6 +60,6 @@ def remark(cell: Cell) -> str:
     if softest <= min(row.softest_N_m for row in MEASURED):
         return ""
     return (
-        f"at {loop} the adaptive law holds from {softest:g} N/m on: on softer contacts the plain "
-        "law's gain is used"
+        f"at {loop} the adaptive law is valid from {softest:g} N/m upwards: softer contacts use "
+        "the plain law's gain"
     )

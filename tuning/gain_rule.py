@@ -1,10 +1,10 @@
-"""The gain rule: integral gains from the stiffest contact and the loop's delay. Pure.
+"""Gain rule: integral gains from the stiffest contact and the loop delay. Pure.
 
-For an integrator behind a dead time, v = Ki (F - F_set), the loop k Ki tau = 0.45 settles from
-30 N to 1 N in four to five tau with at most 2 % overshoot; 1/e is where overshoot begins and
-pi/2 where stability ends; the proportional part alone ends it at k Kp = 1. Independently of the
-stiffness, the inertia in front of the sensor makes the force feedback positive above the robot's
-bandwidth: Ki < 1 / (m w_b), halved here.
+For an integrator with dead time tau, v = Ki (F - F_set), the loop gain k Ki tau = 0.45 settles from
+30 N to 1 N in four to five tau with at most 2 % overshoot. Overshoot begins at 1/e (critical
+damping), the stability limit is pi/2; with proportional action only it is k Kp = 1. Independently
+of the stiffness, the inertia in front of the sensor turns the force feedback positive above the
+robot's bandwidth: Ki < 1 / (m w_b), halved here.
 """
 
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ INERTIA_MARGIN = 0.5  # of 1 / (m w_b)
 
 @dataclass(frozen=True, slots=True)
 class Tuning:
-    """What the gain rule made of a cell."""
+    """Gains of the gain rule for one cell."""
 
     tau_s: float  # all delay and lag in the loop
     force_i_m_per_Ns: float
@@ -28,7 +28,7 @@ class Tuning:
 
     @property
     def gains(self) -> Gains:
-        """The same for all axes; the proportional part is zero (it only fights known lag)."""
+        """Gains of all axes; no proportional action, which would only compensate a known lag."""
         force, torque = self.force_i_m_per_Ns, self.torque_i_rad_per_Nms
         return Gains(
             force_i_m_per_Ns=(force, force, force),
@@ -39,8 +39,8 @@ class Tuning:
 def tune(cell: Cell, preset: Preset = "normal") -> Tuning:
     """Apply the gain rule to a cell.
 
-    `gentle` never overshoots and takes three times as long; `stiff` is a quarter less off while a
-    surface moves, and overshoots by 5 to 10 %, where inertia leaves room for it.
+    `gentle` never overshoots and takes three times as long. `stiff` reduces the error on a moving
+    surface by a quarter and overshoots by 5 to 10 %, as far as the inertia cap permits.
     """
     tau_s, loop_gain = loop_delay_s(cell), LOOP_GAINS[preset]
     inertia = INERTIA_MARGIN * min(1.0, loop_gain / LOOP_GAIN)
@@ -58,9 +58,9 @@ def tune(cell: Cell, preset: Preset = "normal") -> Tuning:
 
 
 def instability(cell: Cell, gains: Gains) -> str:
-    """Say what makes the loop unstable at the cell file's stiffest contact; empty: nothing does.
+    """Return the gains that make the loop unstable at the stiffest contact, empty if none does.
 
-    No reason to refuse: what is really touched may be softer.
+    This is a warning, not a refusal: the actual contact may be softer.
     """
     tau_s, bandwidth, contact = loop_delay_s(cell), cell.robot.bandwidth_rad_s, cell.contact
     stiffness, tilt = contact.stiffness_N_m, contact.tilt_stiffness_Nm_rad
@@ -82,5 +82,5 @@ def instability(cell: Cell, gains: Gains) -> str:
 
 
 def loop_delay_s(cell: Cell) -> float:
-    """Return tau [s], all that lies between a change of force and the arm's answer to it."""
+    """Return the loop delay tau from a change of force to the arm's response [s]."""
     return cell.loop_delay_s

@@ -1,4 +1,4 @@
-"""Arbiter: who may move the arm, and how far."""
+"""Arbiter: ownership, limits and permission of the arm's motion."""
 
 from common.runtime.service import main
 from services.arbiter.service import ArbiterService

@@ -1,4 +1,4 @@
-"""Where the arm may go since it was armed, and how the measured arm is judged by it. Pure."""
+"""Limits of the arm since it was armed, and the check of the measured arm against them. Pure."""
 
 from dataclasses import dataclass
 from math import radians
@@ -17,28 +17,28 @@ from common.motion.limits import (
 from common.motion.rate_limiter import JointTrack
 from forcemesh.messages import RobotState, Trip, WrenchAtTcp
 
-MEASURED_SLACK_RAD = radians(0.5)  # an arm that rests on a joint's limit is measured beside it
+MEASURED_SLACK_RAD = radians(0.5)  # measurement tolerance of an arm at rest on a joint limit
 
 
 @dataclass(frozen=True, slots=True)
 class Bounds:
-    """The cell's limits, tied to where the arm was armed."""
+    """Limits of the cell, with the pose at arming as the tether's origin."""
 
     limits: Limits
     T_flange_tcp: pin.SE3
     T_armed: pin.SE3  # flange in base
 
     def place(self, T_base_flange: pin.SE3) -> Trip | None:
-        """Judge where a flange pose lies: its tool in the workspace, itself on the tether."""
+        """Check a flange pose: its TCP in the workspace, the flange within the tether."""
         trip = check_workspace(self.limits, T_base_flange * self.T_flange_tcp)
         return trip or check_tether(self.limits, self.T_armed, T_base_flange)
 
     def measured(
         self, robot: RobotState, wrench: WrenchAtTcp | None, joints: JointTrack
     ) -> Trip | None:
-        """Judge the arm as it is: load (where one is known), place, joints and how fast they turn.
+        """Check the measured arm: load (if known), pose, joint angles and joint speeds.
 
-        Moves of the joints have no end pose to judge before, so what is measured counts.
+        Joint moves have no end pose that could be checked before, so the measured pose is checked.
         """
         speed_rad_s = joints.speed_rad_s
         return (

@@ -1,7 +1,8 @@
-"""Who has the arm, who gets it next, and what that one wants of the robot. Pure.
+"""Ownership of the arm: present commander, pending move, and the command of each period. Pure.
 
-Whoever takes the arm begins when the robot has said, under the new turn, that it rests: goals
-start from there, and set points at the measured pose at zero speed. So no hand-over jumps.
+A new owner begins once the robot has reported, under the new turn number, that it is at rest.
+Goals start from there, and set points at the measured pose at zero speed, so a hand-over never
+causes a jump.
 """
 
 from dataclasses import dataclass, field, replace
@@ -18,25 +19,25 @@ from services.arbiter.ownership import SETTLE_WITHIN_S, Claim, Rest, Turn
 from services.arbiter.ranks import goes_before
 from services.arbiter.stream import Moment, Stream, begin, faded, follow
 
-NOTHING_TO_DO = "the target holds nothing to do"
+NOTHING_TO_DO = "the regulator's target contains no command"
 
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """What the robot is to do in this period, and what has changed."""
+    """Command to the robot in this period, and the resulting event."""
 
     kind: Literal["idle", "goal", "setpoint", "feedback"] = "idle"
     content: dict[str, Any] = field(default_factory=dict)  # of the command
     event: Literal["", "take", "begin", "end"] = ""  # of the table of states
-    told: tuple[Trip, ...] | None = None  # what everybody is told from now on; None: as before
+    told: tuple[Trip, ...] | None = None  # trips to publish from now on; None: unchanged
     stop: Trip | None = None  # why motion must end
 
 
 class Commanders:
-    """One owner at a time, and at most one who waits."""
+    """Owner of the arm, and at most one pending move."""
 
     def __init__(self, rest_needed_s: float) -> None:
-        """Begin with nobody."""
+        """Start without an owner."""
         self.turn = Turn()
         self.claim: Claim | None = None
         self._rest = Rest()
@@ -46,31 +47,31 @@ class Commanders:
 
     @property
     def goal_id(self) -> int:
-        """The move in hand or the one that waits; 0 for none."""
+        """Number of the pending move, else of the active one; 0 for none."""
         goal = self.turn.goal if self.claim is None else self.claim.goal
         return 0 if goal is None else goal.id
 
     def see(self, robot: RobotState | None, now_ns: int) -> None:
-        """Look whether the arm rests."""
+        """Update the time at rest from a robot state."""
         self._rest = self._rest.seen(robot, self.turn, now_ns)
 
     def drop(self) -> None:
-        """End what is under way and what waits: the arm is stopped, or armed anew."""
+        """End the active and the pending move: the arm is stopped, or armed again."""
         self.turn, self.claim, self._regulator_rested = self.turn.next(), None, False
 
-    # --- who asks ---------------------------------------------------------------------------------
+    # --- requests ---------------------------------------------------------------------------------
 
     def ask(
         self, request: MoveRequest, robot: RobotState, bounds: Bounds, claim: Claim
     ) -> tuple[Reply, Step]:
-        """Let somebody have the arm for a move: at once when it rests and is free."""
+        """Accept or refuse a move; it begins at once if the arm is free and at rest."""
         holder = self.turn.commander if self.claim is None else self.claim.commander
         if not goes_before(request.commander, holder):
             return refusal("busy", f"the {holder} commands the arm; stop that first"), Step()
         trip = goal_trip(request, robot, bounds) or speed_trip(claim.speed, bounds.limits)
         if trip is not None:
             return refused(trip), Step()
-        # Above what the robot reports too: an arbiter that restarted must not repeat a number.
+        # Above the robot's number too: a restarted arbiter must not repeat one.
         self._last_goal_id = max(self._last_goal_id, robot.goal.id) + 1
         self.claim = replace(claim, goal=claim.goal.model_copy(update={"id": self._last_goal_id}))
         reply = Reply(
@@ -112,14 +113,14 @@ class Commanders:
         *,
         told: tuple[Trip, ...],
     ) -> Step:
-        """Return what the robot is to do.
+        """Return the command of this period.
 
         Args:
-            robot: Where the arm is.
-            target: What the regulator proposes; None while it is stopped or may not command.
-            bounds: Where the arm may go.
+            robot: State of the robot.
+            target: Proposal of the regulator; None while it is stopped or may not command.
+            bounds: Limits of the arm.
             moment: This period.
-            told: What everybody has been told so far.
+            told: Trips published so far.
         """
         if target is None or self.turn.goal is not None or self.claim is not None:
             self._regulator_rested = target is None
@@ -131,7 +132,7 @@ class Commanders:
             return self._regulate(target, bounds, moment)
         if target is None or not self._regulator_rested:
             return Step()
-        if not self._rests(moment.now_ns):  # until it may begin, the regulator goes on from here
+        if not self._rests(moment.now_ns):  # the regulator continues from here until it may begin
             return Step(content={"pose": record_of(moment.T_measured), "limited": True})
         stream = begin(moment.T_measured) if target.host == "pc" else None
         self.turn = replace(self.turn, commander="regulator", host=target.host, stream=stream)
@@ -150,7 +151,7 @@ class Commanders:
             return self._begin(claim, robot, bounds, told)
         if now_ns - claim.since_ns <= SETTLE_WITHIN_S * NS_PER_S:
             return Step()
-        text = f"the arm is not at rest {SETTLE_WITHIN_S:g} s after the {claim.commander} asked"
+        text = f"the arm is not at rest {SETTLE_WITHIN_S:g} s after the {claim.commander}'s request"
         return Step(stop=tripped("handover", text))
 
     def _watch(self, goal: Goal, robot: RobotState) -> Step:
@@ -169,7 +170,7 @@ class Commanders:
     def _regulate(self, target: RegulatorTarget | None, bounds: Bounds, moment: Moment) -> Step:
         stream = self.turn.stream
         if target is None and stream is not None and not stream.pace.is_still:
-            return self._set_point(faded(stream, bounds, moment.dt_s))  # it was stopped: no jerk
+            return self._set_point(faded(stream, bounds, moment.dt_s))  # stopped: ramp down
         if target is None or target.host != self.turn.host:
             return self._end()
         if stream is None and target.feedback is not None:

@@ -1,4 +1,4 @@
-"""Decides who may move the arm, and how far. Holds the state; knows neither bus nor clock."""
+"""Arbiter core: state machine, ownership, limits and permission, without bus or clock."""
 
 from dataclasses import replace
 
@@ -38,15 +38,15 @@ from services.arbiter.reports import lines, recent, what_next
 from services.arbiter.states import CLEARS, TABLE, after
 from services.arbiter.stream import Moment
 
-LONGEST_GAP_PERIODS = 3.0  # after a longer one, set points go on as if it had been so long
-LEAST_REPORTS = 3.0  # of the robot, in which it must have been at rest
+LONGEST_GAP_PERIODS = 3.0  # longest period, in nominal ones, over which set points advance
+LEAST_REPORTS = 3.0  # robot reports over which the arm must be at rest
 
 
 class Arbiter:
-    """One commander, arm and hold, limits, deadlines."""
+    """State machine of the arm: one commander, arm and hold, limits, deadlines."""
 
     def __init__(self, cell: Cell, *, command_deadline_s: float) -> None:
-        """Start in BOOT with nothing known."""
+        """Start in BOOT without inputs."""
         self.state: ArbiterState = "BOOT"
         self.trips: tuple[Trip, ...] = ()
         self._deadline_s = command_deadline_s
@@ -63,16 +63,16 @@ class Arbiter:
         self._lease = 0
         self._lease_since_ns = 0
         self._armed_for: Purpose = "all"
-        self._writers: known.Writers = {}  # of the inputs when the arm was armed
+        self._writers: known.Writers = {}  # publishers of the inputs at arming
         self._good_since_ns: int | None = None
-        self._blind_since_ns: int | None = None  # good but for sensor and wrench
+        self._blind_since_ns: int | None = None  # good except for sensor and wrench
         self._last_ns = 0
         self._seen: Inputs | None = None  # at the last tick
 
     # --- every period ---------------------------------------------------------------------------
 
     def tick(self, inputs: Inputs) -> RobotCommand:
-        """Judge the inputs, follow the commander, return what the robot may do."""
+        """Check the inputs, follow the commander, return the command of this period."""
         dt_s = (inputs.now_ns - self._last_ns) / NS_PER_S if self._last_ns else 0.0
         self._last_ns, self._seen = inputs.now_ns, inputs
         lost = known.missing(inputs)
@@ -88,7 +88,7 @@ class Arbiter:
         return command or RobotCommand(kind="hold", speed=self._speed, reason=self._hold_reason())
 
     def status(self) -> ArbiterStatus:
-        """Return what everybody may know."""
+        """Return the published status."""
         turn, claim = self._commanders.turn, self._commanders.claim
         not_ready = self._in_the_way()
         return ArbiterStatus(
@@ -105,7 +105,7 @@ class Arbiter:
         )
 
     def _in_the_way(self) -> list[Trip]:
-        """Return what arming would be refused for, by what was seen last."""
+        """Return why arming would be refused, from the last snapshot."""
         if self._seen is None:
             return [tripped("not_ready", "starting")]
         good_s = _since_s(self._good_since_ns, self._seen)
@@ -113,7 +113,7 @@ class Arbiter:
         return lasting(found) if self.state in MAY_MOVE else found
 
     def _watch_readiness(self, inputs: Inputs, lost: list[Trip]) -> None:
-        if lost and known.missing(inputs, blind=True):  # which is never more than without
+        if lost and known.missing(inputs, blind=True):  # a subset of `lost`
             self._blind_since_ns = None
         else:
             self._blind_since_ns = self._blind_since_ns or inputs.now_ns
@@ -154,7 +154,7 @@ class Arbiter:
             self._react(trip, inputs)
 
     def _load_trip(self, robot: RobotState, inputs: Inputs) -> Trip | None:
-        """Judge the load by what it was: a move may add little to it, backing off hardly any."""
+        """Check the rise of the load: a move may add little to it, backing off even less."""
         wrench = inputs.wrench.fresh
         if self._freeing is not None:
             self._freeing, trip = freeing.watch(self._freeing, robot, wrench, inputs.now_ns)
@@ -181,7 +181,7 @@ class Arbiter:
         return (watched.calibration or watched.slower) if by_force else None
 
     def _move_on(self, robot: RobotState, inputs: Inputs, moment: Moment) -> RobotCommand | None:
-        """Return what the robot is to do; None when it turned out that it must hold."""
+        """Return the command of this period, None when the robot must hold."""
         if self._stopping is not None:
             return self._stop_softly(moment)
         target = inputs.target.fresh
@@ -224,14 +224,14 @@ class Arbiter:
             **content,
         )
 
-    # --- how motion ends --------------------------------------------------------------------------
+    # --- stops ------------------------------------------------------------------------------------
 
     def _react(self, trip: Trip, inputs: Inputs) -> None:
-        """End motion as the cause asks for: at once, or softly where set points are streamed."""
+        """End motion by the reaction of the cause: at once, or softly for streamed set points."""
         if FAULTS[trip.code].kind == "FAULT":
             self._stop("fault", trip)
         elif self._stopping is not None and stops.reaction_to(trip) == "fade":
-            return  # it comes to rest already
+            return  # already coming to rest
         elif (soft := self._softly(trip, inputs)) is not None:
             self._stopping, self.trips = soft, (trip,)
             self.state = after(self.state, "soften")
@@ -252,7 +252,7 @@ class Arbiter:
         )
 
     def _stop_softly(self, moment: Moment) -> RobotCommand | None:
-        """Let the set points come to rest; None once they have, or when they must not."""
+        """Return the next set point of a soft stop; None when it is over or not permitted."""
         if self._stopping is None:
             return None
         self._stopping = stopping = stops.step(self._stopping, self._bounds, moment)
@@ -264,10 +264,10 @@ class Arbiter:
         return self._command(Step("setpoint", {"pose": pose, "limited": True}))
 
     def _stop(self, event: str, *trips: Trip) -> None:
-        """Latch. A second cause is added to the first one."""
+        """Stop and latch. A second cause is added to the first one."""
         stopped = self._stopping is not None or self.state not in MAY_MOVE
         if self._freeing is not None and self._freeing.blind:
-            event = "fault"  # what is not known of the force is still a fault
+            event = "fault"  # the unknown force is still a fault
             trips = (*trips, *self._freeing.unknown)
         self.trips = recent((*self.trips, *trips) if stopped else trips)
         self._commanders.drop()
@@ -275,7 +275,7 @@ class Arbiter:
         self.state = after(self.state, event)
 
     def fail(self, trip: Trip) -> None:
-        """End motion in FAULT for a cause that no input shows."""
+        """End motion in FAULT for a cause outside the inputs."""
         self._stop("fault", trip)
 
     def _hold_reason(self) -> str:
@@ -285,7 +285,7 @@ class Arbiter:
     # --- requests ---------------------------------------------------------------------------------
 
     def arm(self, inputs: Inputs, purpose: Purpose = "all") -> Reply:
-        """Let motion begin, after the preflight; for `jog` no force feedback."""
+        """Arm after the preflight; purpose `jog` excludes force feedback."""
         robot = inputs.robot.fresh
         if self.state in MAY_MOVE and self._armed_for in ("all", purpose):
             return Reply(accepted=True, code="already", text=f"already {self.state}")
@@ -313,11 +313,11 @@ class Arbiter:
         self._writers = known.writers(inputs)
 
     def back_off(self, inputs: Inputs, *, confirmed: bool) -> Reply:
-        """Free an arm above a ceiling or outside the workspace: arm it for one goal of our own.
+        """Arm for one goal of the arbiter that frees an arm above a ceiling or outside the box.
 
         Args:
-            inputs: What is known now.
-            confirmed: Whether a person has agreed to go back without a force to follow.
+            inputs: Present snapshot.
+            confirmed: Whether a person has agreed to back off without a measured force.
         """
         robot, blind = inputs.robot.fresh, freeing.is_blind(inputs)
         if "back_off" not in TABLE[self.state]:
@@ -347,7 +347,7 @@ class Arbiter:
         return Reply(accepted=True, text=clipped(f"{self.state}: {reason}"))
 
     def clear(self, inputs: Inputs) -> Reply:
-        """Acknowledge a hold or a fault whose cause is gone."""
+        """Acknowledge a hold, or a fault without a present cause."""
         if self.state == "FAULT" and (faults := known.fault_trips(inputs)):
             return refused(faults[0])
         self.state = after(self.state, "clear")
@@ -355,19 +355,19 @@ class Arbiter:
         return Reply(accepted=True, text=f"the arbiter is {self.state}")
 
     def set_speed(self, speed: Speed) -> Reply:
-        """Set the speeds of the moves to come."""
+        """Set the speeds of later moves."""
         if (trip := speed_trip(speed, self._cells.limits)) is not None:
             return refused(trip)
         self._speed, real_m_s = speed, real_speed_m_s(speed)
         return Reply(accepted=True, text=f"moves run at {real_m_s * 1e3:.1f} mm/s", value=real_m_s)
 
     def move(self, request: MoveRequest, inputs: Inputs) -> Reply:
-        """Give somebody the arm for a move, as soon as it rests."""
+        """Accept or refuse a move; it begins as soon as the arm is at rest."""
         robot = inputs.robot.fresh
         if self.state not in MAY_MOVE or self._stopping is not None or robot is None:
             return refusal("not_armed", f"the arbiter is {self.state}: {CLEARS[self.state]}")
         if self._freeing is not None:
-            return refusal("busy", "the arm backs off: wait for its end, or hold")
+            return refusal("busy", "the arm is backing off: wait until it has ended, or hold")
         goal = Goal(id=0, kind=request.kind, pose=request.pose, joint_rad=request.joint_rad)
         speed = speed_of(request, self._speed)
         claim = Claim(request.commander, request, goal, speed, inputs.now_ns)

@@ -1,6 +1,6 @@
-"""Backing off under the arbiter: which goal frees the arm, and when it has done so. Pure.
+"""Backing off under the arbiter: the goal that frees the arm, and its end conditions. Pure.
 
-The rules are those of common/motion/back_off.py, which the robot's process keeps again by itself.
+The rules are those of common/motion/back_off.py, which the robot process checks again by itself.
 """
 
 from dataclasses import dataclass, replace
@@ -22,18 +22,18 @@ from services.arbiter.inputs import Inputs
 
 @dataclass(frozen=True, slots=True)
 class Freeing:
-    """One backing off, from arming to its end."""
+    """One back-off, from arming to its end."""
 
     plan: Plan
     run: BackOff
-    limits: Limits  # the cell's own: they say when the arm is free
-    bounds: Bounds  # where it may go meanwhile
-    blind: bool  # without sensor or wrench: what these say is not waited for
+    limits: Limits  # of the cell: the arm is free within them
+    bounds: Bounds  # limits while backing off
+    blind: bool  # without sensor or wrench: their inputs are not required
     unknown: tuple[Trip, ...] = ()  # why it is blind: still a fault when it ends
 
     @property
     def speed(self) -> Speed:
-        """How fast it goes: that of backing off, or what the cell allows where that is less."""
+        """Speed of backing off, at most the cell's limit."""
         return Speed(mechanical_m_s=min(back_off.SPEED_M_S, self.limits.speed_m_s))
 
     @property
@@ -44,18 +44,18 @@ class Freeing:
 
 
 def is_blind(inputs: Inputs) -> bool:
-    """Tell whether nothing valid is known of the force."""
+    """Return whether no valid force is available."""
     return inputs.wrench.fresh is None or inputs.sensor.fresh is None
 
 
 def begin(inputs: Inputs, robot: RobotState, bounds: Bounds, *, confirmed: bool) -> Freeing | Trip:
-    """Return the way out from here, or why there is none.
+    """Return the back-off from here, or why there is none.
 
     Args:
-        inputs: What is known now.
-        robot: Where the arm is.
+        inputs: Present snapshot.
+        robot: State of the robot.
         bounds: The cell's limits and tool.
-        confirmed: Whether a person has agreed to go back without a force to follow.
+        confirmed: Whether a person has agreed to back off without a measured force.
     """
     T, blind = pose_of(robot), is_blind(inputs)
     wrench = None if blind else inputs.wrench.fresh
@@ -75,7 +75,7 @@ def begin(inputs: Inputs, robot: RobotState, bounds: Bounds, *, confirmed: bool)
 def watch(
     freeing: Freeing, robot: RobotState, wrench: WrenchAtTcp | None, now_ns: int
 ) -> tuple[Freeing, Trip | None]:
-    """Return it a period later, and why it must end: the arm is free, or it does not get free."""
+    """Return the state a period later, and why it must end: freed, or unable to get free."""
     T = pose_of(robot)
     run, trip = freeing.run.felt(wrench)
     trip = trip or run.moved(T, now_ns)
@@ -87,14 +87,14 @@ def watch(
 
 
 def at_its_end(freeing: Freeing, robot: RobotState, wrench: WrenchAtTcp | None) -> Trip:
-    """Return the trip of a whole way that was gone."""
-    return tripped("still_loaded", f"went its whole way: {told(freeing, pose_of(robot), wrench)}")
+    """Return the trip of a back-off that used its full travel."""
+    return tripped("still_loaded", f"full travel used: {told(freeing, pose_of(robot), wrench)}")
 
 
 def told(freeing: Freeing, T_base_flange: pin.SE3, wrench: WrenchAtTcp | None) -> str:
-    """Return how far the tool went and what it feels now."""
+    """Return the tool's travel and the present force as a text."""
     way = T_base_flange.translation - freeing.run.T_start.translation
-    force = "the force is not known"
+    force = "force unknown"
     if wrench is not None:
         force = f"{float(np.linalg.norm(wrench.force_N)):.1f} N now"
     return f"{1e3 * float(np.linalg.norm(way)):.1f} mm, {force}"

@@ -1,4 +1,4 @@
-"""Whether a move that somebody asks for may be tried at all. Pure."""
+"""Limit checks of a requested move before it begins. Pure."""
 
 import numpy as np
 
@@ -11,12 +11,12 @@ from services.arbiter.bounds import Bounds
 
 
 def goal_trip(request: MoveRequest, robot: RobotState, bounds: Bounds) -> Trip | None:
-    """Return the rule that a move would break at its end, or None.
+    """Return the limit that the end of a move would violate, or None.
 
     Args:
         request: The move.
-        robot: Where the arm is.
-        bounds: Where it may go.
+        robot: State of the robot.
+        bounds: Limits of the arm.
     """
     if request.kind == "pose":
         if request.pose is None:
@@ -33,7 +33,7 @@ def goal_trip(request: MoveRequest, robot: RobotState, bounds: Bounds) -> Trip |
 
 
 def speed_of(request: MoveRequest, usual: Speed) -> Speed:
-    """Return the speeds of a move: its own, where it asks for one."""
+    """Return the speeds of a move: its own if the request has one."""
     if request.speed_m_s is None:
         return usual
     own = {"mechanical_m_s": request.speed_m_s, "modular_fraction": 1.0}
@@ -41,12 +41,12 @@ def speed_of(request: MoveRequest, usual: Speed) -> Speed:
 
 
 def real_speed_m_s(speed: Speed) -> float:
-    """Return how fast a move runs: mechanical times modular (specification 1.4 e)."""
+    """Return the speed of a move: mechanical times modular (specification 1.4 e)."""
     return speed.mechanical_m_s * speed.modular_fraction
 
 
 def speed_trip(speed: Speed, limits: Limits) -> Trip | None:
-    """Return why a move must not be so fast, or None."""
+    """Return why a speed is above the limit, or None."""
     real_m_s = real_speed_m_s(speed)
     if real_m_s <= limits.speed_m_s:
         return None

@@ -1,4 +1,4 @@
-"""What the arbiter knows at one moment, and what is wrong with it. Pure."""
+"""Snapshot of the arbiter's inputs, and the faults visible in one snapshot. Pure."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -21,29 +21,29 @@ from forcemesh.messages import (
     WrenchAtTcp,
 )
 
-Writers = dict[str, int]  # topic: epoch of the process that writes it
+Writers = dict[str, int]  # topic: epoch of its publisher
 
-COMMANDING = ("robot", "sensor", "wrench", "regulator")  # whose loops motion depends on
+COMMANDING = ("robot", "sensor", "wrench", "regulator")  # roles whose loops motion depends on
 
-OWN_HOLDS = ("hold", "no_lease")  # the robot repeats the arbiter: it has not seen the new lease
+OWN_HOLDS = ("hold", "no_lease")  # repeated from the arbiter: the new lease is not received yet
 ROBOT_ANSWERS_WITHIN_S = 0.3  # a robot that still holds after this does not accept the lease
 
 
 @dataclass(frozen=True, slots=True)
 class Watched:
-    """What is found only by looking at the inputs for a while (watch.py)."""
+    """Faults found over several snapshots (watch.py)."""
 
     faults: tuple[Trip, ...] = ()  # they end motion
-    unrest: Trip | None = None  # why the arm does not count as resting
-    residual: Trip | None = None  # what is left of the force where nothing is touched
-    calibration: Trip | None = None  # why a running force feedback must not rely on the force
-    slow: Trip | None = None  # why the controller is too slow for force feedback to begin
-    slower: Trip | None = None  # why force feedback that runs must not rely on the controller
+    unrest: Trip | None = None  # why the arm does not count as at rest
+    residual: Trip | None = None  # residual force in free space
+    calibration: Trip | None = None  # why running force feedback must not use the wrench
+    slow: Trip | None = None  # why the controller is too slow to start force feedback
+    slower: Trip | None = None  # why the controller is too slow for running force feedback
 
 
 @dataclass(frozen=True, slots=True)
 class Inputs:
-    """One snapshot of everything that the arbiter reads."""
+    """Snapshot of all inputs of the arbiter."""
 
     now_ns: int
     robot: Reading[RobotState]
@@ -55,7 +55,7 @@ class Inputs:
 
     @property
     def streams(self) -> dict[str, Reading[Any]]:
-        """What is judged every period in motion, by topic."""
+        """Inputs that are checked every period in motion, by topic."""
         return {
             "robot/state": self.robot,
             "sensor/wrench": self.sensor,
@@ -64,18 +64,18 @@ class Inputs:
         }
 
 
-FELT = ("sensor", "wrench")  # roles without which an arm can still back off
+FELT = ("sensor", "wrench")  # roles that backing off does not require
 
 
 def missing(inputs: Inputs, *, blind: bool = False) -> list[Trip]:
-    """Return one trip for each input that is missing, invalid, stale or not to be trusted.
+    """Return one trip for each input that is missing, invalid, stale or untrustworthy.
 
-    The regulator's target need not be valid (it is not while nobody asks for force feedback),
-    but the regulator must be heard.
+    The regulator's target need not be valid (it is invalid while no force feedback runs), but it
+    must be received.
 
     Args:
-        inputs: What is known now.
-        blind: To back off without a force to follow: sensor and wrench may be gone.
+        inputs: The snapshot.
+        blind: To back off without a measured force: sensor and wrench may be missing.
     """
     return [
         *_rivals(inputs),
@@ -92,7 +92,7 @@ def _rivals(inputs: Inputs) -> list[Trip]:
 
 
 def _overruns(inputs: Inputs) -> list[Trip]:
-    """Judge the other loops by their health; the arbiter's own one is watched directly."""
+    """Check the other loops by their health; the arbiter's own one is measured directly."""
     return [
         overrun_trip(role, health.overruns, health.longest_gap_s)
         for role, reading in inputs.health.items()
@@ -103,7 +103,7 @@ def _overruns(inputs: Inputs) -> list[Trip]:
 
 
 def overrun_trip(role: str, overruns: int, longest_gap_s: float) -> Trip:
-    """Return why a loop that is late again and again ends motion."""
+    """Return the trip of a loop with repeated overruns."""
     text = f"{role} was late {overruns} times within a second, by {longest_gap_s * 1e3:.0f} ms"
     return tripped("overrun", text, value=overruns, limit=MOST_OVERRUNS)
 
@@ -119,7 +119,7 @@ def _silent_or_invalid(inputs: Inputs, *, blind: bool) -> list[Trip]:
 
 
 def _felt(inputs: Inputs) -> list[Reading[Any]]:
-    """Return sensor and wrench; a wrench that only says what the sensor says is left out."""
+    """Return sensor and wrench, without a wrench that only repeats the sensor's fault."""
     sensor, wrench = inputs.sensor, inputs.wrench
     if sensor.fault and wrench.fault and not wrench.silent:
         same = _lost(sensor, is_sensor=True).code
@@ -145,7 +145,7 @@ def _fault_of_robot(fault: Trip) -> Trip:
 
 
 def strangers(inputs: Inputs, config_hash: str, version: str) -> list[Trip]:
-    """Return the roles that run with another cell file or another version than this one."""
+    """Return the roles with another cell file or version than the arbiter's."""
     trips = []
     for role, reading in inputs.health.items():
         health = reading.fresh
@@ -153,13 +153,13 @@ def strangers(inputs: Inputs, config_hash: str, version: str) -> list[Trip]:
             text = f"{role} runs with another cell file ({health.config_hash}, here {config_hash})"
             trips.append(tripped("config", text))
         if health is not None and health.version != version:
-            text = f"{role} is of version {health.version}, here {version}"
+            text = f"{role} runs version {health.version}, here {version}"
             trips.append(tripped("version", text))
     return trips
 
 
 def fault_trips(inputs: Inputs) -> list[Trip]:
-    """Return why motion must end in FAULT: an input is gone or the robot is not fit to move."""
+    """Return why motion must end in FAULT: an input is missing or the robot cannot move."""
     return missing(inputs) or robot_complaints(inputs)
 
 
@@ -169,32 +169,32 @@ def _lost(reading: Reading[Any], *, is_sensor: bool) -> Trip:
 
 
 def writers(inputs: Inputs) -> Writers:
-    """Return which process writes what is judged in motion."""
+    """Return the publishers of the inputs that are checked in motion."""
     headers = {name: reading.header for name, reading in inputs.streams.items()}
     return {name: header.epoch for name, header in headers.items() if header is not None}
 
 
 def predecessor_trips(inputs: Inputs) -> tuple[Trip, ...]:
-    """Return why the arm holds when an arbiter begins anew: it has let nothing through itself."""
+    """Return why a restarted arbiter holds an arm that its predecessor has moved."""
     robot = inputs.robot.fresh
     if robot is None or robot.accepted is None:
         return ()
-    text = "another arbiter let the arm move before this one began: it was restarted"
+    text = "the arm has moved under a previous arbiter process: the arbiter was restarted"
     return (tripped("writer", text),)
 
 
 def replaced_trips(inputs: Inputs, at_arming: Writers) -> list[Trip]:
-    """Return the inputs that another process writes than when the arm was armed."""
+    """Return the inputs whose publisher has changed since arming."""
     now = writers(inputs)
     replaced = [name for name, epoch in at_arming.items() if now.get(name) != epoch]
     if not replaced:
         return []
-    text = f"another process writes {', '.join(replaced)} than when the arm was armed"
+    text = f"the publisher of {', '.join(replaced)} has changed since arming"
     return [tripped("writer", text)]
 
 
 def robot_trip(inputs: Inputs, lease_since_ns: int) -> Trip | None:
-    """Return why the robot holds although it may move: it has seen something that we have not."""
+    """Return why the robot holds under a valid permission: its own checks found a cause."""
     robot = inputs.robot.fresh
     since_s = (inputs.now_ns - lease_since_ns) / NS_PER_S
     if robot is None or robot.hold is None or since_s < ROBOT_ANSWERS_WITHIN_S:
@@ -210,7 +210,7 @@ def robot_trip(inputs: Inputs, lease_since_ns: int) -> Trip | None:
 
 
 def limit_trip(inputs: Inputs, limits: Limits, p_flange_tcp_m: Vec3) -> Trip | None:
-    """Return why motion must end in HOLDING: too much force, or outside the workspace."""
+    """Return why motion must end in HOLDING: force above its ceiling, or outside the workspace."""
     wrench, robot = inputs.wrench.fresh, inputs.robot.fresh
     if wrench is None or robot is None:
         return None

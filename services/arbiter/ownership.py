@@ -1,4 +1,4 @@
-"""Who has the arm, who waits for it, and since when it is at rest. Pure."""
+"""Ownership of the arm, its pending move, and the time at rest between two owners. Pure."""
 
 from dataclasses import dataclass
 
@@ -7,16 +7,16 @@ from forcemesh.messages import Asker, Commander, Goal, Host, RobotState, Speed
 from forcemesh.requests import MoveRequest
 from services.arbiter.stream import Stream
 
-REST_S = 0.1  # the arm must have been at rest for so long, and for three of the robot's reports
-SETTLE_WITHIN_S = 3.0  # of the wish to begin
+REST_S = 0.1  # time at rest before a hand-over, besides three of the robot's reports
+SETTLE_WITHIN_S = 3.0  # longest time from the request to the arm at rest
 
 
 @dataclass(frozen=True, slots=True)
 class Turn:
-    """From one end of somebody's command to the next: nobody's at first, then one owner's.
+    """Ownership period: without an owner at first, then one owner's until its command ends.
 
-    Each has its own number in the permission. The robot echoes it: once the new number comes back,
-    nothing of the last owner is on its way any more.
+    Its number goes out in the permission as a fencing token. The robot echoes it: once the new
+    number is reported, no command of the previous owner is in flight.
     """
 
     number: int = 0
@@ -27,13 +27,13 @@ class Turn:
     stream: Stream | None = None  # of the regulator's set points
 
     def next(self) -> "Turn":
-        """Return the turn after this one: nobody's yet."""
+        """Return the next ownership period, without an owner yet."""
         return Turn(self.number + 1)
 
 
 @dataclass(frozen=True, slots=True)
 class Claim:
-    """A move that begins when the arm is at rest."""
+    """Pending move, which begins when the arm is at rest."""
 
     commander: Asker
     request: MoveRequest
@@ -44,14 +44,14 @@ class Claim:
 
 @dataclass(frozen=True, slots=True)
 class Rest:
-    """Since when the robot has said, under the present turn, that it rests."""
+    """Time since which the robot has reported rest under the present turn number."""
 
     since_ns: int | None = None
 
     def seen(self, robot: RobotState | None, turn: Turn, now_ns: int) -> "Rest":
-        """Return the rest after another look; a robot that holds obeys nobody and does not count.
+        """Return the state after another report; a robot that holds accepts no owner: no rest.
 
-        A robot that has never accepted a command is not moving for us.
+        A robot that has never accepted a command has no turn number to compare.
         """
         if robot is None or turn.commander != "none" or robot.hold is not None:
             return Rest()
@@ -63,5 +63,5 @@ class Rest:
         return Rest(now_ns) if self.since_ns is None else self
 
     def lasts_s(self, now_ns: int) -> float:
-        """Return how long the arm has been at rest [s]; minus one while it is not."""
+        """Return the time at rest [s], -1 while the arm is not at rest."""
         return -1.0 if self.since_ns is None else (now_ns - self.since_ns) / NS_PER_S

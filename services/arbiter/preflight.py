@@ -1,8 +1,8 @@
-"""What must be so before a person's `arm` is obeyed: one literal list. Pure.
+"""Preflight: list of the checks before `arm` is accepted. Pure.
 
-Each check names the purposes that it is for. What is for force alone is left out when the arm is
-armed for jog, so that one can move away in contact and without calibration; what the arm is to get
-out of, force or place, is left out when it backs off.
+Each check names its purposes. Checks of force control are skipped when the arm is armed for jog, so
+that it can leave a contact without calibration. Backing off skips the checks of force and
+workspace, because it serves to leave them.
 """
 
 from collections.abc import Callable
@@ -21,12 +21,12 @@ from forcemesh.messages import Purpose, Trip, Vec3
 from forcemesh.version import __version__
 from services.arbiter.inputs import Inputs, limit_trip, missing, robot_complaints, strangers
 
-PREFLIGHT_S = 1.0  # inputs must have been good for so long
+PREFLIGHT_S = 1.0  # time for which the inputs must have been good
 
 
 @dataclass(frozen=True, slots=True)
 class Terms:
-    """What of this process and its cell file the preflight judges by."""
+    """Reference values of the preflight, from this process and its cell file."""
 
     config_hash: str
     version: str
@@ -39,7 +39,7 @@ class Terms:
 
     @classmethod
     def of(cls, cell: Cell) -> "Terms":
-        """Take the terms out of a cell file."""
+        """Return the reference values of a cell."""
         return cls(
             config_hash=cell_hash(cell),
             version=__version__,
@@ -58,12 +58,12 @@ FORCE: tuple[Purpose, ...] = ("all",)
 
 
 class Look(NamedTuple):
-    """What is judged."""
+    """Arguments of a check."""
 
     inputs: Inputs
     terms: Terms
-    good_s: float  # how long the inputs have been heard and good
-    blind: bool  # to back off without a force to follow
+    good_s: float  # time since all inputs are received and valid
+    blind: bool  # to back off without a measured force
 
 
 class Check(NamedTuple):
@@ -81,7 +81,7 @@ def _heard(look: Look) -> list[Trip]:
 def _steady(look: Look) -> list[Trip]:
     if look.good_s >= PREFLIGHT_S:
         return []
-    text = f"inputs are good for {look.good_s:.1f} s, {PREFLIGHT_S:g} s are needed"
+    text = f"inputs have been good for {look.good_s:.1f} s, {PREFLIGHT_S:g} s are required"
     return [tripped("not_ready", text, value=look.good_s, limit=PREFLIGHT_S)]
 
 
@@ -117,8 +117,8 @@ def _approach(look: Look) -> list[Trip]:
     if value <= limit:
         return []
     text = (
-        f"force.approach_m_s is {value * 1e3:.2f} mm/s: force.approach_budget_N over stiffness "
-        f"times all delay in the loop allows {limit * 1e3:.2f} mm/s"
+        f"force.approach_m_s is {value * 1e3:.2f} mm/s: force.approach_budget_N / (stiffness x "
+        f"loop delay) allows {limit * 1e3:.2f} mm/s"
     )
     return [tripped("approach_speed", text, value=value, limit=limit)]
 
@@ -128,7 +128,7 @@ def _controller_speed(look: Look) -> list[Trip]:
 
 
 def _tare(look: Look) -> list[Trip]:
-    """Judge how old the wrench's zero is; what has drifted since is in the words."""
+    """Check the age of the tare; the text contains the present reading."""
     reading, wrench = look.inputs.health.get("wrench"), look.inputs.wrench.fresh
     health = None if reading is None else reading.fresh
     age_h = 0.0 if health is None else health.numbers.get("tare_age_h", 0.0)
@@ -137,7 +137,7 @@ def _tare(look: Look) -> list[Trip]:
         return []
     text = (
         f"the last tare is {age_h:.1f} h old, force.tare_age_max_s allows {limit_h:.1f} h; "
-        f"{hypot(*wrench.force_N):.2f} N are read now"
+        f"the reading is {hypot(*wrench.force_N):.2f} N now"
     )
     return [tripped("tare", text, value=3600.0 * age_h, limit=look.terms.tare_age_max_s)]
 
@@ -148,16 +148,16 @@ def _some(trip: Trip | None) -> list[Trip]:
 
 # fmt: off
 CHECKS: tuple[Check, ...] = (
-    Check("every input is heard, good, in order and in time", _heard,       EVERY),
-    Check("and has been so for a second",                     _steady,      EVERY),
-    Check("the controller is fit to move",                    _controller,  EVERY),
+    Check("every input is received, valid and in time",       _heard,       EVERY),
+    Check("all inputs have been valid for a second",          _steady,      EVERY),
+    Check("the controller is ready to move",                  _controller,  EVERY),
     Check("every process has this cell file and version",     _strangers,   EVERY),
     Check("force below its ceiling, tool in the workspace",   _limits,      MOVES),
-    Check("the arm rests where it was commanded",             _rest,        EVERY),
-    Check("the calibration holds for this tool and sensor",   _calibration, FORCE),
-    Check("hardly any force was left in free space",          _residual,    FORCE),
+    Check("the arm is at rest where it was commanded",        _rest,        EVERY),
+    Check("the calibration is valid for tool and sensor",     _calibration, FORCE),
+    Check("the residual force in free space is small",        _residual,    FORCE),
     Check("the approach is slow enough for the stiffness",    _approach,    FORCE),
-    Check("the controller is as fast as the cell file says",  _controller_speed, FORCE),
+    Check("the controller is as fast as in the cell file",    _controller_speed, FORCE),
     Check("the last tare is not too old",                     _tare,        FORCE),
 )
 # fmt: on
@@ -166,14 +166,14 @@ CHECKS: tuple[Check, ...] = (
 def complaints(
     inputs: Inputs, terms: Terms, good_s: float, purpose: Purpose, *, blind: bool = False
 ) -> list[Trip]:
-    """Return why the arm must not be armed; when an input is not good, that alone.
+    """Return why the arm must not be armed; faults of the inputs exclude all other checks.
 
     Args:
-        inputs: What is known now.
-        terms: What it is judged by.
-        good_s: How long the inputs have been good [s].
-        purpose: What it is armed for.
-        blind: To back off without a force to follow.
+        inputs: Present snapshot.
+        terms: Reference values.
+        good_s: Time since the inputs are good [s].
+        purpose: Purpose of arming.
+        blind: To back off without a measured force.
     """
     look = Look(inputs, terms, good_s, blind)
     found = CHECKS[0].complaints(look)
@@ -184,7 +184,7 @@ def complaints(
 
 
 def load_text(inputs: Inputs, terms: Terms) -> str:
-    """Return that the tool is loaded, for a person who arms; empty where it is free."""
+    """Return a note for the reply to `arm` that the tool is loaded, empty when it is free."""
     wrench = inputs.wrench.fresh
     if wrench is None or (force_N := hypot(*wrench.force_N)) <= terms.touch_N:
         return ""
@@ -192,5 +192,5 @@ def load_text(inputs: Inputs, terms: Terms) -> str:
 
 
 def lasting(trips: list[Trip]) -> list[Trip]:
-    """Return what will still be in the way when an arm that moves now has come to rest."""
+    """Return the causes that remain once a moving arm has come to rest."""
     return [trip for trip in trips if trip.code != "moving"]

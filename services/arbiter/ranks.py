@@ -1,4 +1,4 @@
-"""Who goes before whom, as one table. Pure.
+"""Priorities of the commanders, as one table. Pure.
 
 Rule: a higher rank takes the arm from a lower one; the same or a lower rank is refused as busy.
 """
@@ -7,8 +7,8 @@ from forcemesh.messages import Commander
 
 # fmt: off
 RANKS: dict[Commander, int] = {
-    "none":      0,  # nobody
-    "regulator": 1,  # force feedback, whoever started it
+    "none":      0,  # no commander
+    "regulator": 1,  # force feedback, started by any client
     "program":   2,  # a script
     "operator":  3,  # a person
 }
@@ -16,5 +16,5 @@ RANKS: dict[Commander, int] = {
 
 
 def goes_before(asker: Commander, holder: Commander) -> bool:
-    """Tell whether somebody may take the arm from who has it."""
+    """Return whether a commander may take the arm from its holder."""
     return RANKS[asker] > RANKS[holder]

@@ -1,4 +1,4 @@
-"""Makes what the arbiter says fit into its message, whatever was said to it. Pure."""
+"""Truncation of the arbiter's status texts to the size of their message. Pure."""
 
 from forcemesh.faults import FAULTS, clipped
 from forcemesh.messages import MAY_MOVE, ArbiterState, Purpose, Trip
@@ -15,17 +15,17 @@ ALONE: dict[Purpose, str] = {
 
 
 def recent(trips: tuple[Trip, ...]) -> tuple[Trip, ...]:
-    """Return the first cause and the newest ones."""
+    """Return the first cause and the latest ones."""
     return trips if len(trips) <= MOST_TRIPS else (trips[0], *trips[1 - MOST_TRIPS :])
 
 
 def lines(texts: list[str]) -> tuple[str, ...]:
-    """Return the first of many lines, each short enough to be sent."""
+    """Return the first lines, each cut to its largest length."""
     return tuple(_short(text) for text in texts[:MOST_LINES])
 
 
 def what_next(state: ArbiterState, not_ready: list[Trip], armed_for: Purpose = "all") -> str:
-    """Return what a person can do now: where arming would be refused, what mends that."""
+    """Return the next step for a person: the remedy if arming would be refused."""
     if state in MAY_MOVE and armed_for in ALONE:
         return ALONE[armed_for]
     if not_ready and "arm" in TABLE[state]:
@@ -34,7 +34,7 @@ def what_next(state: ArbiterState, not_ready: list[Trip], armed_for: Purpose = "
 
 
 def _short(text: str) -> str:
-    """Cut between words, and show that there was more."""
+    """Cut between words, with a mark at the cut."""
     if len(text.encode()) <= LINE_BYTES:
         return text
     beginning = clipped(text, LINE_BYTES - len(MORE.encode()))

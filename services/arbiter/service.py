@@ -1,4 +1,4 @@
-"""The arbiter on the bus: every input in, permission and command out."""
+"""Arbiter service: all inputs in, permission and command out."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -15,10 +15,10 @@ from services.arbiter.watch import Watch
 
 
 class ArbiterService:
-    """Reads everything, lets one commander through, and says why when it does not."""
+    """Service that passes on one commander's motion, and publishes the reason when it does not."""
 
     def __init__(self, bus: Bus, cell: Cell) -> None:
-        """Take the topics and requests of this role."""
+        """Open the topics and requests of this role."""
         self.period_s = 1.0 / cell.rates.control_hz
         self.fault = ""
         self._core = Arbiter(cell, command_deadline_s=cell.stale_after_s(topics.ROBOT_COMMAND))
@@ -44,11 +44,11 @@ class ArbiterService:
         self.trigger = self._target
 
     def counters(self) -> dict[str, int]:
-        """Return what the readers dropped."""
+        """Return the number of targets superseded before they were read."""
         return {"target_superseded": self._target.counters.superseded}
 
     def step(self, now_ns: int) -> None:
-        """Serve requests, judge, publish command and status, answer."""
+        """Serve requests, check the inputs, publish command and status, reply."""
         seen = Inputs(
             now_ns=now_ns,
             robot=self._robot.read(now_ns),
@@ -61,12 +61,12 @@ class ArbiterService:
         answers = list(self._serve(inputs))
         self._command.put(self._core.tick(inputs), inputs.target.origin)
         self._report(now_ns)
-        # Last, so that whoever is told "armed" and asks the next service finds the status there.
+        # Last, so that the status is published before a client acts on the reply.
         for asked, reply in answers:
             asked.reply(reply)
 
     def broke_off(self, trip: Trip) -> None:
-        """End motion: a step of its own broke off, and what it has computed is not known."""
+        """End motion: an exception left this service's state undefined."""
         self._core.fail(trip)
 
     def _serve(self, inputs: Inputs) -> Iterator[tuple[Incoming[Any], Reply]]:
@@ -80,7 +80,7 @@ class ArbiterService:
             yield speed, self._core.set_speed(speed.request)
         for move in self._moves.take_all():
             yield move, self._core.move(move.request, inputs)
-        # Last, so that nothing which came in the same period undoes it.
+        # Last, so that no other request of the same period can undo it.
         for hold in self._holds.take_all():
             yield hold, self._core.hold(hold.request.reason)
 

@@ -1,9 +1,9 @@
-"""Who may move the arm, as one table: {state: {event: state}}. An event not listed changes nothing.
+"""State machine of the arbiter: {state: {event: state}}. An event not listed changes nothing.
 
 Rule 1: every change of state is a row here; nothing else writes the state.
-Rule 2: only a person's `arm` and `back_off` lead towards motion, and no other event leads out of a
-        latch; the one goal of `back_off` is the arbiter's own, and ends in a latch again.
-Rule 3: whoever takes the arm begins when it is at rest: from ARMED, or by way of SETTLING.
+Rule 2: only a person's `arm` and `back_off` lead towards motion, and no other event leaves a
+        latched state; the one goal of `back_off` is the arbiter's own, and ends in a latch again.
+Rule 3: a new owner begins when the arm is at rest: from ARMED, or through SETTLING.
 """
 
 from forcemesh.messages import ArbiterState
@@ -21,24 +21,24 @@ TABLE: dict[ArbiterState, dict[str, ArbiterState]] = {
     "FAULT":    {"clear": "IDLE",    "back_off": "ARMED"},
 }
 MEANS: dict[ArbiterState, str] = {
-    "BOOT":     "not every input has been heard yet",
-    "IDLE":     "at rest, nobody may move the arm",
-    "ARMED":    "a person has armed; the arm waits for somebody to command it",
-    "SETTLING": "somebody has taken the arm and begins when it is at rest",
-    "ACTIVE":   "somebody commands the arm",
-    "STOPPING": "a limit was met: the set points come to rest, or go back a little, and then hold",
+    "BOOT":     "not every input has been received yet",
+    "IDLE":     "at rest, the arm may not move",
+    "ARMED":    "a person has armed; the arm waits for a commander",
+    "SETTLING": "a commander has taken the arm and begins when it is at rest",
+    "ACTIVE":   "a commander moves the arm",
+    "STOPPING": "a limit was reached: the set points come to rest or retract a little, then hold",
     "HOLDING":  "braked and held, latched",
-    "FAULT":    "braked and held, latched until the cause is mended",
+    "FAULT":    "braked and held, latched until the cause is fixed",
 }
 CLEARS: dict[ArbiterState, str] = {
-    "BOOT":     "wait until robot, sensor, wrench and regulator are heard",
+    "BOOT":     "wait until robot, sensor, wrench and regulator are received",
     "IDLE":     "arm",
     "ARMED":    "",
     "SETTLING": "",
     "ACTIVE":   "",
     "STOPPING": "",
-    "HOLDING":  "arm goes on; clear goes back to IDLE",
-    "FAULT":    "mend the cause, then clear, then arm",
+    "HOLDING":  "arm to continue; clear to return to IDLE",
+    "FAULT":    "fix the cause, then clear, then arm",
 }
 # fmt: on
 

@@ -1,10 +1,10 @@
-"""How the arm is stopped, by the code of the cause, as one table. Pure.
+"""Stop reactions, by the fault code of the cause, as one table. Pure.
 
-hold     the permission is taken away at once and the robot brakes; for every code not listed
+hold     the permission is revoked at once and the robot brakes; for every code not listed
 fade     streamed set points come to rest at the limit of acceleration, then hold
-retreat  where the cell asks for it, the tool goes back a little along its axis, then hold
+retreat  if the cell file enables it, the tool retracts a little along its axis, then hold
 
-Only set points that the regulator streams can fade or go back: any other motion is held.
+Only set points that the regulator streams can fade or retract: any other motion is held.
 """
 
 from dataclasses import dataclass, replace
@@ -34,24 +34,24 @@ REACTIONS: dict[str, Reaction] = {
     "torque":      "retreat",
 }
 # fmt: on
-RETREAT_FROM = 0.8  # of a ceiling: the robot's own check of the whole one would cut it off
+RETREAT_FROM = 0.8  # of a ceiling, below the robot's own check, which would interrupt it
 RETREAT_WITHIN_S = 2.0
 
 
 @dataclass(frozen=True, slots=True)
 class Retreat:
-    """What the cell allows of a retreat; no way means none."""
+    """Travel and speed of a retreat in this cell; zero travel disables it."""
 
     way_m: float
     speed_m_s: float
 
     @classmethod
     def of(cls, cell: Cell) -> "Retreat":
-        """Take it out of a cell file."""
+        """Return the settings of a cell."""
         return cls(cell.force.retreat_m, cell.force.retreat_m_s)
 
     def ceilings(self, limits: Limits) -> Limits:
-        """Return limits with the ceilings at which a retreat begins, where there is one."""
+        """Return limits with the ceilings at which a retreat begins, if it is enabled."""
         if self.way_m <= 0.0:
             return limits
         force_N, torque_Nm = RETREAT_FROM * limits.force_N, RETREAT_FROM * limits.torque_Nm
@@ -60,19 +60,19 @@ class Retreat:
 
 @dataclass(frozen=True, slots=True)
 class Stopping:
-    """A soft stop under way: the cause, and how the set points come to rest."""
+    """State of a soft stop: its cause, and the set points that come to rest."""
 
     trip: Trip
     pace: Pace
     since_ns: int
     speed_m_s: float = 0.0  # of a retreat
-    T_back: pin.SE3 | None = None  # where a retreat goes; None for a fade
-    way_m: float = 0.0  # that a retreat goes
+    T_back: pin.SE3 | None = None  # end pose of a retreat; None for a fade
+    way_m: float = 0.0  # travel of a retreat
     done: bool = False
 
 
 def reaction_to(trip: Trip) -> Reaction:
-    """Return how motion ends for this cause."""
+    """Return the stop reaction to this cause."""
     return REACTIONS.get(trip.code, "hold")
 
 
@@ -85,9 +85,9 @@ def begin(
     wrench: WrenchAtTcp | None,
     now_ns: int,
 ) -> Stopping | None:
-    """Return the soft stop for a cause; None when the arm is to be held at once.
+    """Return the soft stop for a cause; None when the arm must be held at once.
 
-    A retreat needs a valid wrench that pushes against the way in which the tool presses.
+    A retreat needs a valid wrench that pushes against the press axis.
     """
     reaction, pace = reaction_to(trip), stream.pace
     if reaction == "fade" and not pace.is_still:
@@ -103,7 +103,7 @@ def begin(
 
 
 def step(stopping: Stopping, bounds: Bounds, moment: Moment) -> Stopping:
-    """Return the stop one period later; when it is done, the trip tells both facts."""
+    """Return the stop one period later; at its end the trip contains cause and travel."""
     if stopping.T_back is None:
         pace = brake(bounds.limits, stopping.pace, moment.dt_s)
         return replace(stopping, pace=pace, done=pace.is_still)

@@ -1,4 +1,4 @@
-"""Streamed set points: what is let through of a wish, how it fades, how it goes back. Pure."""
+"""Set-point limiter: streamed set points within speed, acceleration and bounds. Pure."""
 
 from dataclasses import dataclass, replace
 
@@ -21,20 +21,20 @@ from services.arbiter.bounds import Bounds
 
 @dataclass(frozen=True, slots=True)
 class Stream:
-    """What was commanded last, and in the last quarter of a second."""
+    """State of the stream: the last command, and the travel of the last quarter of a second."""
 
     pace: Pace
     window: Window
 
 
 def begin(T_measured: pin.SE3) -> Stream:
-    """Return a stream that commands the measured pose at rest: no jump."""
+    """Return a stream that starts at the measured pose at rest, without a jump."""
     return Stream(still(T_measured), Window())
 
 
 @dataclass(frozen=True, slots=True)
 class Moment:
-    """One period: what is measured and how long it took."""
+    """One period: measured pose, time and length."""
 
     T_measured: pin.SE3
     now_ns: int
@@ -44,9 +44,9 @@ class Moment:
 def follow(
     stream: Stream, T_wished: pin.SE3, bounds: Bounds, moment: Moment
 ) -> tuple[Stream, Trip | None]:
-    """Return the stream after a wish, or as it was and why the wish cannot be followed.
+    """Return the stream after a target pose, or unchanged with the limit that it violates.
 
-    What is let through can always be braked inside the bounds.
+    From every accepted set point the arm can be braked inside the bounds.
     """
     if not is_finite_pose(T_wished):
         return stream, check_workspace(bounds.limits, T_wished)
@@ -62,5 +62,5 @@ def follow(
 
 
 def faded(stream: Stream, bounds: Bounds, dt_s: float) -> Stream:
-    """Return the stream one period nearer to rest."""
+    """Return the stream after one period of braking."""
     return replace(stream, pace=brake(bounds.limits, stream.pace, dt_s))

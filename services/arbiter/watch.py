@@ -1,6 +1,6 @@
-"""What is wrong with the inputs that one look cannot show: it takes a while. Pure.
+"""Monitors of the inputs over time, with debounce: rest, residual force, calibration, alignment.
 
-Each watcher is shown every snapshot once, in order, and keeps no more than it needs.
+Pure. Each monitor receives every snapshot once, in order, with bounded memory.
 """
 
 from dataclasses import replace
@@ -19,19 +19,19 @@ from forcemesh.messages import Trip
 from services.arbiter.controller_watch import ControllerWatch
 from services.arbiter.inputs import Inputs, Watched, overrun_trip
 
-REST_S = 0.2  # so long the flange must have stayed where it is
+REST_S = 0.2  # least time of the flange at one pose
 REST_POSITION_M = 2e-4
 REST_TURN_RAD = 2e-3
 RESIDUAL_S = 0.5
-STOOD_STILL_S = 1.0  # after which all the others look silent, and are not to blame
-MISALIGNED_PAIRS = 2  # one pair may have met a message on its way
+STOOD_STILL_S = 1.0  # stall of the arbiter after which all inputs look stale
+MISALIGNED_PAIRS = 2  # debounce: one pair may straddle a message in transit
 
 
 class Watch:
-    """All watchers, in one."""
+    """Set of all monitors."""
 
     def __init__(self, cell: Cell) -> None:
-        """Begin with nothing seen."""
+        """Start without snapshots."""
         self._own = Overruns(allowed_gap_s(cell, "arbiter"))
         self._rest = RestWatch(1.0 / cell.rates.robot_hz)
         self._residual = ResidualWatch(cell.force.idle_max_N, cell.force.idle_max_Nm)
@@ -41,11 +41,11 @@ class Watch:
         self._alignment = AlignmentWatch(ALLOWED_SHARE * max(stale_s))
 
     def see(self, inputs: Inputs) -> Inputs:
-        """Return the snapshot with what all snapshots so far have shown."""
+        """Return the snapshot with the findings of all monitors."""
         self._own.stepped(inputs.now_ns)
         faults = [self._alignment.see(inputs)]
         if self._own.gap_s > STOOD_STILL_S:
-            text = f"the arbiter itself stood still for {self._own.gap_s:.1f} s and heard nobody"
+            text = f"the arbiter itself stalled for {self._own.gap_s:.1f} s and received nothing"
             faults.append(tripped("overrun", text))
         if self._own.count > MOST_OVERRUNS:
             faults.append(overrun_trip("arbiter", self._own.count, self._own.longest_s))
@@ -61,20 +61,20 @@ class Watch:
 
 
 class RestWatch:
-    """Whether the arm is where it was commanded: while it holds, that is where it is, at rest."""
+    """Monitor of rest: the flange stays at one pose, which while holding is the commanded one."""
 
     def __init__(self, robot_period_s: float) -> None:
-        """Begin with an arm that nobody has seen resting."""
+        """Start without a time at rest."""
         self._needed_ns = round(max(REST_S, 3.0 * robot_period_s) * NS_PER_S)
         self._anchor: pin.SE3 | None = None
         self._since_ns = 0
 
     def see(self, inputs: Inputs) -> Trip | None:
-        """Return why the arm does not count as resting."""
+        """Return why the arm does not count as at rest."""
         robot = inputs.robot.fresh
         if robot is None:
             self._anchor = None
-            return None  # that it is not heard is said elsewhere
+            return None  # a missing robot state is reported by `inputs.missing`
         T = pose_of(robot)
         if self._anchor is None or robot.status.moving or _is_away(self._anchor, T):
             self._anchor, self._since_ns = T, inputs.now_ns
@@ -82,7 +82,7 @@ class RestWatch:
         needed_s = self._needed_ns / NS_PER_S
         if rest_s >= needed_s:
             return None
-        text = f"the arm rests for {rest_s:.2f} s, {needed_s:.2f} s are needed"
+        text = f"the arm has been at rest for {rest_s:.2f} s, {needed_s:.2f} s are required"
         return tripped("moving", text, value=rest_s, limit=needed_s)
 
 
@@ -97,22 +97,22 @@ def _is_away(T_anchor: pin.SE3, T: pin.SE3) -> bool:
 
 
 class ResidualWatch:
-    """What is left of the force in free space: more than a little is a wrong payload or bias.
+    """Monitor of the residual force in free space, which a wrong payload or bias causes.
 
-    Contact that the regulator found is expected: until it has ended, the verdict on the last free
-    space stays. A tare and a restarted wrench service begin anew: nothing is expected then.
+    A contact found by the regulator is expected: until it ends, the last result in free space is
+    kept. A tare and a restarted wrench service reset the monitor: no contact is expected then.
     """
 
     def __init__(self, limit_N: float, limit_Nm: float) -> None:
-        """Begin with nothing known."""
+        """Start without a result."""
         self._limit_N, self._limit_Nm = limit_N, limit_Nm
-        self._source: tuple[int, str] | None = None  # writer and calibration
+        self._source: tuple[int, str] | None = None  # publisher and calibration
         self._in_contact = False
         self._above_since_ns: int | None = None
         self._verdict: Trip | None = None
 
     def see(self, inputs: Inputs) -> Trip | None:
-        """Return what is left in free space, None while it is little."""
+        """Return the trip of a residual above its limit, None while it is below."""
         wrench, header = inputs.wrench.fresh, inputs.wrench.header
         if wrench is None or header is None:
             self._above_since_ns = None
@@ -149,17 +149,17 @@ class ResidualWatch:
 
 
 class CalibrationWatch:
-    """Whether force feedback still relies on the calibration that it began with.
+    """Monitor of a calibration that changes while force feedback runs.
 
-    A tare or another payload is a step of the force: a regulator would answer it with motion.
+    A tare or another payload is a step of the force, to which the regulator would react by motion.
     """
 
     def __init__(self) -> None:
-        """Begin with no force feedback."""
+        """Start without force feedback."""
         self._at_start: str | None = None
 
     def see(self, inputs: Inputs) -> Trip | None:
-        """Return why a running force feedback must end."""
+        """Return why running force feedback must end."""
         wrench, target = inputs.wrench.fresh, inputs.target.fresh
         if target is None or wrench is None:
             self._at_start = None if target is None else self._at_start
@@ -177,16 +177,16 @@ class CalibrationWatch:
 
 
 class AlignmentWatch:
-    """Whether the sample behind a wrench and the robot's pose are of about the same time.
+    """Monitor of the time offset between a wrench's sample and the robot's pose.
 
-    Judged only when both have moved on: a writer that falls silent is found by its age.
+    Checked only when both are new: a publisher that stops is detected by its age.
     """
 
     def __init__(self, limit_s: float) -> None:
-        """Begin with nothing seen.
+        """Start without snapshots.
 
         Args:
-            limit_s: Two periods of the slower one, in a cell on the bus's usual deadlines.
+            limit_s: Two periods of the slower topic, with the default deadlines of the bus.
         """
         self._limit_s = limit_s
         self._seen = (0, 0)  # seq of robot and wrench at the last pair
@@ -194,7 +194,7 @@ class AlignmentWatch:
         self._trip: Trip | None = None  # of the last pair
 
     def see(self, inputs: Inputs) -> Trip | None:
-        """Return why pose and wrench do not belong together."""
+        """Return why pose and wrench do not match in time."""
         robot, wrench, sensor = inputs.robot.header, inputs.wrench.header, inputs.sensor.header
         origin = inputs.wrench.origin
         if robot is None or wrench is None or sensor is None or origin is None:
@@ -212,5 +212,5 @@ class AlignmentWatch:
         if self._bad_pairs < MISALIGNED_PAIRS:
             return None
         older = "wrench" if apart_s > 0.0 else "robot/state"
-        text = f"{older} is {abs(apart_s) * 1e3:.0f} ms older than the other of pose and wrench"
+        text = f"{older} is {abs(apart_s) * 1e3:.0f} ms older: pose and wrench do not match in time"
         return tripped("misaligned", text, value=abs(apart_s), limit=self._limit_s)

@@ -1,4 +1,4 @@
-"""Gateway: plays the robot with a Kawasaki controller."""
+"""Gateway: implementation of the role `robot` for a Kawasaki controller."""
 
 from common.runtime.service import main
 from services.gateway.service import Gateway

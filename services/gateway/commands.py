@@ -1,6 +1,6 @@
-"""SI to packet: every command of the table. Millimetres, degrees and O, A, T live only here.
+"""Command encoder: SI to packet. Millimetres, degrees and O, A, T are used only here.
 
-A command is everything of a packet but its ID, which the dialogue gives out when it sends.
+A command is a packet without its ID, which the dialogue assigns when it sends.
 """
 
 from collections.abc import Callable
@@ -58,33 +58,33 @@ class Command:
 
 @dataclass(frozen=True, slots=True)
 class PoseCarry:
-    """What one pose leaves to the next of a stream: rounding error, and O, A, T for the poles."""
+    """State between two poses of a stream: rounding error, and O, A, T for the singularities."""
 
-    error_mm: Vec3 = (0.0, 0.0, 0.0)  # wanted minus sent
+    error_mm: Vec3 = (0.0, 0.0, 0.0)  # target minus sent
     oat: Oat | None = None
 
 
 def whole(T_wanted: pin.SE3, now_ns: int) -> pin.SE3:  # noqa: ARG001 - as `Pacing.leave`
-    """Let a set point leave as it is."""
+    """Return a set point unchanged."""
     return T_wanted
 
 
 @dataclass(frozen=True, slots=True)
 class Pacing:
-    """How much may be under way to the controller, and when a silence is filled."""
+    """Flow control: number of packets in flight to the controller, and the heartbeat interval."""
 
-    max_untaken: int = 1  # in the ring, before the next set point, centre or gains go
-    max_unframed: int = 2  # packets that its receiver has not seen, before another wrench goes
+    max_untaken: int = 1  # unexecuted in the ring, before the next set point, centre or gains
+    max_unframed: int = 2  # unacknowledged by the receiver, before another wrench
     heartbeat_after_s: float = 0.040
-    # What leaves of the newest set point [at ns]: itself, a pose on the way there, or nothing yet.
+    # Pose to send for the newest set point [at ns]: itself, one towards it, or None for not yet.
     leave: Callable[[pin.SE3, int], pin.SE3 | None] = whole
 
 
 @dataclass(frozen=True, slots=True)
 class ControllerLimits:
-    """What the controller itself keeps to (commands 10 and 11)."""
+    """Limits that the controller enforces itself (commands 10 and 11)."""
 
-    # of force feedback: an iteration, its speed, its travel; and the watchdog's
+    # of force feedback: an iteration, its speed, its travel; and the watchdog time
     step_m: float
     step_rad: float
     speed_m_s: float
@@ -115,10 +115,10 @@ STOP_FEEDBACK = Command(Com.FEEDBACK, int(FeedbackSwitch.STOP))
 def move_to_pose(
     T_base_flange: pin.SE3, scales: Scales, carry: PoseCarry
 ) -> tuple[Command, PoseCarry]:
-    """Return command 1, a goal, and what is left over for the next pose.
+    """Return command 1, a goal, and the state for the next pose.
 
-    One unit is 0.02 mm, which is 2 N at 1e5 N/m; so the part of a unit that rounding takes from
-    this position is given to the next (first-order noise shaping): the mean is exact.
+    One unit is 0.02 mm, which is 2 N at 1e5 N/m. The rounding error of this position is therefore
+    added to the next one (first-order noise shaping): the mean is exact.
 
     Raises LocalProtocolError for a pose that is not finite or does not fit.
     """
@@ -149,12 +149,12 @@ def move_by_joints(turn_rad: Joints, scales: Scales) -> Command:
 
 
 def wrench(force_N: Vec3, torque_Nm: Vec3, scales: Scales) -> Command:
-    """Return command 4: the reading itself, base axes, about the TCP."""
+    """Return command 4: the measured wrench, base axes, about the TCP."""
     return Command(Com.WRENCH, 0, _wrench_vec(force_N, torque_Nm, scales))
 
 
 def force_set_point(force_N: Vec3, scales: Scales) -> Command:
-    """Return command 14: the force that force feedback in the controller goes for."""
+    """Return command 14: the set point of force feedback in the controller."""
     return Command(Com.FORCE_SET_POINT, 0, _wrench_vec(force_N, (0.0, 0.0, 0.0), scales))
 
 
@@ -172,7 +172,7 @@ def speeds(speed: Speed, scales: Scales) -> Command:
 def gains(gains_si: Gains) -> tuple[Command, Command]:
     """Return the two commands 6: proportional, then integral.
 
-    Raises LocalProtocolError also for a gain that would round to nothing.
+    Raises LocalProtocolError also for a gain that would be rounded to zero.
     """
     proportional = _gain_vec("P", gains_si.force_p_m_per_N, gains_si.torque_p_rad_per_Nm, GAIN_P)
     integral = _gain_vec("I", gains_si.force_i_m_per_Ns, gains_si.torque_i_rad_per_Nms, GAIN_I)
@@ -193,12 +193,12 @@ def start_feedback(mode: Mode) -> tuple[Command, ...]:
 
 
 def hello(scales: Scales, arm: int) -> Command:
-    """Return command 9, which asks for the scales, and for the arm of this number."""
+    """Return command 9, which requests the scales and names the arm's number."""
     return Command(Com.HELLO, greeting(arm), scales.vec)
 
 
 def set_up(kept: ControllerLimits, scales: Scales) -> tuple[Command, ...]:
-    """Return all that has to come before the controller moves: commands 10 and 11."""
+    """Return the commands required before the controller moves: 10 and 11."""
     corners = ((Bank.LOWER_CORNER, kept.lower_m), (Bank.UPPER_CORNER, kept.upper_m))
     return (
         _feedback_limits(kept, scales),
@@ -237,14 +237,14 @@ def _motion_limits(kept: ControllerLimits, scales: Scales) -> Command:
 
 
 def _corner(place_m: Vec3, scales: Scales) -> VecInt:
-    """Return a corner of the box; where no pose can be told there is no need for a wall."""
+    """Return a corner of the box, clamped to the range of poses that a packet can hold."""
     units = (round(value * MM_PER_M * scales.position_per_mm) for value in place_m)
     x, y, z = (min(max(unit, VALUE_MIN), VALUE_MAX) for unit in units)
     return (x, y, z, 0, 0, 0)
 
 
 def tcp(T_flange_tcp: pin.SE3, scales: Scales, point: Point) -> Command:
-    """Return command 11: the TCP, or the point alone that force feedback turns about."""
+    """Return command 11: the TCP, or only the centre of rotation of force feedback."""
     _refuse_unless_finite(T_flange_tcp)
     position_mm = T_flange_tcp.translation * MM_PER_M
     vec = _pose_vec(position_mm, oat_from_R(T_flange_tcp.rotation), scales)
@@ -253,7 +253,7 @@ def tcp(T_flange_tcp: pin.SE3, scales: Scales, point: Point) -> Command:
 
 def _refuse_unless_finite(T: pin.SE3) -> None:
     if not is_finite_pose(T):
-        raise LocalProtocolError("the pose holds a number that is not finite, it cannot be sent")
+        raise LocalProtocolError("the pose contains a number that is not finite: it is not sent")
 
 
 def _wrench_vec(force_N: Vec3, torque_Nm: Vec3, scales: Scales) -> VecInt:

@@ -1,4 +1,4 @@
-"""Link and dialogue joined: keeps a greeted connection up and the newest reports at hand."""
+"""Connection to the controller: link and dialogue joined, with the newest reports."""
 
 from typing import Protocol
 
@@ -14,10 +14,10 @@ from services.gateway.link import News
 from services.gateway.reports import Event, HealthReport, HelloReceived, PoseReport
 from services.gateway.round_trips import LEAST_STREAMED, Rate, Turns
 
-SET_UP_WITHIN_NS = NS_PER_S  # so long nothing is wrong when it has not taken its limits
-LOOPS_SPAN = 500_000  # the loop counter of 103 goes round there
+SET_UP_WITHIN_NS = NS_PER_S  # time for the controller to execute its limits
+LOOPS_SPAN = 500_000  # modulus of the loop counter of 103
 
-# Bits without which the controller cannot obey, bits with which it will not, and their faults.
+# Status bits that must be set, status bits that must be clear, and their faults.
 NEEDED = {
     Status.MOTOR_POWER: "robot_motors",
     Status.REPEAT_MODE: "robot_teach",
@@ -28,33 +28,33 @@ FORBIDDEN = {Status.WATCHDOG_LATCHED: "robot_latched", Status.ERROR: "robot_erro
 
 
 class Wire(Protocol):
-    """What carries the bytes: a socket, or the emulator in lock step."""
+    """Byte transport: a socket, or the emulator in lock step."""
 
     connections: int
     last_fault: str
 
     def poll(self, now_ns: int) -> News:
-        """Return what happened since the last poll."""
+        """Return the events since the last poll."""
 
     def send(self, data: bytes, now_ns: int) -> bool:
-        """Hand bytes over."""
+        """Queue bytes for sending."""
 
     def greeted(self) -> None:
-        """Take note of a good hello."""
+        """Register a valid hello."""
 
     def close(self, reason: str, now_ns: int) -> None:
-        """Give the connection up."""
+        """Close the connection."""
 
 
 class Connection:
-    """The way to the controller, as good as it is right now."""
+    """State of the connection to the controller."""
 
     def __init__(
         self, wire: Wire, dialogue: Dialogue, kept: ControllerLimits, *, stale_after_s: float
     ) -> None:
-        """Join the two; `poll` connects. `kept` goes out after every hello and hold."""
+        """Join the two; `poll` connects. `kept` is sent after every hello and hold."""
         self.dialogue = dialogue
-        self.errors = 0  # connections that ended because of what the controller sent
+        self.errors = 0  # connections closed for a protocol error of the controller
         self.code = "robot_link"  # of `trouble`
         self.measured: Measured | None = None
         self.health: HealthReport | None = None
@@ -63,13 +63,13 @@ class Connection:
         self._stale_after_s = stale_after_s
         self._up = False
         self._greeted_ns = 0
-        self._voided = 0  # reports in a row by which the limits were not taken, and do not wait
+        self._voided = 0  # consecutive reports with limits neither executed nor queued
         self._pose: PoseReport | None = None
         self._samples, self._loops = Rate(), Turns(LOOPS_SPAN)
 
     @property
     def reconnects(self) -> int:
-        """How often the connection was made again."""
+        """Number of reconnections."""
         return max(0, self._wire.connections - 1)
 
     @property
@@ -78,7 +78,7 @@ class Connection:
         return self._up and self.dialogue.ready
 
     def poll(self, now_ns: int) -> bool:
-        """Look after the link; tell whether a new pose with its joints has come in."""
+        """Serve the link; return whether a new pose with its joints was received."""
         news = self._wire.poll(now_ns)
         if news.opened:
             self._up = True
@@ -97,12 +97,12 @@ class Connection:
         return is_new
 
     def close(self, now_ns: int) -> None:
-        """End the connection; `poll` would make a new one."""
+        """Close the connection; `poll` would open a new one."""
         self._wire.close("closed by the gateway", now_ns)
         self._down()
 
     def send(self, data: bytes, now_ns: int) -> None:
-        """Send what the dialogue wants sent; a failure shows at the next poll."""
+        """Send the dialogue's bytes; a failure is reported by the next poll."""
         if data:
             self._wire.send(data, now_ns)
 
@@ -118,14 +118,14 @@ class Connection:
             return f"the controller's pose is {age_s * 1e3:.0f} ms old, limit {limit_ms:.0f} ms"
         is_young = now_ns - self._greeted_ns < SET_UP_WITHIN_NS
         if is_young and not self.dialogue.is_set_up and not self._unfit_codes():
-            return "the controller is being told its limits"
+            return "the controller is receiving its limits"
         return ""
 
     def unfit(self) -> Trip | None:
-        """Return which status bits keep the controller from obeying."""
+        """Return the status bits that prevent motion."""
         codes = self._unfit_codes()
         if not codes and not self.dialogue.is_set_up:
-            return tripped("robot_program", "the controller's program does not take its limits")
+            return tripped("robot_program", "the controller's program does not execute its limits")
         if not codes:
             return None
         return tripped(codes[0], "; ".join(FAULTS[code].cause for code in codes))
@@ -144,7 +144,7 @@ class Connection:
         return codes + [code for bit, code in FORBIDDEN.items() if status & bit]
 
     def numbers(self, now_ns: int) -> dict[str, float]:
-        """Return what this connection has measured: times [s], rates [1/s]; no unknown ones."""
+        """Return the measurements of this connection: times [s], rates [1/s]; none unknown."""
         found: dict[str, float | None] = {}
         if self.is_ready:
             echoes = self.dialogue.echoes
@@ -162,20 +162,20 @@ class Connection:
         return {name: number for name, number in found.items() if number is not None}
 
     def _watch(self, now_ns: int) -> None:
-        """Give up a line on which a hold would come later than the controller's own watchdog."""
+        """Close a link on which a hold would arrive later than the controller's watchdog."""
         sent_ns = self.dialogue.echoes.framed.oldest_ns
         if not self.is_ready or sent_ns is None:
             return
         age_s = (now_ns - sent_ns) / NS_PER_S
         if age_s > self._kept.watchdog_s:
             limit_ms = self._kept.watchdog_s * 1e3
-            reason = f"a packet is on its way for {age_s * 1e3:.0f} ms, limit {limit_ms:.0f} ms"
+            reason = f"a packet is in transit for {age_s * 1e3:.0f} ms, limit {limit_ms:.0f} ms"
             self._wire.close(reason, now_ns)
             self._down()
             self.code = "link_slow"
 
     def _set_up_again(self, health: HealthReport, now_ns: int) -> None:
-        """Tell the limits again that nothing waits to take: a hold of its own has voided them."""
+        """Send the limits again if they are neither executed nor queued: a hold voided them."""
         is_void = health.queue_length == 0 and self.dialogue.unframed == 0
         self._voided = self._voided + 1 if is_void and not self.dialogue.is_set_up else 0
         if self._voided >= REPORTS_TO_BELIEVE:

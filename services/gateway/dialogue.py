@@ -1,11 +1,12 @@
-"""The talk with the controller as pure state: bytes and times in, bytes and events out. No socket.
+"""Sans-IO protocol state of the controller dialogue: bytes and times in, bytes and events out.
 
 One connection:  connected() -> our hello;  feed() until HelloReceived;  then anything below.
-What is returned by a method must be sent whole and in order, or the connection be given up.
+Bytes returned by a method must be sent completely and in order, or the connection be closed.
 
-Set points and wrenches are streams: the newest wins, and `tick` sends it when the controller has
-taken the one before, because a queue in the controller is delay and delay is what limits a force
-loop. Without permission `tick` sends nothing at all: the controller's own watchdog then stops it.
+Set points and wrenches are latest-value streams with flow control: `tick` sends the newest one when
+the controller has executed the one before, because a queue in the controller adds delay, and delay
+limits the bandwidth of a force loop. Without permission `tick` sends nothing: the controller's
+watchdog then stops the motion.
 """
 
 from collections import deque
@@ -29,9 +30,9 @@ S_PER_NS = 1e-9
 
 
 class Dialogue:
-    """Protocol state of the gateway's side; one object lives through many connections.
+    """Protocol state of the gateway; one object serves many connections.
 
-    `last`, `taken` and `framed` are numbers of packets, which never go round as their IDs do.
+    `last`, `taken` and `framed` are packet numbers, which do not wrap around as the IDs do.
     """
 
     def __init__(
@@ -39,7 +40,7 @@ class Dialogue:
     ) -> None:
         """Prepare the first connection, to the arm of this number.
 
-        IDs go on from `last_id`, also over reconnects.
+        IDs continue from `last_id`, also across reconnections.
         """
         self.scales = scales
         self._arm = arm
@@ -48,12 +49,12 @@ class Dialogue:
         self._reset()
 
     def _reset(self) -> None:
-        """Forget everything that belongs to one connection."""
+        """Reset the state of one connection."""
         self._reader = PacketReader()
         self._hello = NONE_YET
-        self.ready = False  # both hellos are through
+        self.ready = False  # both hellos are exchanged
         self.status = _NO_BITS
-        self._last_for_ring = NONE_YET  # the robot program can name no packet after this one
+        self._last_for_ring = NONE_YET  # last packet that the robot program can echo
         self._taken = self._framed = EchoMark(NONE_YET)
         self.echoes = Echoes()
         self._last_sent_ns = 0
@@ -61,12 +62,12 @@ class Dialogue:
         self._setting_up: tuple[Command, ...] = ()
         self._set_up = NONE_YET  # the last of these
         self._speed: Speed | None = None
-        self._wanted_bits = _NO_BITS  # force feedback that was asked for
+        self._wanted_bits = _NO_BITS  # requested force feedback
         self._was_running = False
         self._forget_motion()
 
     def _forget_motion(self, running: Gains | None = None) -> None:
-        """A stream of set points, or force feedback, starts anew: nothing pending or carried."""
+        """Reset the set-point stream and force feedback: nothing pending, no rounding carried."""
         self._offers = Offers(self.scales, self._pacing, running)
         self._untaken: deque[int] = deque()
 
@@ -80,10 +81,10 @@ class Dialogue:
         return self._send(now_ns, commands.hello(self.scales, self._arm))
 
     def feed(self, data: bytes, now_ns: int) -> list[Event]:
-        """Return what the controller said.
+        """Return the events contained in received bytes.
 
         Raises RemoteProtocolError for anything malformed, unknown, or of another version or
-        scale: close the link then, and hold.
+        scale: the caller then closes the link and holds.
         """
         return [self._take(packet, now_ns) for packet in self._reader.feed(data)]
 
@@ -91,7 +92,7 @@ class Dialogue:
         if not self.ready:
             hello = parse_hello(packet, self.scales, self._arm)
             self.ready = True
-            self.echoes.framed.give_up()  # that ours waited to be heard is no round trip
+            self.echoes.framed.give_up()  # the time until the controller answers is no round trip
             return hello
         event = parse_report(packet, self.scales)
         if isinstance(event, PoseReport):
@@ -106,7 +107,7 @@ class Dialogue:
         return event
 
     def _follow_status(self, status: Status) -> None:
-        """Notice when the controller ended by itself the force feedback that was asked for."""
+        """Detect that the controller ended requested force feedback by itself."""
         self.status = status
         if self._wanted_bits and status & self._wanted_bits == self._wanted_bits:
             self._was_running = True
@@ -122,45 +123,45 @@ class Dialogue:
 
     @property
     def taken(self) -> int:
-        """The last packet of this connection that the robot program has taken, or NONE_YET."""
+        """Last packet of this connection executed by the robot program, or NONE_YET."""
         return self._taken.number
 
     @property
     def framed(self) -> int:
-        """The last packet of this connection that the receiver has framed, or NONE_YET."""
+        """Last packet of this connection acknowledged by the receiver, or NONE_YET."""
         return self._framed.number
 
     @property
     def feedback_active(self) -> bool:
-        """Force feedback was asked for and has not ended, or the controller says that it runs."""
+        """Whether force feedback is requested and not ended, or reported as running."""
         return bool(self._wanted_bits or self.status & FEEDBACK_BITS)
 
     @property
     def untaken(self) -> int:
-        """What goes through the ring and the robot program has not taken."""
+        """Number of streamed commands not yet executed by the robot program."""
         return len(self._untaken)
 
     @property
     def unframed(self) -> int:
-        """Packets under way that the controller's receiver has not seen."""
+        """Number of packets not yet acknowledged by the controller's receiver."""
         return self.last - max(self._hello, self.framed)
 
     @property
     def settled(self) -> bool:
-        """The controller has heard the last hold and taken the last motion: reports know both."""
+        """Whether reports reflect the last hold (framed) and the last motion (executed)."""
         return self._hold <= self.framed and self._motion <= self.taken
 
     @property
     def is_set_up(self) -> bool:
-        """The robot program has taken everything without which it moves nothing."""
+        """Whether the robot program has executed the commands required before motion."""
         return self._set_up <= self.taken
 
     # --- commands ---------------------------------------------------------------------------------
 
     def hold(self, now_ns: int) -> bytes:
-        """Brake and hold now; allowed as soon as there is a connection.
+        """Brake and hold now; permitted on any open connection.
 
-        It voids what the robot program has not taken: what it is set up with goes out again.
+        It voids commands not yet executed: an unfinished set-up is sent again.
         """
         self._stop_motion()
         data = self._send(now_ns, commands.HOLD)
@@ -171,57 +172,57 @@ class Dialogue:
         return data
 
     def move_to_pose(self, T_base_flange: pin.SE3, speed: Speed, now_ns: int) -> bytes:
-        """Command 1 as a goal, with its speeds first when they have changed."""
+        """Return command 1 as a goal, after its speeds if they have changed."""
         command, _ = commands.move_to_pose(T_base_flange, self.scales, PoseCarry())
         return self._goal(command, speed, now_ns)
 
     def move_to_joints(self, joint_rad: Joints, speed: Speed, now_ns: int) -> bytes:
-        """Command 2, with its speeds first when they have changed."""
+        """Return command 2, after its speeds if they have changed."""
         return self._goal(commands.move_to_joints(joint_rad, self.scales), speed, now_ns)
 
     def move_by_joints(self, turn_rad: Joints, speed: Speed, now_ns: int) -> bytes:
-        """Command 3, with its speeds first when they have changed."""
+        """Return command 3, after its speeds if they have changed."""
         return self._goal(commands.move_by_joints(turn_rad, self.scales), speed, now_ns)
 
     def offer_setpoint(self, T_base_flange: pin.SE3) -> None:
-        """Give the newest pose of a stream; `tick` sends it when its turn comes."""
+        """Store the newest pose of a stream; `tick` sends it when flow control permits."""
         self._refuse_during_feedback(Com.SET_POINT)
         self._offers.setpoint(T_base_flange)
 
     def offer_wrench(self, force_N: Vec3, torque_Nm: Vec3, setpoint_N: Vec3) -> None:
-        """Give the newest wrench and its set point; `tick` sends them when their turn comes."""
-        self._refuse_without_feedback("to take a wrench")
+        """Store the newest wrench and its set point; `tick` sends them."""
+        self._refuse_without_feedback("that could use a wrench")
         self._offers.wrench(force_N, torque_Nm, setpoint_N)
 
     def offer_centre(self, T_flange_tcp: pin.SE3) -> None:
-        """Give the newest point that force feedback turns about; `tick` sends it in its turn."""
+        """Store the newest centre of rotation of force feedback; `tick` sends it."""
         self._refuse_without_feedback("whose centre could be moved")
         self._offers.centre(T_flange_tcp)
 
     def offer_gains(self, gains: Gains) -> None:
-        """Give the newest gains of running force feedback; `tick` sends those that are new."""
+        """Store the newest gains of running force feedback; `tick` sends those that are new."""
         self._refuse_without_feedback("whose gains could be changed")
         self._offers.gains(gains)
 
     def set_speed(self, speed: Speed, now_ns: int) -> bytes:
-        """Send the speeds if the controller does not have them yet."""
+        """Return the speeds command, empty if the controller has these speeds already."""
         data = self._send(now_ns, *self._speed_first(speed))
         self._speed = speed
         return data
 
     def set_up(self, kept: ControllerLimits, now_ns: int) -> bytes:
-        """After hello: hold (it empties the ring), then what the controller keeps to by itself."""
+        """Return the set-up after hello: hold, which empties the ring, then the limits."""
         self._setting_up = commands.set_up(kept, self.scales)
-        self._set_up = self.last + 1  # not taken
+        self._set_up = self.last + 1  # not executed
         return self.hold(now_ns)
 
     def set_centre(self, T_flange_centre: pin.SE3, now_ns: int) -> bytes:
-        """Send the point to turn about before force feedback starts."""
+        """Return the centre of rotation, to be sent before force feedback starts."""
         self._refuse_during_feedback(Com.TCP)
         return self._send(now_ns, commands.tcp(T_flange_centre, self.scales, Point.CENTRE))
 
     def start_feedback(self, mode: Mode, gains: Gains, *, permitted: bool, now_ns: int) -> bytes:
-        """Send gains and the start, in this order. Set points must have stopped before."""
+        """Return gains and the start, in this order. Set points must have stopped before."""
         if not permitted:
             raise LocalProtocolError(
                 "force feedback may not start without the arbiter's permission"
@@ -238,7 +239,7 @@ class Dialogue:
         return self._send(now_ns, commands.STOP_FEEDBACK)
 
     def tick(self, now_ns: int, *, permitted: bool) -> bytes:
-        """Return what is due now: a set point, a wrench, or a heartbeat; nothing unpermitted."""
+        """Return the bytes due now: a set point, a wrench or a heartbeat; none unpermitted."""
         if not permitted or not self.ready:
             self._offers.forget()
             return b""
@@ -246,14 +247,14 @@ class Dialogue:
         silence_s = (now_ns - self._last_sent_ns) * S_PER_NS
         if data or silence_s < self._pacing.heartbeat_after_s:
             return data
-        if self.unframed:  # what is on its way is a beat; on a slow line a hold would queue behind
+        if self.unframed:  # a packet in flight is a heartbeat; more would delay a hold
             return b""
         return self._send(now_ns, commands.HEARTBEAT)
 
     # --- inside -----------------------------------------------------------------------------------
 
     def _stop_motion(self) -> None:
-        """What the robot program has not taken yet is void: no echo will come of it."""
+        """Void the commands not yet executed: no echo of them will arrive."""
         self._forget_motion()
         self._wanted_bits, self._was_running = _NO_BITS, False
         self.echoes.give_up_taken()
@@ -301,7 +302,7 @@ class Dialogue:
         if self._hello == NONE_YET:
             raise LocalProtocolError("there is no connection to send on")
         if not self.ready and any(c.com not in {Com.HELLO, Com.HOLD} for c in batch):
-            raise LocalProtocolError("the controller has not said hello yet")
+            raise LocalProtocolError("no hello has been received from the controller yet")
         numbered = [
             command.packet(id_of(number)) for number, command in enumerate(batch, self.last + 1)
         ]

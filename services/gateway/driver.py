@@ -1,7 +1,7 @@
-"""Turns what the arbiter lets through into packets, and refuses what breaks a limit. No socket.
+"""Command driver: converts permitted commands to packets after the last limit check. No socket.
 
-A refusal is an exception, and the caller holds then. Whatever the dialogue has numbered is sent at
-once, also when a refusal follows: IDs have no gaps.
+A refusal is an exception, after which the caller holds. Packets that the dialogue has numbered are
+sent at once, also when a refusal follows: IDs have no gaps.
 """
 
 from collections.abc import Callable
@@ -33,20 +33,20 @@ from services.gateway.goals import Measured, Track
 from services.gateway.setpoint_shaper import Departures
 
 FEEDBACK_STARTS_WITHIN_S = 1.0
-CENTRE_STEP_M = 3e-3  # a smaller way of the point of contact is not worth a command
+CENTRE_STEP_M = 3e-3  # travel of the contact point below which no command is sent
 
 
 @dataclass(frozen=True, slots=True)
 class Running:
-    """Force feedback that the controller was asked to run."""
+    """Force feedback requested from the controller."""
 
     feedback: Feedback
     since_ns: int
-    lever_m: Vec3  # that the controller was told last
+    lever_m: Vec3  # sent to the controller last
 
 
 class Driver:
-    """What the gateway does under permission: goals, set points, force feedback; and hold."""
+    """Execution of permitted commands: goals, set points, force feedback; and hold."""
 
     def __init__(
         self,
@@ -61,8 +61,8 @@ class Driver:
     ) -> None:
         """Start in hold, with nothing sent.
 
-        `send` takes bytes and the time [ns]; `speed_m_s` is what the controller follows set points
-        with at most.
+        `send` takes bytes and the time [ns]; `speed_m_s` is the largest speed at which the
+        controller follows set points.
         """
         self._dialogue = dialogue
         self._send = send
@@ -73,28 +73,28 @@ class Driver:
         self._stream_speed = Speed(mechanical_m_s=speed_m_s)
         self._track = Track()
         self._running: Running | None = None
-        self._streaming = False  # set points flow: the first one was the measured pose
-        self._stream_from = 0  # packet of that one
+        self._streaming = False  # a stream is active; its first set point was the measured pose
+        self._stream_from = 0  # packet number of that set point
         self._holding = True  # every connection begins with hello and hold
         self._lease: tuple[int, int] | None = None
         self._wrench_seen: tuple[int, int] | None = None
 
     @property
     def goal(self) -> GoalReport:
-        """What became of the goal that was given last."""
+        """State of the last goal."""
         return self._track.report
 
     @property
     def sent(self) -> pin.SE3 | None:
-        """Set point of the stream that left last, flange in base; None: no stream."""
+        """Last set point sent of the stream, flange in base; None: no stream."""
         return self._departures.last if self._streaming else None
 
     def disconnected(self) -> None:
-        """A new connection begins in hold, whatever was under way on the old one."""
+        """Register a lost connection: a new one begins in hold."""
         self._holding = True
 
     def hold(self, reason: str, now_ns: int) -> None:
-        """Brake and hold: command 8 once, and nothing of before goes on."""
+        """Brake and hold: command 8 once; nothing is resumed."""
         if self._track.on_the_way:
             self._track = self._track.ended("refused", reason)
         self._running, self._streaming = None, False
@@ -105,7 +105,7 @@ class Driver:
             self._send(self._dialogue.hold(now_ns), now_ns)
 
     def watch(self, measured: Measured, now_ns: int) -> None:
-        """Judge a new report under permission. Raises RefusedError as `obey`."""
+        """Check a new report under permission. Raises RefusedError as `obey`."""
         joint_rad, T = measured.joint_rad, measured.T_base_flange
         _refuse(self._guard.arm(T, joint_rad, now_ns))
         is_refused = bool(measured.status & Status.TARGET_REFUSED)
@@ -114,7 +114,7 @@ class Driver:
         _refuse(self._tracking.judge(T, joint_rad, now_ns))
 
     def follow_goal(self, measured: Measured, now_ns: int) -> None:
-        """Look what became of the goal."""
+        """Update the state of the goal from a report."""
         self._track = goals.follow(self._track, measured, now_ns)
 
     def obey(
@@ -127,14 +127,14 @@ class Driver:
         is_new: bool,
         now_ns: int,
     ) -> None:
-        """Do what a permitted command says.
+        """Execute a permitted command.
 
-        Raises RefusedError when it breaks a limit of this cell or asks for what cannot be, and
+        Raises RefusedError when it violates a limit of this cell or is not possible now, and
         LocalProtocolError when it does not fit into a packet.
         """
         if lease != self._lease:
-            if not self._holding:  # the controller counts turns from a hold, the guard from here
-                self.hold("armed anew", now_ns)
+            if not self._holding:  # the controller measures rotation from a hold, the guard here
+                self.hold("armed again", now_ns)
             self._lease, self._track = lease, Track()
             purpose = "all" if command.permission is None else command.permission.purpose
             self._guard.start(measured.T_base_flange, now_ns, purpose)
@@ -164,7 +164,7 @@ class Driver:
             return
         if goal.id != track.report.id and track.on_the_way:
             self._idle(now_ns)
-            self._track = goals.refused(goal, "a goal was on its way; it is braked")
+            self._track = goals.refused(goal, "another goal was in progress; it is braked")
             return
         if self._dialogue.feedback_active or not self._knows_where(goal, measured):
             self._track = goals.queued(goal)
@@ -179,7 +179,7 @@ class Driver:
             self._expect(self._track, measured)
 
     def _knows_where(self, goal: Goal, measured: Measured) -> bool:
-        """Where a move by angles ends depends on where the arm rests, so it must be known."""
+        """Return whether the start of a move is known, which the end of a relative one needs."""
         at_rest = self._dialogue.settled and not measured.status & Status.MOVING
         return goal.kind != "by" or at_rest
 
@@ -193,7 +193,7 @@ class Driver:
         return self._dialogue.move_to_joints(goal.joint_rad, speed, now_ns)
 
     def _stream(self, command: RobotCommand, measured: Measured, now_ns: int) -> None:
-        """Offer a set point; the first of a stream is the measured pose, so that nothing jumps."""
+        """Offer a set point; the first of a stream is the measured pose, to avoid a jump."""
         if command.pose is None:
             raise RefusedError("malformed", "a set point without a pose")
         if self._dialogue.feedback_active:  # still ending
@@ -213,7 +213,7 @@ class Driver:
         self._tracking.stream(T_wanted, now_ns)
 
     def _expect(self, track: Track, measured: Measured) -> None:
-        """Tell where the arm will be on its way to a goal."""
+        """Set the expected path of the arm to a goal, for the tracking check."""
         if track.T_target is not None:
             self._tracking.line(measured.T_base_flange, track.T_target)
         else:
@@ -221,9 +221,9 @@ class Driver:
             self._tracking.turn(measured.joint_rad, target_rad)
 
     def _idle(self, now_ns: int) -> None:
-        """Permission without a motion: a goal that is still on its way is braked."""
+        """Brake an active goal: the permission contains no motion."""
         if self._track.on_the_way:
-            self._track = self._track.ended("refused", "the arbiter took the goal back")
+            self._track = self._track.ended("refused", "the arbiter withdrew the goal")
             self._send(self._dialogue.hold(now_ns), now_ns)
 
     # --- force feedback ---------------------------------------------------------------------------
@@ -266,7 +266,7 @@ class Driver:
         self._running = Running(feedback, now_ns, feedback.lever_m)
 
     def _turn_about(self, running: Running, feedback: Feedback) -> Vec3:
-        """Let the controller turn about the point of contact, wherever that goes."""
+        """Offer the contact point as centre of rotation when it has moved; return the lever."""
         way_m = np.linalg.norm(np.array(feedback.lever_m) - np.array(running.lever_m))
         if way_m < CENTRE_STEP_M:
             return running.lever_m
@@ -274,7 +274,7 @@ class Driver:
         return feedback.lever_m
 
     def _centre(self, feedback: Feedback) -> pin.SE3:
-        """Return the point to turn about as a frame in the flange's, with the TCP's axes."""
+        """Return the centre of rotation as a frame in the flange's, with the TCP's axes."""
         T = self._T_flange_tcp
         return pin.SE3(T.rotation, T.translation + np.array(feedback.lever_m))
 
@@ -286,7 +286,7 @@ class Driver:
     def _feed_back(
         self, feedback: Feedback, wrench: WrenchAtTcp, sample: tuple[int, int], since_ns: int
     ) -> None:
-        """Offer each sample once: the controller integrates what it is sent."""
+        """Offer each sample once: the controller integrates every wrench it receives."""
         if not self._dialogue.status & FEEDBACK_BITS:
             if since_ns > FEEDBACK_STARTS_WITHIN_S * NS_PER_S:
                 raise RefusedError("feedback", "the controller did not start force feedback")

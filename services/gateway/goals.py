@@ -1,4 +1,4 @@
-"""What became of a goal: told from the IDs and status bits that the controller reports. Pure."""
+"""Goal tracking: state of a goal from the IDs and status bits of the controller's reports. Pure."""
 
 from dataclasses import dataclass, replace
 
@@ -15,20 +15,20 @@ NO_GOAL = GoalReport()
 REACHED_M = 5e-4
 REACHED_RAD = 3e-3
 TAKEN_WITHIN_NS = 2_000_000_000
-# ID and status of a report are not read by the controller at one instant: believe what two say.
+# Debounce: the controller does not read ID and status of a report at one instant.
 REPORTS_TO_BELIEVE = 2
-STOPPED_SHORT_NS = 500_000_000  # at rest, but not where it should be
+STOPPED_SHORT_NS = 500_000_000  # time at rest away from the target
 
 
 @dataclass(frozen=True, slots=True)
 class Measured:
-    """The newest pose and joints that the controller reported."""
+    """Newest pose and joints reported by the controller."""
 
     T_base_flange: pin.SE3
     joint_rad: Joints
     status: Status
     counter: int
-    taken: int  # number of the last packet that the robot program has taken
+    taken: int  # number of the last packet executed by the robot program
     at_ns: int
 
 
@@ -41,29 +41,29 @@ class Track:
     T_target: pin.SE3 | None = None
     joint_target_rad: Joints | None = None
     sent_ns: int = 0
-    rest_ns: int | None = None  # since when it was taken and the arm is at rest
-    candidate: GoalState = "running"  # what the last report said
-    counter: int = -1  # of the last report that was looked at
-    agreeing: int = 0  # reports that said the same
+    rest_ns: int | None = None  # since when the packet is executed and the arm at rest
+    candidate: GoalState = "running"  # state by the last report
+    counter: int = -1  # of the last report evaluated
+    agreeing: int = 0  # consecutive reports with the same state
 
     @property
     def on_the_way(self) -> bool:
-        """The goal is neither done nor refused."""
+        """Whether the goal is neither done nor refused."""
         return self.report.state in {"queued", "running"}
 
     def ended(self, state: GoalState, reason: str = "") -> "Track":
-        """Return the goal as it ended."""
+        """Return the goal with its final state."""
         report = GoalReport(id=self.report.id, state=state, reason=reason[:400])
         return replace(self, report=report)
 
 
 def queued(goal: Goal) -> Track:
-    """Return a goal that waits until force feedback has ended."""
+    """Return a goal that is queued until force feedback has ended."""
     return Track(GoalReport(id=goal.id, state="queued"))
 
 
 def refused(goal: Goal, reason: str) -> Track:
-    """Return a goal that was never sent."""
+    """Return a goal refused before it was sent."""
     return Track(GoalReport(id=goal.id, state="refused", reason=reason[:400]))
 
 
@@ -83,13 +83,13 @@ def sent(goal: Goal, packet: int, joint_rad: Joints, now_ns: int) -> Track:
 
 
 def follow(track: Track, measured: Measured, now_ns: int) -> Track:
-    """Return the goal as the newest report shows it."""
+    """Return the goal updated by the newest report."""
     if track.report.state != "running":
         return track
     if measured.taken < track.packet:
         if now_ns - track.sent_ns > TAKEN_WITHIN_NS:
             return track.ended(
-                "refused", f"not taken by the controller in {TAKEN_WITHIN_NS / 1e9:g} s"
+                "refused", f"not taken by the controller within {TAKEN_WITHIN_NS / 1e9:g} s"
             )
         return track
     if measured.counter == track.counter:
@@ -105,7 +105,7 @@ def follow(track: Track, measured: Measured, now_ns: int) -> Track:
 
 
 def _verdict(track: Track, measured: Measured, now_ns: int) -> tuple[GoalState, str, int | None]:
-    """Return what one report says: state, reason, since when the arm is at rest."""
+    """Return the state by one report, its reason, and since when the arm is at rest."""
     if measured.status & Status.MOVING:
         return "running", "", None
     rest_ns = now_ns if track.rest_ns is None else track.rest_ns
@@ -122,7 +122,7 @@ def _verdict(track: Track, measured: Measured, now_ns: int) -> tuple[GoalState, 
 
 
 def _missing(track: Track, measured: Measured) -> str:
-    """Return how far the arm is from its target in words, empty when it is there."""
+    """Return the distance to the target as a text, empty when it is reached."""
     if track.T_target is not None:
         T = measured.T_base_flange
         way_m = float(np.linalg.norm(track.T_target.translation - T.translation))

@@ -1,7 +1,8 @@
-"""The one socket of the gateway: TCP client of the controller, never blocking, never raising.
+"""TCP link to the controller: the gateway's one socket, non-blocking, without exceptions.
 
-`poll` and `send` return at once and turn every failure into a reason; a lost connection is opened
-again after a pause that grows until the controller has greeted us.
+`poll` and `send` return at once and convert every failure into a reason. A lost connection is
+reopened with exponential backoff, which a valid hello resets. The link is closed on silence and on
+data that the peer's TCP does not acknowledge.
 """
 
 import errno
@@ -17,57 +18,57 @@ from controller.packet import PACKET_CHARS
 from forcemesh.clock import NS_PER_S
 
 RECEIVE_BYTES = 16_384
-RECEIVES_PER_POLL = 4  # a peer that floods us cannot keep the loop
+RECEIVES_PER_POLL = 4  # bounds the time that a flood of data can take from the loop
 
 
 @dataclass(frozen=True, slots=True)
 class LinkSettings:
-    """Where the controller is and how long it may take."""
+    """Address of the controller, and timeouts."""
 
     host: str
     port: int
     connect_within_s: float = 1.0
     pause_first_s: float = 0.1
     pause_longest_s: float = 2.0
-    # More than one packet that the peer's TCP has not taken for this long: it reads no more.
+    # Longest time with more than one packet that the peer's TCP has not acknowledged.
     stalled_after_s: float = 0.2
-    silent_after_s: float = 1.5  # the controller sends endlessly; a planning stall is under 1 s
+    silent_after_s: float = 1.5  # the controller sends continuously; planning stalls it under 1 s
 
 
 @dataclass(frozen=True, slots=True)
 class News:
-    """What happened on the link since the last poll, in this order."""
+    """Events of the link since the last poll, in this order."""
 
     opened: bool = False
     data: bytes = b""
-    lost: str = ""  # why the connection ended, empty while it did not
+    lost: str = ""  # why the connection ended, empty if it did not
 
 
 class Link:
     """TCP connection to the controller."""
 
     def __init__(self, settings: LinkSettings) -> None:
-        """Open nothing yet: the first `poll` does."""
+        """Store the settings; the first `poll` opens the connection."""
         self.settings = settings
         self.connections = 0
         self.last_fault = ""
         self._socket: socket.socket | None = None
         self._open = False
         self._lost = ""
-        self._since_ns = 0  # start of the attempt, then of the silence
+        self._since_ns = 0  # start of the attempt, then time of the last data received
         self._pause_s = settings.pause_first_s
         self._next_attempt_ns = 0
-        self._rest = b""  # what the kernel did not take
+        self._rest = b""  # not accepted by the kernel yet
         self._sent_bytes = 0
-        self._unconfirmed: deque[tuple[int, int]] = deque()  # stream position, handed over at
+        self._unconfirmed: deque[tuple[int, int]] = deque()  # stream position, time of `send`
 
     @property
     def is_open(self) -> bool:
-        """The connection is established."""
+        """Whether the connection is established."""
         return self._open
 
     def poll(self, now_ns: int) -> News:
-        """Open, receive, and watch; return what happened."""
+        """Open, receive and supervise the connection; return its events."""
         opened, data = False, b""
         if not self._open and not self._lost and now_ns >= self._next_attempt_ns:
             opened = self._connect(now_ns)
@@ -79,7 +80,7 @@ class Link:
         return News(opened, data, lost)
 
     def send(self, data: bytes, now_ns: int) -> bool:
-        """Hand bytes over; False when there is no connection (the reason comes with `poll`)."""
+        """Queue bytes for sending; False without a connection (`poll` returns the reason)."""
         if not self._open:
             return False
         self._rest += data
@@ -87,11 +88,11 @@ class Link:
         return self._open
 
     def greeted(self) -> None:
-        """Tell that the controller said hello well: the next pause is short again."""
+        """Register a valid hello, which resets the backoff."""
         self._pause_s = self.settings.pause_first_s
 
     def close(self, reason: str, now_ns: int) -> None:
-        """Give the connection up; the next one is opened after the pause."""
+        """Close the connection; the next one is opened after the pause."""
         if self._socket is not None:
             self._socket.close()
         if self._open:
@@ -106,12 +107,12 @@ class Link:
     # --- inside -----------------------------------------------------------------------------------
 
     def _connect(self, now_ns: int) -> bool:
-        """Start a connection or look after one that is being made; tell whether it is open."""
+        """Start or continue a connection attempt; return whether the connection is open."""
         if self._socket is None:
             self._since_ns = now_ns
             self._socket = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
             self._socket.settimeout(0.0)
-            # Nagle would hold a set point back until the one before is acknowledged.
+            # Nagle's algorithm would delay a set point until the one before is acknowledged.
             self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         try:
             code = self._socket.connect_ex((self.settings.host, self.settings.port))
@@ -126,7 +127,7 @@ class Link:
             self.close(f"{self._where}: {os.strerror(code)}, is its program running?", now_ns)
             return False
         if _is_its_own_peer(self._socket):
-            self.close(f"{self._where}: nobody listens there", now_ns)
+            self.close(f"{self._where}: no server listens there", now_ns)
             return False
         self._open, self._since_ns = True, now_ns
         self.connections += 1
@@ -166,7 +167,7 @@ class Link:
             self._unconfirmed.append((handed_over, now_ns))
 
     def _watch(self, now_ns: int) -> None:
-        """Close on silence, and on packets that lie about unread on their way."""
+        """Close on silence, and on data that stays unacknowledged."""
         if self._socket is None:
             return
         if now_ns - self._since_ns > self.settings.silent_after_s * NS_PER_S:
@@ -180,7 +181,7 @@ class Link:
             return
         age_s = (now_ns - self._unconfirmed[0][1]) / NS_PER_S
         if age_s > self.settings.stalled_after_s:
-            text = f"{waiting} bytes not taken for {age_s * 1e3:.0f} ms"
+            text = f"{waiting} bytes not acknowledged for {age_s * 1e3:.0f} ms"
             self.close(f"{self._where}: {text}", now_ns)
 
     @property
@@ -189,7 +190,7 @@ class Link:
 
 
 def _unacknowledged_bytes(sock: socket.socket) -> int:
-    """Return what the peer's TCP has not acknowledged (SIOCOUTQ, tcp(7)); 0 where unknown."""
+    """Return the bytes that the peer has not acknowledged (SIOCOUTQ, tcp(7)); 0 if unknown."""
     try:
         answer = fcntl.ioctl(sock, termios.TIOCOUTQ, struct.pack("i", 0))
     except OSError:
@@ -198,8 +199,8 @@ def _unacknowledged_bytes(sock: socket.socket) -> int:
 
 
 def _is_its_own_peer(sock: socket.socket) -> bool:
-    """TCP lets a socket connect to itself when nobody listens on a port of the local range."""
+    """Return whether TCP connected the socket to itself: an unused port of the local range."""
     try:
         return bool(sock.getsockname() == sock.getpeername())
-    except OSError:  # gone again already: the first receive will say why
+    except OSError:  # closed already: the first receive returns the reason
         return False

@@ -1,8 +1,8 @@
-"""Packet numbers behind IDs: IDs go round after 500 000 packets, numbers do not. Pure.
+"""Unwrapped packet numbers: IDs wrap around after 500 000 packets, numbers do not. Pure.
 
-A comparison of two IDs is right for half a ring only, and 17 minutes at 250 Hz are more. So the
-gateway counts its packets, sends the number as an ID, and turns the ID of a report back into the
-number of the newest packet that it can mean.
+Serial number arithmetic (RFC 1982) compares two IDs correctly within half the range only, which is
+17 minutes at 250 Hz. The gateway therefore counts its packets, sends the number modulo 500 000 as
+the ID, and converts the ID of a report back to the newest packet number that it can denote.
 """
 
 from controller import packet_table
@@ -12,17 +12,17 @@ NONE_YET = -1  # less than the number of any packet
 
 
 def number_of(id_: int) -> int:
-    """Return the number to count on from; NO_ID is as good as any."""
+    """Return the number from which to continue counting; NO_ID is permitted."""
     return (id_ - ID_FIRST) % packet_table.ID_COUNT
 
 
 def id_of(number: int) -> int:
-    """Return the ID under which a packet travels."""
+    """Return the ID of a packet number."""
     return ID_FIRST + number % packet_table.ID_COUNT
 
 
 class EchoMark:
-    """The last packet of a connection that the reports have named; it only moves on."""
+    """Last packet of a connection echoed by the reports; it only increases."""
 
     def __init__(self, hello: int) -> None:
         """Start a connection with the number of its hello."""
@@ -30,11 +30,11 @@ class EchoMark:
         self.number = NONE_YET
 
     def read(self, id_: int, newest: int) -> None:
-        """Take the ID of a report, which can be the echo of packets up to number `newest`.
+        """Evaluate the ID of a report, which can be the echo of packets up to number `newest`.
 
-        An ID that no such packet of this connection has is of an earlier one, and ignored. When the
-        last echo lies more than a ring back, the ID may mean a packet that is on its way: one in
-        500 000 chances, and then that packet counts as arrived some milliseconds early.
+        The ID of an earlier connection is ignored. If the last echo is more than one wraparound
+        back, the ID may denote a packet in flight, with a probability of one in 500 000; that
+        packet then counts as arrived some milliseconds early.
         """
         number = newest - ids_since(id_, id_of(newest))
         if number >= max(self._oldest, self.number):

@@ -1,4 +1,4 @@
-"""What is to be sent to the controller when its turn comes: of each kind the newest. Pure."""
+"""Pending commands to the controller: the newest of each kind. Pure."""
 
 import pinocchio as pin
 
@@ -10,54 +10,54 @@ from services.gateway.scales import Scales
 
 
 class Offers:
-    """Set points of a stream, or wrench, centre and gains of force feedback that runs.
+    """Pending set point of a stream, or wrench, centre and gains of running force feedback.
 
-    What does not fit into a packet is refused when it is offered: LocalProtocolError.
+    Raises LocalProtocolError on offering a value that does not fit into a packet.
     """
 
     def __init__(self, scales: Scales, pacing: Pacing, running: Gains | None = None) -> None:
-        """Nothing waits, and no rounding is carried; `running`: what force feedback starts with."""
+        """Start empty, without carried rounding; `running`: gains at the start of feedback."""
         self._scales, self._pacing = scales, pacing
         self._sent_gains: tuple[Command, ...] = () if running is None else commands.gains(running)
-        # The controller begins with none, after a hold, a stop and hello.
+        # The controller's set point is zero after a hold, a stop and hello.
         self._sent_setpoint = commands.force_set_point((0.0, 0.0, 0.0), scales)
         self._carry = PoseCarry()
         self.forget()
 
     def forget(self) -> None:
-        """Let nothing wait any more."""
+        """Drop all pending commands."""
         self._setpoint: pin.SE3 | None = None
         self._wrench: tuple[Command, ...] = ()
         self._centre: tuple[Command, ...] = ()
         self._gains: tuple[Command, ...] = ()
 
     def setpoint(self, T_base_flange: pin.SE3) -> None:
-        """Let a pose wait."""
+        """Store a pose."""
         commands.set_point(T_base_flange, self._scales, self._carry)
         self._setpoint = T_base_flange
 
     def wrench(self, force_N: Vec3, torque_Nm: Vec3, setpoint_N: Vec3) -> None:
-        """Let a wrench wait, and the set point that is for it."""
+        """Store a wrench and its set point."""
         setpoint = commands.force_set_point(setpoint_N, self._scales)
         self._wrench = (setpoint, commands.wrench(force_N, torque_Nm, self._scales))
 
     def centre(self, T_flange_tcp: pin.SE3) -> None:
-        """Let a point to turn about wait."""
+        """Store a centre of rotation."""
         self._centre = (commands.tcp(T_flange_tcp, self._scales, Point.CENTRE),)
 
     def gains(self, gains: Gains) -> None:
-        """Let both sets of gains wait."""
+        """Store both sets of gains."""
         self._gains = commands.gains(gains)
 
     def take_for_ring(self, now_ns: int) -> tuple[Command, ...]:
-        """Take what the robot program is to get next: of one kind, gains before a centre.
+        """Remove and return the next commands for the ring: of one kind, gains before a centre.
 
-        Gains are two commands at most, those that the controller does not have yet.
+        Gains are at most two commands, those that differ from the controller's.
         """
         return self._take_setpoint(now_ns) or self._take_gains() or self._take_centre()
 
     def take_wrench(self) -> tuple[Command, ...]:
-        """Take the wrench, which the ring has no part in, behind its set point if that is new."""
+        """Remove and return the wrench, which bypasses the ring, after its set point if new."""
         wrench, self._wrench = self._wrench, ()
         if not wrench or wrench[0] == self._sent_setpoint:
             return wrench[1:]

@@ -1,4 +1,4 @@
-"""Packet to SI: what the controller says (hello, 101, 102, 103)."""
+"""Report decoder: packets of the controller (hello, 101, 102, 103) to SI."""
 
 from dataclasses import dataclass
 from math import radians
@@ -26,14 +26,14 @@ from services.gateway.scales import Scales, differences, scales_from_hello
 
 @dataclass(frozen=True, slots=True)
 class HelloReceived:
-    """The controller's first word: it speaks our version and has set our scales."""
+    """The controller's hello: same protocol version, with the requested scales."""
 
     scales: Scales
 
 
 @dataclass(frozen=True, slots=True)
 class PoseReport:
-    """101: flange in base, the last command that the robot program took."""
+    """101: flange in base, ID of the last command executed by the robot program."""
 
     T_base_flange: pin.SE3
     taken_id: int
@@ -43,7 +43,7 @@ class PoseReport:
 
 @dataclass(frozen=True, slots=True)
 class JointReport:
-    """102: joint angles, the last command that the receiver framed."""
+    """102: joint angles, ID of the last command framed by the receiver."""
 
     joint_rad: Joints
     framed_id: int
@@ -53,7 +53,7 @@ class JointReport:
 
 @dataclass(frozen=True, slots=True)
 class HealthReport:
-    """103: how the controller's program is doing."""
+    """103: health of the controller's program."""
 
     error_code: int
     loop_count: int
@@ -61,7 +61,7 @@ class HealthReport:
     queue_length: int
     monitor_speed_fraction: float
     held_id: int  # of the last hold; hello is one
-    any_peer: bool  # fm.peer names no address: whoever reaches the port may connect
+    any_peer: bool  # fm.peer names no address: any client may connect
 
 
 Event = HelloReceived | PoseReport | JointReport | HealthReport
@@ -71,7 +71,7 @@ def parse_hello(packet: Packet, asked: Scales, arm: int) -> HelloReceived:
     """Return the controller's hello.
 
     Raises RemoteProtocolError when the first packet is another one, or when version, number of the
-    arm or scales are not the ones that were asked for: it names both, and what to do.
+    arm or scales differ from the requested ones; the text contains both and the remedy.
     """
     if packet.com != Com.HELLO:
         raise RemoteProtocolError(
@@ -96,12 +96,12 @@ def parse_hello(packet: Packet, asked: Scales, arm: int) -> HelloReceived:
 
 
 def parse_report(packet: Packet, scales: Scales) -> PoseReport | JointReport | HealthReport:
-    """Return a report in SI. Raise RemoteProtocolError for anything that is none."""
+    """Return a report in SI. Raise RemoteProtocolError for any other packet."""
     com = known(packet.com, packet.param)
     if com not in REPORTS:
-        raise RemoteProtocolError(f"the controller sent command {packet.com}, which is ours")
+        raise RemoteProtocolError(f"the controller sent a gateway command, {packet.com}")
     if com == Com.HELLO:
-        raise RemoteProtocolError("the controller said hello twice")
+        raise RemoteProtocolError("the controller sent hello twice")
     if com == Com.HEALTH:
         return _health(packet)
     counter, status = unpack_status(packet.param)

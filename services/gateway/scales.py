@@ -1,4 +1,4 @@
-"""How many packet units one millimetre, degree or newton has: agreed on by hello, then fixed."""
+"""Fixed-point scales: packet units per millimetre, degree or newton, negotiated by hello."""
 
 from dataclasses import dataclass, fields
 from math import isfinite
@@ -7,9 +7,9 @@ from controller.packet import VALUE_MAX, VALUE_MIN, VecInt
 from forcemesh.errors import LocalProtocolError, RemoteProtocolError
 from forcemesh.messages import Joints
 
-# Each scale must carry what it is for: 180 degrees of O, A, T and 360 of a joint into the negative
-# side (-99999), 1 m, 100 N, 10 N m and 250 mm/s; 499999 to the other side is five times as much.
-# And one unit must be worth having.
+# Upper bounds: the range must hold 180 degrees of O, A, T and 360 of a joint on the negative side
+# (-99999), 1 m, 100 N, 10 N m and 250 mm/s; the positive side (499999) is five times as large.
+# Lower bounds: the resolution of one unit must be useful.
 # fmt: off
 SCALE_RANGES = {
     "position_per_mm": (10, 99),
@@ -34,7 +34,7 @@ class Scales:
     speed_per_mm_s: int = 10
 
     def __post_init__(self) -> None:
-        """Raise LocalProtocolError for a scale that cannot carry what it is for."""
+        """Raise LocalProtocolError for a scale outside its range."""
         for name, (low, high) in SCALE_RANGES.items():
             value = getattr(self, name)
             if type(value) is not int or not low <= value <= high:
@@ -54,7 +54,7 @@ class Scales:
 
 
 def scales_from_hello(vec: VecInt) -> Scales:
-    """Return the scales that a hello carries. Raise RemoteProtocolError for impossible ones."""
+    """Return the scales in a hello. Raise RemoteProtocolError for scales outside their range."""
     try:
         return Scales(*vec)
     except LocalProtocolError as error:
@@ -62,7 +62,7 @@ def scales_from_hello(vec: VecInt) -> Scales:
 
 
 def differences(asked: Scales, answered: Scales) -> list[str]:
-    """Return one line for each scale that the two do not agree on."""
+    """Return one line for each scale that differs."""
     names = [field.name for field in fields(Scales)]
     triples = zip(names, asked.vec, answered.vec, strict=True)
     return [
@@ -73,7 +73,7 @@ def differences(asked: Scales, answered: Scales) -> list[str]:
 def to_units(name: str, value: float, units_per_one: float) -> int:
     """Return the nearest number of packet units.
 
-    Raises LocalProtocolError for a value that is not finite or does not fit: it names the quantity.
+    Raises LocalProtocolError, naming the quantity, for a value that is not finite or does not fit.
     """
     if not isfinite(value):
         raise LocalProtocolError(f"{name} is {value}, it cannot be sent")
@@ -85,7 +85,7 @@ def to_units(name: str, value: float, units_per_one: float) -> int:
 
 
 def to_vec(names: tuple[str, ...], values: Joints, units_per_one: tuple[float, ...]) -> VecInt:
-    """Return six values as packet units; errors name the one that cannot be sent."""
+    """Return six values as packet units; errors name the value that cannot be sent."""
     rows = zip(names, values, units_per_one, strict=True)
     a, b, c, d, e, f = (to_units(name, value, scale) for name, value, scale in rows)
     return (a, b, c, d, e, f)

@@ -1,4 +1,4 @@
-"""The gateway on the bus: the robot's role, played by a Kawasaki controller over TCP."""
+"""Gateway service: the role `robot`, implemented by a Kawasaki controller over TCP."""
 
 from dataclasses import replace
 from math import radians
@@ -26,28 +26,28 @@ from services.gateway.link import Link, LinkSettings
 from services.gateway.scales import Scales
 from services.gateway.setpoint_shaper import CatchUp, Departures
 
-STEP_S = 0.002  # how long a report of the controller may wait in the socket
-# Of what the controller keeps, beyond what this process lets through.
+STEP_S = 0.002  # longest time that a report of the controller waits in the socket
+# Margins of the controller's own limits over those of this process.
 TURN_MARGIN_RAD = radians(0.5)
 STEP_MARGIN = 1.1
 SPEED_MARGIN = 1.01
 WALL_MARGIN_M = MEASURED_SLACK_M + 1e-3
 CONTROLLER_BITS = tuple(name for name in KawasakiStatus.model_fields if name != "error_code")
-# Bits of feedback of position and of orientation, as the mode that both together are.
+# Mode of the force feedback in the controller, by its bits for position and for orientation.
 FEEDBACK: dict[tuple[bool, bool], Mode | None] = {
     (False, False): None,
     (True, False): "position",
     (False, True): "orientation",
     (True, True): "both",
 }
-EARLY = 0.75  # a report that comes this share of a period after the last one is passed on
+EARLY = 0.75  # least share of a period between two published reports
 
 
 class Gateway:
-    """Obeys `robot/command` under the arbiter's permission; says where the arm is."""
+    """Service that executes `robot/command` under permission and publishes `robot/state`."""
 
     def __init__(self, bus: Bus, cell: Cell, wire: Wire | None = None) -> None:
-        """Take the topics of the robot; `wire` replaces the socket."""
+        """Open the topics of the robot; `wire` replaces the socket."""
         section = cell.gateway
         if section is None:
             raise ConfigError(cell.cell, ["gateway: the section is missing"])
@@ -63,7 +63,7 @@ class Gateway:
             heartbeat_after_s=section.heartbeat_s,
             leave=departures.leave,
         )
-        # A process that starts anew does not take reports about its predecessor's IDs for its own.
+        # A restarted process must not attribute echoes of its predecessor's IDs to itself.
         last_id = ID_FIRST + bus.epoch % ID_COUNT
         self._dialogue = Dialogue(scales_of(section), pacing, arm=section.arm, last_id=last_id)
         self._connection = Connection(
@@ -93,16 +93,16 @@ class Gateway:
 
     @property
     def verdict(self) -> Verdict:
-        """What is obeyed right now, or why nothing is."""
+        """Command that is executed now, or why none is."""
         return self._verdict
 
     @property
     def measured(self) -> Measured | None:
-        """What the controller reported last."""
+        """Last report of the controller."""
         return self._connection.measured
 
     def counters(self) -> dict[str, int]:
-        """Return what was dropped, refused or lost."""
+        """Return the counters of superseded, refused and pending commands and of reconnections."""
         return {
             "command_superseded": self._command.counters.superseded,
             "reconnects": self._connection.reconnects,
@@ -113,15 +113,15 @@ class Gateway:
         }
 
     def numbers(self, now_ns: int) -> dict[str, float]:
-        """Return what was measured of the controller; what is not known is not in it."""
+        """Return the measurements of the controller, without unknown ones."""
         return self._connection.numbers(now_ns)
 
     def close(self) -> None:
-        """Let the controller go: it holds when the connection ends."""
+        """Close the connection, at whose end the controller holds."""
         self._connection.close(self._clock.now_ns())
 
     def step(self, now_ns: int) -> None:
-        """Listen to the controller, obey or hold, say where the arm is."""
+        """Read the controller's reports, execute the command or hold, publish the state."""
         is_new = self._connection.poll(now_ns)
         self.fault = self._connection.trouble(now_ns)
         self._verdict = self._judge(now_ns, is_new=is_new)
@@ -132,10 +132,10 @@ class Gateway:
             self._driver.follow_goal(measured, now_ns)
         self._say(is_new, now_ns)
 
-    # --- obeying ----------------------------------------------------------------------------------
+    # --- commands ---------------------------------------------------------------------------------
 
     def _judge(self, now_ns: int, *, is_new: bool) -> Verdict:
-        """Obey a permitted command; whatever stands in the way ends its lease."""
+        """Execute a permitted command; any fault ends its lease."""
         verdict = self._gate.judge(self._command.read(now_ns), now_ns)
         measured = self._connection.measured
         if not self._connection.is_ready:
@@ -170,16 +170,16 @@ class Gateway:
         return verdict
 
     def _with_cause(self, verdict: Verdict) -> Verdict:
-        """Name what the controller lacks right now before why the lease ended: it is the cause."""
+        """Put the controller's present fault, the cause, before the reason of the ended lease."""
         if (unfit := self._connection.unfit()) is None:
             return verdict
         text = clipped(f"{unfit.text}; {verdict.hold_reason}")
         return replace(verdict, hold=unfit.model_copy(update={"text": text}))
 
-    # --- saying -----------------------------------------------------------------------------------
+    # --- state ------------------------------------------------------------------------------------
 
     def _say(self, is_new: bool, now_ns: int) -> None:  # noqa: FBT001 - one flag of one caller
-        """Pass every report on; when none comes any more, say so at the usual rate."""
+        """Publish every report; without reports publish the fault at the usual rate."""
         since_ns, early_ns = now_ns - self._said_ns, EARLY * self._state_period_ns
         measured = self._connection.measured
         if is_new and measured is not None and not self.fault and since_ns >= early_ns:
@@ -241,7 +241,7 @@ def robot_status(status: Status, error_code: int, faults: tuple[Trip, ...]) -> R
 
 
 def scales_of(section: GatewaySection) -> Scales:
-    """Return the scales that a cell file asks for; it is read with their bounds."""
+    """Return the scales of a cell file, whose bounds its schema has checked."""
     return Scales(
         position_per_mm=section.position_per_mm,
         oat_per_deg=section.oat_per_deg,
@@ -253,7 +253,7 @@ def scales_of(section: GatewaySection) -> Scales:
 
 
 def set_point_step(cell: Cell, section: GatewaySection) -> tuple[float, float]:
-    """Return how far one set point may be from the one before [m, rad]."""
+    """Return the largest distance between two set points [m, rad]."""
     limits = cell.limits
     return (
         min(limits.step_m, limits.speed_m_s * section.segment_s),
@@ -262,10 +262,10 @@ def set_point_step(cell: Cell, section: GatewaySection) -> tuple[float, float]:
 
 
 def controller_limits(cell: Cell, section: GatewaySection) -> ControllerLimits:
-    """Return what the controller shall keep to by itself, also when nobody hears us.
+    """Return the limits that the controller enforces itself, also without this process.
 
-    A little wider than what leaves here, so that rounding is no refusal: this process is the one
-    that says what was wrong.
+    They are a little wider than the limits of this process, so that rounding causes no refusal and
+    this process reports the violation first.
     """
     limits = cell.limits
     step_m, step_rad = set_point_step(cell, section)

@@ -1,13 +1,13 @@
-"""When and how far set points leave for a controller that takes them late. Pure.
+"""Set-point shaper: sliding-window rate limiter of the set points sent to the controller. Pure.
 
-A set point is judged when it comes (`common.motion.last_check`), but it leaves when the controller
-has taken the one before, and the newest goes in place of all that came meanwhile: what came evenly
-would
-leave in leaps. So the stream that leaves keeps the limits as well: way in any 250 ms, and how much
-more way in 60 ms than in the 60 before. A set point that is too far for now leaves as the part of
-its way that is not; the rest follows, or the newest one takes its place. Nothing here ends a
-stream: an honest one is at most smoothed. What has waited behind a link that stalled may have been
-wanted before the tool touched: it follows no faster than an approach.
+A set point is checked when it is received (`common.motion.last_check`), but it is sent when the
+controller has executed the one before, and the newest replaces all others received meanwhile: an
+even stream would be sent in leaps. The sent stream therefore keeps the limits as well: the travel
+in any 250 ms (speed), and the increase of the travel in 60 ms over the 60 ms before (acceleration).
+Of a set point that is too far, only the permitted share of the travel is sent; the rest follows, or
+a newer set point replaces it. The shaper ends no stream: a valid one is at most smoothed. Set
+points that waited behind a stalled link may date from before contact: they follow no faster than an
+approach.
 """
 
 from collections import deque
@@ -25,33 +25,33 @@ from forcemesh.clock import NS_PER_S
 from forcemesh.faults import tripped
 from forcemesh.messages import Trip
 
-LATE_S = 0.045  # by so much later than planned a set point may leave
-LATE_PERIODS = 2.5  # of the controller's reports without a departure: the link has stalled
+LATE_S = 0.045  # largest delay of a set point against its schedule
+LATE_PERIODS = 2.5  # report periods without a set point sent: the link has stalled
 HALF_NS, WINDOW_NS = round(HALF_S * NS_PER_S), round(WINDOW_S * NS_PER_S)
-RUNS_FROM = 3  # departures: a controller takes one, then its time to plan the first motion
-NOTHING = 1e-12  # a way that is none
-LEAST_SHARE = 0.25  # a smaller part of a way waits, while something has left lately
+RUNS_FROM = 3  # set points sent before stalls count: the controller plans its first motion
+NOTHING = 1e-12  # avoids a division by zero travel
+LEAST_SHARE = 0.25  # a smaller share of the travel waits while the window is not empty
 
 Place = Callable[[pin.SE3], Trip | None]
 
 
 @dataclass(frozen=True, slots=True)
 class CatchUp:
-    """How a stream goes on after nothing has left for a while."""
+    """Catch-up speed of a stream after a stall of the link."""
 
     speed_m_s: float = inf
-    late_s: float = inf  # so long after the last departure the link has stalled
+    late_s: float = inf  # time since the last set point sent that counts as a stall
 
     @classmethod
     def of(cls, cell: Cell) -> "CatchUp":
-        """Take it out of a cell file: as fast as the first touch may be."""
+        """Return the settings of a cell: the catch-up speed is that of an approach."""
         speed_m_s = min(cell.force.approach_m_s, cell.approach_limit_m_s)
         return cls(speed_m_s, max(LATE_PERIODS / cell.rates.robot_hz, LATE_S))
 
 
 @dataclass(frozen=True, slots=True)
 class Left:
-    """How far a set point was from the one before, and when it left."""
+    """One set point sent: its time, and its distance from the one before."""
 
     at_ns: int
     way_m: float
@@ -59,7 +59,7 @@ class Left:
 
 
 class Departures:
-    """The stream of set points as it leaves."""
+    """Stream of set points as sent to the controller."""
 
     def __init__(
         self,
@@ -68,46 +68,45 @@ class Departures:
         catch_up: CatchUp | None = None,
         step: tuple[float, float] = (inf, inf),
     ) -> None:
-        """Begin with nothing left. `place` judges where a pose lies that nobody has commanded.
+        """Start with nothing sent. `place` checks interpolated poses, which no client commanded.
 
-        `step` is how far one set point may be from the one before [m, rad]: the controller refuses
-        more.
+        `step` is the largest distance between two set points [m, rad] that the controller accepts.
         """
         self._step = step
         self._speed = (limits.speed_m_s, radians(limits.speed_deg_s))
         self._accel = (limits.accel_m_s2, radians(limits.accel_deg_s2))
         self._place = place
         self._left: deque[Left] = deque()  # in the last window
-        self._last: pin.SE3 | None = None  # None: something else moved the arm
-        self._flows = False  # a stream was begun and is not over
+        self._last: pin.SE3 | None = None  # None: the arm was moved otherwise
+        self._flows = False  # a stream is active
         self._catch_up = catch_up or CatchUp()
-        self._last_ns: int | None = None  # of the last departure of a stream that runs
-        self._departed = 0  # of this stream
-        self._backlog_m = 0.0  # of what waited behind a stalled link and has not left
+        self._last_ns: int | None = None  # time of the last set point sent of a running stream
+        self._departed = 0  # set points sent of this stream
+        self._backlog_m = 0.0  # travel that waited behind a stalled link and is not sent yet
 
     @property
     def last(self) -> pin.SE3 | None:
-        """The pose that left last."""
+        """Pose sent last."""
         return self._last
 
     def moved_otherwise(self) -> None:
-        """The arm goes where no set point said: the next one is a beginning."""
+        """Register motion without set points: the next one begins a stream."""
         self._last = None
 
     def seed(self, T_measured: pin.SE3, now_ns: int) -> Trip | None:
-        """Judge the beginning of a stream, which may only leave as it is."""
+        """Check the first set point of a stream, which can only be sent unchanged."""
         if self.share(T_measured, now_ns) < 1.0:
-            return tripped("acceleration", "the arm is too far from the set point that left last")
+            return tripped("acceleration", "the arm is too far from the last set point sent")
         self._flows = True
         return None
 
     def end(self) -> None:
-        """End the stream: what has not left stays."""
+        """End the stream: unsent set points are dropped."""
         self._flows, self._departed = False, 0
         self._last_ns, self._backlog_m = None, 0.0
 
     def leave(self, T_wanted: pin.SE3, now_ns: int) -> pin.SE3 | None:
-        """Return what leaves now, `T_wanted` itself or a pose on the way; None: not yet."""
+        """Return the pose to send now, `T_wanted` or one towards it; None: not yet."""
         share = self.share(T_wanted, now_ns)
         if not self._flows or (share < LEAST_SHARE and self._left):
             return None
@@ -123,9 +122,9 @@ class Departures:
         return T
 
     def _share_behind(self, T: pin.SE3, now_ns: int) -> float:
-        """Return how much of the way may leave behind a link that stalled: all if none did.
+        """Return the permitted share of the travel after a stall, 1 without one.
 
-        Only what waited is slow: a stream that runs on fast would else never be caught up with.
+        Only the backlog is slow: a fast stream could otherwise never be caught up.
         """
         if self._last_ns is None:
             return 1.0
@@ -141,12 +140,12 @@ class Departures:
         return most_m / way_m
 
     def _share_of_step(self, T: pin.SE3) -> float:
-        """Return how much of the way is one step."""
+        """Return the share of the travel that is one step."""
         ways = zip(_steps(self._last, T), self._step, strict=True)
         return min(most / max(way, NOTHING) for way, most in ways)
 
     def share(self, T: pin.SE3, now_ns: int) -> float:
-        """Return how much of the way to a pose may leave now, 0 to 1."""
+        """Return the share of the travel to a pose that may be sent now, 0 to 1."""
         while self._left and now_ns - self._left[0].at_ns > WINDOW_NS:
             self._left.popleft()
         used = (self._used("way_m", now_ns), self._used("turn_rad", now_ns))
@@ -163,7 +162,7 @@ class Departures:
         return share
 
     def _used(self, name: str, now_ns: int) -> tuple[float, float]:
-        """Return what left in the window, and by how much the last 60 ms exceed those before."""
+        """Return the travel in the window, and the last 60 ms minus the 60 ms before."""
         sizes = [(now_ns - one.at_ns, float(getattr(one, name))) for one in self._left]
         newer = sum(size for age_ns, size in sizes if age_ns < HALF_NS)
         older = sum(size for age_ns, size in sizes if HALF_NS <= age_ns < 2 * HALF_NS)
@@ -171,7 +170,7 @@ class Departures:
 
 
 def _steps(T_from: pin.SE3 | None, T_to: pin.SE3) -> tuple[float, float]:
-    """Return way [m] and turn [rad] from one pose to another; nothing from none."""
+    """Return travel [m] and rotation [rad] from one pose to another, zero from None."""
     if T_from is None:
         return 0.0, 0.0
     way = T_to.translation - T_from.translation
@@ -180,7 +179,7 @@ def _steps(T_from: pin.SE3 | None, T_to: pin.SE3) -> tuple[float, float]:
 
 
 def _between(T_from: pin.SE3, T_to: pin.SE3, share: float) -> pin.SE3:
-    """Return the pose after a share of a straight way with an even turn about one axis."""
+    """Interpolate two poses: straight line, constant-axis rotation."""
     turn = rotation_between(T_from.rotation, T_to.rotation)
     R = rotation_from_vector(share * turn) @ T_from.rotation
     way = T_to.translation - T_from.translation

@@ -1,4 +1,4 @@
-"""Hub: the Zenoh router on which every process of a cell hangs. Its only own word is its health."""
+"""Hub: the Zenoh router of a cell, to which every process connects. It publishes only health."""
 
 import os
 from contextlib import AbstractContextManager
@@ -17,7 +17,7 @@ from services.hub.service import Hub
 
 
 def connect(cell: Cell, role: str, *, refusals: Refusals) -> AbstractContextManager[Bus]:
-    """Open the hub; where it has something to refuse, first listen to what Zenoh says of it."""
+    """Open the hub; with access control, capture Zenoh's log of refusals first."""
     if is_encrypted(endpoint_of(cell)):
         os.environ["NO_COLOR"] = "1"
         refusals.capture(names_of(cell))

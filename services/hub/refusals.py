@@ -1,8 +1,8 @@
-"""Why the hub refused something: read from what Zenoh says of it, told in one line a second.
+"""Parser of Zenoh's log for refused connections and messages, reported once a second by cause.
 
-Zenoh refuses in silence, and says why only on its most talkative level, a line for every message
-that passes. So its standard output goes to a file in memory, which the hub's own loop reads and
-empties: nobody ever waits for a line to be written, and of a flood only the beginning is read.
+Zenoh does not report refusals to a program and logs their causes at its most verbose level only,
+one line per message. Its standard output is therefore redirected to a file in memory, which the
+hub's loop reads and truncates: no writer ever blocks, and of a flood only the beginning is read.
 """
 
 import os
@@ -16,12 +16,12 @@ from forcemesh.clock import NS_PER_S
 from forcemesh.topics import SELF_TEST
 
 MOST_AT_ONCE_B = (
-    256_000  # of Zenoh's lines in one step, twice what a busy cell makes; the rest is lost
+    256_000  # of Zenoh's lines in one step, twice the log output of a busy cell; the rest is lost
 )
 TELL_EVERY_NS = NS_PER_S
 LONGEST_TOLD = 200
 MOST_SESSIONS = 1024  # remembered by name
-MOST_KINDS = 256  # of refusals between two tellings
+MOST_KINDS = 256  # causes between two reports
 
 # `TIME LEVEL thread ThreadId(08) module: text`
 LINE = re.compile(rb"^\S+ +([A-Z]+) +(?:\S+ +)?(ThreadId\(\d+\)) ([\w:]+): (.*)$")
@@ -31,33 +31,33 @@ JUDGED = re.compile(r"([0-9a-f]{8,}) .*?is (un)?authorized to (.+) \((in|e)gress
 DROPPED = re.compile(r"dropped by the downsampling interceptor: \w+\((.*?)\) from:.*/([0-9a-f]+):")
 HANDSHAKES = (
     ("peer sent no certificates", "no_certificate", "a client without a certificate"),
-    ("UnknownIssuer", "foreign_certificate", "a certificate of another authority"),
-    ("BadSignature", "foreign_certificate", "a certificate of another authority"),
-    ("Expired", "expired_certificate", "a certificate that has expired"),
+    ("UnknownIssuer", "foreign_certificate", "a certificate from another authority"),
+    ("BadSignature", "foreign_certificate", "a certificate from another authority"),
+    ("Expired", "expired_certificate", "an expired certificate"),
     (
         "NotValidYet",
         "expired_certificate",
-        "a certificate that is not valid yet: look at the clocks",
+        "a certificate that is not valid yet: check the clocks",
     ),
-    ("InvalidContentType", "not_encrypted", "a client that does not speak TLS"),
-    ("received corrupt message", "not_encrypted", "a client that does not speak TLS"),
+    ("InvalidContentType", "not_encrypted", "a client without TLS"),
+    ("received corrupt message", "not_encrypted", "a client without TLS"),
 )
-HUNG_UP = ("handshake eof", "Connection reset", "Broken pipe")  # the other end of the same story
+HUNG_UP = ("handshake eof", "Connection reset", "Broken pipe")  # consequences of a refusal
 
 
 @dataclass(slots=True)
 class Judge:
-    """Makes causes of Zenoh's lines.
+    """Parser of Zenoh's log lines.
 
-    A refusal is the line `Msg intercepted!`; the one before it on the same thread says why.
+    A refusal is the line `Msg intercepted!`; the line before it on the same thread has its cause.
     """
 
-    known: frozenset[str]  # the names that have something to say or to hear
+    known: frozenset[str]  # certificate names with access
     names: dict[str, str] = field(default_factory=dict)  # of sessions
     before: dict[bytes, str] = field(default_factory=dict)  # the last line of each thread
 
     def causes(self, lines: Iterable[bytes]) -> list[tuple[str, str]]:
-        """Return (code, words) of each refusal in lines of Zenoh's log."""
+        """Return (code, text) of each refusal in lines of Zenoh's log."""
         found = (self._cause(match) for line in lines if (match := LINE.match(line)))
         return [cause for cause in found if cause is not None]
 
@@ -83,7 +83,7 @@ class Judge:
             where, name = accepted.groups()
             if name in self.known:
                 return None
-            return "unknown_name", f"{name} from {where}: nobody here has that name"
+            return "unknown_name", f"{name} from {where}: unknown name"
         for sign, code, words in HANDSHAKES:
             if sign in text:
                 return code, words
@@ -94,9 +94,9 @@ class Judge:
     def _intercepted(self, why: str) -> tuple[str, str]:
         if dropped := DROPPED.search(why):
             key, session = dropped.groups()
-            return "too_often", f"{self._name(session)} says {key} more often than it may"
+            return "too_often", f"{self._name(session)} publishes {key} above its rate limit"
         if not (judged := JUDGED.search(why)):
-            return "refused", "a message, and Zenoh does not say why"
+            return "refused", "a message, Zenoh reports no cause"
         session, no, what, direction, key = judged.groups()
         if no is None:
             return "too_long", f"{self._name(session)}: a message on {key}"
@@ -110,10 +110,10 @@ class Judge:
 
 
 class Refusals:
-    """Counts what the hub refuses, by cause, and tells it on standard error."""
+    """Counters of refusals by cause, with a report on standard error."""
 
     def __init__(self, say: Callable[[str], object] = sys.stderr.write) -> None:
-        """Hear nothing yet."""
+        """Start without a log to read."""
         self.counts: Counter[str] = Counter()
         self._say = say
         self._judge = Judge(frozenset())
@@ -123,16 +123,16 @@ class Refusals:
         self._tell_ns = 0
 
     def capture(self, known: frozenset[str]) -> None:
-        """From now on take this process's standard output for Zenoh's log."""
+        """Redirect this process's standard output, Zenoh's log, to a file in memory."""
         self._judge = Judge(known)
         self._file = os.memfd_create("zenoh-log", os.MFD_CLOEXEC)
-        # Writers append, so that the file can be emptied under them.
+        # Append mode: the file can be truncated between two writes.
         appending = os.open(f"/proc/self/fd/{self._file}", os.O_WRONLY | os.O_APPEND)
         os.dup2(appending, 1)
         os.close(appending)
 
     def step(self, now_ns: int) -> None:
-        """Read what Zenoh has said since, and tell what is due."""
+        """Read the new log lines, and report the causes when a report is due."""
         if self._file < 0:
             return
         self._read()
@@ -148,12 +148,12 @@ class Refusals:
         if size == 0:
             return
         data = self._rest + os.pread(self._file, MOST_AT_ONCE_B, 0)
-        os.ftruncate(self._file, 0)  # what came in between is lost: a line now and then
+        os.ftruncate(self._file, 0)  # loses a line written since the read, which is rare
         whole, _, self._rest = data.rpartition(b"\n")
         if size > MOST_AT_ONCE_B:
-            self._rest = b""  # what it goes on with was not read
+            self._rest = b""  # the rest of this line was not read
         for cause in self._judge.causes(whole.split(b"\n")):
-            if cause[1].endswith(f"/{SELF_TEST}"):  # each process tries that when it starts
+            if cause[1].endswith(f"/{SELF_TEST}"):  # each process's self-test at its start
                 continue
             self.counts[cause[0]] += 1
             if cause in self._waiting or len(self._waiting) < MOST_KINDS:
@@ -161,5 +161,5 @@ class Refusals:
 
 
 def _clean(words: str) -> str:
-    """Return words that come from a stranger as one line without surprises."""
+    """Return text from an untrusted client as one line of printable characters."""
     return "".join(c if c.isprintable() else "?" for c in words)[:LONGEST_TOLD]

@@ -1,4 +1,4 @@
-"""What the hub says of itself: it is alive as long as this loop runs. Zenoh does the rest."""
+"""Hub service: health of the Zenoh router, which works in its own threads."""
 
 from collections import Counter
 from typing import Protocol, runtime_checkable
@@ -11,21 +11,21 @@ from forcemesh.schema import Describer
 from services.hub.refusals import Refusals
 
 STEPS_PER_REPORT = 5
-# Links of one certificate. Subscriptions of one link cost the hub nothing more, each further link
-# that hears everything does (docs/network.md; `python -m bench subscriptions`).
+# Links of one certificate. Further subscriptions of one link cost the hub nothing, each further
+# link that subscribes to everything does (docs/network.md; `python -m bench subscriptions`).
 MOST_LINKS = 4
 
 
 @runtime_checkable
 class Linked(Protocol):
-    """A transport that knows who is connected."""
+    """Transport that lists its connected clients."""
 
     def links_by_name(self) -> Counter[str]:
-        """Return how many links each certificate has open."""
+        """Return the number of open links of each certificate."""
 
 
 class Hub:
-    """What Zenoh does by itself, as a service: alive as long as this loop runs."""
+    """Service around Zenoh's router: healthy while this loop runs."""
 
     def __init__(self, bus: Bus, cell: Cell, refusals: Refusals | None = None) -> None:
         """Step a little more often than the health is published."""
@@ -38,7 +38,7 @@ class Hub:
 
     @property
     def fault(self) -> str:
-        """Who has more links open than a cell is made for, empty when nobody has."""
+        """Certificates with more open links than MOST_LINKS, empty when there are none."""
         if not isinstance(self._transport, Linked):
             return ""
         links = sorted(self._transport.links_by_name().items())
@@ -46,11 +46,11 @@ class Hub:
         return f"{', '.join(many)}; more than {MOST_LINKS} slow the hub down" if many else ""
 
     def step(self, now_ns: int) -> None:
-        """Tell what was refused and what is said here: the router works in its own threads."""
+        """Report refusals and answer queries for the message schema."""
         self._refusals.step(now_ns)
         self._describer.step()
         self._info.step()
 
     def counters(self) -> dict[str, int]:
-        """Return what was refused, by cause; Zenoh counts the rest for itself."""
+        """Return the number of refusals by cause; Zenoh keeps the other counters."""
         return {f"refused_{code}": times for code, times in self._refusals.counts.items()}

@@ -1,17 +1,19 @@
-"""The adaptive law: the PI law, told its gain, the force to come and how the surface moves. Pure.
+"""Adaptive law: PI law with gain scheduling, Smith predictor and surface feed-forward. Pure.
 
-Along each axis of the tool, with k the stiffness that is believed and tau the loop's delay:
+Along each axis of the tool, with k the estimated contact stiffness and tau the loop delay:
 
     Ki  = min(c / (k tau), 1.5 / (m w_b))  c from 0.45 to 3.4 with the prediction w; braked: heat.py
-    F'  = F + 0.7 m a - w k (x_command - x_felt)      force when all commands have arrived
-    v   = Ki (F' - F_set) + v_surface                 v_surface along the press axis alone
+    F'  = F + 0.7 m a - w k (x_command - x_felt)      force once all commands have arrived
+    v   = Ki (F' - F_set) + v_surface                 v_surface: press axis only
 
-x_felt is the command passed through the model of the way to the filtered force (`path.py`), k what
-the measured pose tells (`stiffness.py`), less what the arm itself gives way (`response.py`). The
-prediction fades in with the gain: where inertia caps the gain there is little left to predict, and
-a slow loop bears neither so much gain nor so much inertia. It never takes all: k is an upper bound,
-and a tenth too much foreseen costs another round trip, a tenth too little a few per cent of
-overshoot. A surface is followed once the force has been near its set point.
+F' is a Smith predictor (O. J. M. Smith, Closer control of loops with dead time, 1957). x_felt is
+the command passed through the delay model up to the filtered force (`path.py`). k is identified
+from the measured pose (`stiffness.py`) and reduced by the arm's own compliance (`response.py`).
+The weight w of the prediction grows with the gain: where inertia caps the gain there is little to
+predict, and a slow loop tolerates less gain and less inertia compensation. w stays below one,
+because k is an upper bound: a prediction 10 % too large costs another round trip, one 10 % too
+small a few per cent of overshoot. Surface tracking starts once the force has been near its set
+point.
 """
 
 from dataclasses import dataclass, replace
@@ -35,31 +37,31 @@ from tuning.adaptive_map import softest_N_m
 from tuning.gain_rule import INERTIA_MARGIN as PLAIN_MARGIN
 from tuning.gain_rule import LOOP_GAIN, tune
 
-INERTIA_SHARE = 0.7  # of the tool's inertia that the model takes out of the readings
-INERTIA_HEARD = 0.9  # of it, where it is asked how stiff a contact is: that closes no loop
+INERTIA_SHARE = 0.7  # share of the tool's inertial force removed from the control error
+INERTIA_HEARD = 0.9  # the same share for identification: it closes no loop
 INERTIA_MARGIN = (1.5, 0.4)  # of 1 / (m w_b), in a fast loop and a slow one
-LOOPS_S = (0.008, 0.016)  # periods of a loop that bears all, and none, of the prediction
-LEAST_FADE = 0.05  # of what the gain rises by while the prediction fades in, in the slowest loop
+LOOPS_S = (0.008, 0.016)  # loop periods with full prediction and with none
+LEAST_FADE = 0.05  # least share of the gain range over which the prediction fades in, slowest loop
 
-MEMORY_TAUS, MEMORY_PERIODS, MEMORY_LEAST_S = 2.0, 10.0, 0.1  # of the stiffness
-STIFFER = 1.0  # than the stiffest contact of the cell: what is believed at first
+MEMORY_TAUS, MEMORY_PERIODS, MEMORY_LEAST_S = 2.0, 10.0, 0.1  # forgetting of the identification
+STIFFER = 1.0  # initial estimate, relative to the stiffest contact of the cell
 NOISE_N, LEAST_WAY_M, SOFTEST_N_M = 0.08, 1e-5, 200.0
-TOUCH_SHARE = 0.5  # of the touch force: below it nothing is touched
-FREE_TAUS = 3.0  # so long without touch: what was pressed on is gone, and is forgotten
-DEADBAND_IN_CONTACT = 0.25  # of the deadband: it is there against drift in free space
+TOUCH_SHARE = 0.5  # of the touch force: below it there is no contact
+FREE_TAUS = 3.0  # time without contact after which the estimates are reset
+DEADBAND_IN_CONTACT = 0.25  # of the deadband, which serves against drift in free space
 
 
 @dataclass(frozen=True, slots=True)
 class AdaptiveSettings:
-    """What the adaptive law knows of the cell."""
+    """Constants of the adaptive law for one cell."""
 
     tau_s: float
     path: PathSettings
     stiffness: StiffnessSettings
     period_s: float  # nominal: tau holds half of it
     inertia_cap_m_per_Ns: float  # 1 / (m w_b), before its margin
-    plain_cap_m_per_Ns: float  # of the gain rule: its law takes no inertia out
-    plain_gain_m_per_Ns: float  # what the gain rule says: requested gains below it slow it down
+    plain_cap_m_per_Ns: float  # of the gain rule: the plain law compensates no inertia
+    plain_gain_m_per_Ns: float  # of the gain rule: requested gains below it reduce the gain
     inertia_kg: float
     touch_N: float
     heat: Heat
@@ -69,7 +71,7 @@ class AdaptiveSettings:
 
     @classmethod
     def of(cls, cell: Cell) -> "AdaptiveSettings":
-        """Take them out of a cell file."""
+        """Return the constants of a cell."""
         tau_s, contact = cell.loop_delay_s, cell.contact
         slower_hz = min(cell.rates.control_hz, cell.rates.robot_hz)
         memory_s = max(MEMORY_TAUS * tau_s, MEMORY_PERIODS / slower_hz, MEMORY_LEAST_S)
@@ -95,25 +97,25 @@ class AdaptiveSettings:
 
 @dataclass(frozen=True, slots=True)
 class Adaptive:
-    """What the adaptive law remembers beside the plain one. Ways are of the point of contact."""
+    """State of the adaptive law beside that of the PI law. Travel is of the contact point."""
 
     command: Way
     measured: Reports
     stiffness: Stiffness  # tool axes
     response: Response  # tool axes
     follow: Follow = NOT_FOLLOWED
-    free_s: float = 0.0  # time without touch
+    free_s: float = 0.0  # time without contact
 
     @property
     def k(self) -> Array:
-        """Stiffness along the tool's axes as the law's commands meet it [N/m]. Shape (3,)."""
+        """Stiffness along the tool's axes as seen by the commands [N/m]. Shape (3,)."""
         return self.response.share * self.stiffness.k
 
 
 def begin(
     T_command: pin.SE3, T_measured: pin.SE3, settings: AdaptiveSettings, k: Array | None = None
 ) -> Adaptive:
-    """Return the memory of a tool at rest; `k`: stiffness that was met here before. Shape (3,)."""
+    """Return the state of a tool at rest; `k`: stiffness identified here before. Shape (3,)."""
     state = stiff.stiffest(settings.stiffness) if k is None else stiff.believing(k)
     command, measured = ways.begin(T_command), Reports(ways.begin(T_measured))
     return Adaptive(command, measured, state, response.unheard())
@@ -129,16 +131,16 @@ def advance(
     plain: LawSettings,
     settings: AdaptiveSettings,
 ) -> tuple[LawState, Adaptive]:
-    """Return the next state and memory.
+    """Return the next states of the PI law and of the adaptive law.
 
     Args:
-        law: State of the plain law; its pose is what was let through of the last command.
-        memory: What is remembered.
-        sample: One wrench and what is wanted.
+        law: State of the PI law; its pose is the last command after the arbiter's limits.
+        memory: State of the adaptive law.
+        sample: Wrench and targets of this period.
         T_measured: Pose of the TCP, in base.
-        gains: Of the plain law; integral gains of force below the gain rule's slow this law down.
-        plain: Settings of the plain law.
-        settings: Settings of this one.
+        gains: Of the PI law; force integral gains below the gain rule's reduce this law's gain.
+        plain: Settings of the PI law.
+        settings: Settings of this law.
     """
     R = law.T_base_tcp.rotation
     memory = listen(law, memory, sample, T_measured=T_measured, settings=settings)
@@ -154,7 +156,7 @@ def advance(
     )
     drift_m_s = None
     if not settings.tracks or sample.mode == "orientation" or not is_measured[2]:
-        memory = replace(memory, follow=NOT_FOLLOWED)  # where the surface was says nothing later
+        memory = replace(memory, follow=NOT_FOLLOWED)  # an old surface estimate is useless later
     else:
         felt = _press_axis(memory, R[:, 2], settings)
         follow = followed(memory.follow, felt, sample, Ki=float(Ki[2]), tau_s=settings.tau_s)
@@ -177,12 +179,12 @@ def advance(
 
 
 def asked_share(gains: PiGains, R: Array, settings: AdaptiveSettings) -> Array:
-    """Return by how much a person's gains slow the law down, along the tool's axes: at most 1."""
+    """Return requested gain over rule gain along the tool's axes, at most 1. Shape (3,)."""
     return np.minimum((R * R).T @ gains.force_i_m_per_Ns / settings.plain_gain_m_per_Ns, 1.0)
 
 
 def plain_gain(memory: Adaptive, settings: AdaptiveSettings) -> Array:
-    """Return the gain rule's integral gains for what is believed, tool axes [m/(N s)]."""
+    """Return the gain rule's integral gains for the estimated stiffness, tool axes [m/(N s)]."""
     Ki = LOOP_GAIN / (memory.k * settings.tau_s)
     return np.minimum(Ki, settings.plain_cap_m_per_Ns)
 
@@ -195,9 +197,9 @@ def listen(
     T_measured: pin.SE3,
     settings: AdaptiveSettings,
 ) -> Adaptive:
-    """Return the memory with what this sample says about the stiffness.
+    """Return the state with the stiffness and response estimates updated by this sample.
 
-    While a surface is followed, way without force says nothing about it.
+    While a moving surface is tracked, travel without force carries no stiffness information.
     """
     path = settings.path
     command = ways.commanded(memory.command, law, sample.dt_s, path)
@@ -240,10 +242,10 @@ def listen(
 
 
 def gain_for(k: Array, settings: AdaptiveSettings, dt_s: float) -> tuple[Array, Array]:
-    """Return gain and part of the prediction along each axis, for the period of this sample.
+    """Return integral gain and prediction weight along each axis. Shapes (3,).
 
-    A sample that comes late waits longer for its answer: half its period is in the loop's delay,
-    and a slow loop bears less inertia and less prediction.
+    Half the sample period is part of the loop delay, so a late sample lowers the gain; a slow loop
+    tolerates less inertia compensation and less prediction.
     """
     tau_s = settings.tau_s + 0.5 * (dt_s - settings.period_s)
     margin = float(np.interp(dt_s, LOOPS_S, INERTIA_MARGIN))

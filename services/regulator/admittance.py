@@ -1,15 +1,16 @@
-"""Hand guiding: the tool gives way to a hand as a light thing in oil would. Pure.
+"""Hand guiding: admittance control with damping scheduled on the estimated stiffness. Pure.
 
-Along each axis of the tool, F' the force beyond a deadband,
+Along each axis of the tool, with F' the force beyond a deadband,
 
     M dv/dt = F' - D v,    D = k tau / 0.45
 
-M is larger than the tool's own mass, so the tool's inertia in the sensor's reading cannot push; the
-damping bears the grip of a hand through the loop's delay: k begins there. What is stiffer than a
-hand is felt by the force that rises against the way: k goes up at once, so the damping is what the
-gain rule asks for, and comes down again where a force moves the tool along. The deadband is as wide
-at rest as what the preflight allows to be left in free space, so nothing drifts away; with the
-speed it gets narrower, but never so fast that a force within it could keep the tool going.
+Virtual mass and damping are those of admittance control (N. Hogan, Impedance control, 1985). M is
+larger than the tool's own mass, so the tool's inertial force in the sensor's reading cannot drive
+it. D follows the gain rule for a contact of stiffness k behind the loop delay tau. k starts at the
+stiffness of a hand's grip. It rises at once when the force grows against the travel (a contact
+stiffer than a hand), and decays while a force moves the tool along. The deadband at rest equals the
+residual that the preflight allows in free space, so the tool does not drift. It narrows with the
+speed, but never so far that a force within it could keep the tool moving.
 """
 
 from dataclasses import dataclass, replace
@@ -33,32 +34,32 @@ from services.regulator.law import (
 )
 from tuning.gain_rule import LOOP_GAIN
 
-HAND_N_M = 1500.0  # how stiff a hand grips at most
-MASSES = 4.0  # M, of the mass in front of the sensor
+HAND_N_M = 1500.0  # largest stiffness of a hand's grip
+MASSES = 4.0  # M relative to the mass in front of the sensor
 NARROWS = 0.5  # of D v: below one, so that a force within the deadband comes to rest
 NARROWEST = 0.25  # of the deadband at rest
-TURN_DEADBAND = 0.5  # of the torque that may be left in free space
-RECENT_S = 0.01  # what changed within such a time tells the stiffness
+TURN_DEADBAND = 0.5  # of the residual torque allowed in free space
+RECENT_S = 0.01  # time constant of the means from which the stiffness is computed
 LEAST_N, LEAST_M = 1.0, 3e-5  # smaller changes are noise of sensor and pose
 STIFFER = 1.1
-RELAX_M, RELAX_S = 0.001, 0.5  # of way and time: while the force moves the tool along, k falls
+RELAX_M, RELAX_S = 0.001, 0.5  # decay of k per travel and time while the force moves the tool
 
 
 @dataclass(frozen=True, slots=True)
 class GuideSettings:
-    """What hand guiding knows of the cell."""
+    """Constants of hand guiding for one cell."""
 
     tau_s: float
     mass_kg: float
     deadband_N: float
     deadband_Nm: float
     speed_max_m_s: float
-    path: PathSettings  # of the measured way to the filtered force
+    path: PathSettings  # delay model from the measured pose to the filtered force
     stiffest_N_m: float
 
     @classmethod
     def of(cls, cell: Cell) -> "GuideSettings":
-        """Take them out of a cell file."""
+        """Return the constants of a cell."""
         path, tau_s = PathSettings.of(cell), cell.loop_delay_s
         return cls(
             tau_s=tau_s,
@@ -73,18 +74,18 @@ class GuideSettings:
 
 @dataclass(frozen=True, slots=True)
 class Guide:
-    """What is remembered while a hand guides; vectors along the tool's axes, of shape (3,)."""
+    """State of hand guiding; vectors along the tool's axes, of shape (3,)."""
 
     T_measured: pin.SE3  # of the TCP
-    measured: Path  # the way of it as the filtered force feels it, base axes
-    k_N_m: Array  # of what opposes
+    measured: Path  # measured travel through the wrench filter's model, base axes
+    k_N_m: Array  # estimated stiffness of the contact
     speed_m_s: Array
-    recent_m: Array  # slow means of way and force
+    recent_m: Array  # low-passed travel and force
     recent_N: Array
 
 
 def begin(T_measured: pin.SE3) -> Guide:
-    """Return the memory of a tool at rest that nobody holds."""
+    """Return the state of a tool at rest in free space."""
     zero = np.zeros(3)
     return Guide(T_measured.copy(), way.at_rest(zero), np.full(3, HAND_N_M), zero, zero, zero)
 
@@ -99,16 +100,16 @@ def advance(
     plain: LawSettings,
     settings: GuideSettings,
 ) -> tuple[LawState, Guide]:
-    """Return the next state and memory.
+    """Return the next states of the PI law and of hand guiding.
 
     Args:
-        law: State of the plain law; its pose is what was let through of the last command.
-        guide: What is remembered.
-        sample: One wrench; its set point is 0.
+        law: State of the PI law; its pose is the last command after the arbiter's limits.
+        guide: State of hand guiding.
+        sample: Wrench of this period; its set point is 0.
         T_measured: Pose of the TCP, in base.
-        gains: Of the plain law: those of torque turn the tool.
-        plain: Settings of the plain law.
-        settings: Settings of this one.
+        gains: Of the PI law; the torque gains turn the tool.
+        plain: Settings of the PI law.
+        settings: Settings of hand guiding.
     """
     R = law.T_base_tcp.rotation
     guide = _felt(guide, R, sample, T_measured=T_measured, settings=settings)
@@ -129,7 +130,7 @@ def advance(
 def _felt(
     guide: Guide, R: Array, sample: LawInput, *, T_measured: pin.SE3, settings: GuideSettings
 ) -> Guide:
-    """Return the memory with what this sample says about what the tool meets."""
+    """Return the state with the stiffness estimate updated by this sample."""
     moved_m = guide.measured.command + T_measured.translation - guide.T_measured.translation
     measured = way.follow(guide.measured, moved_m, sample.dt_s, settings.path)
     now_m, now_N = R.T @ measured.felt, R.T @ sample.force_N

@@ -1,7 +1,7 @@
-"""The way of the point of contact, as commanded and as measured, up to where the force feels it.
+"""Travel of the contact point, commanded and measured, passed through the delay model. Pure.
 
-Pure. A turn about the TCP moves that point too. Ways are added up along the tool's axes as they
-were then: a tool that turns after a long way across has not moved along its axis.
+A rotation about the TCP moves that point too. Travel is accumulated along the tool axes of each
+period, so that a later rotation does not turn travel across the tool axis into travel along it.
 """
 
 from dataclasses import dataclass, replace
@@ -17,35 +17,35 @@ from services.regulator.law import LawInput, LawState
 
 @dataclass(frozen=True, slots=True)
 class Way:
-    """One way so far."""
+    """Travel of the contact point so far."""
 
     T_base_tcp: pin.SE3  # at its end
     path: Path  # base axes
-    felt_m: Array  # what `felt` of it has come to, tool axes. Shape (3,)
+    felt_m: Array  # travel that the filtered force belongs to, tool axes. Shape (3,)
 
 
 @dataclass(frozen=True, slots=True)
 class Reports:
-    """The measured way: it is one report longer, or has waited for the next one."""
+    """Measured travel, updated once per robot report."""
 
     way: Way
     waits_s: float = 0.0
-    took_s: float = 0.0  # from the report before to the last one
+    took_s: float = 0.0  # between the last two reports
 
     @property
     def is_new(self) -> bool:
-        """Whether the last step has made it longer."""
+        """Whether the last step contained a new report."""
         return self.waits_s == 0.0
 
 
 def begin(T_base_tcp: pin.SE3) -> Way:
-    """Return the way of a tool at rest."""
+    """Return the travel of a tool at rest."""
     zero = np.zeros(3)
     return Way(T_base_tcp.copy(), path.at_rest(zero), zero)
 
 
 def commanded(way: Way, law: LawState, dt_s: float, settings: PathSettings) -> Way:
-    """Return the way to the commanded pose, which has held for the last `dt_s`."""
+    """Return the travel up to the commanded pose, constant for the last `dt_s`."""
     return _gone(way, law.T_base_tcp, law, dt_s=dt_s, settings=settings)
 
 
@@ -57,10 +57,10 @@ def reported(
     sample: LawInput,
     settings: PathSettings,
 ) -> Reports:
-    """Return the way to the measured pose, once a new one has come.
+    """Return the travel up to the measured pose, updated when a new one is reported.
 
-    In between the pose is as old as the force is not: paired with it, a stiff contact would seem
-    soft.
+    Between two reports the pose is older than the force: paired with it, a stiff contact would
+    look soft.
     """
     waits_s = reports.waits_s + sample.dt_s
     if not sample.pose_is_new:

@@ -1,4 +1,4 @@
-"""One step of whichever law is asked for, and what outlives it. Pure."""
+"""Control step of the selected law, gain ramps, and the stiffness kept between sessions. Pure."""
 
 from dataclasses import dataclass
 
@@ -15,9 +15,9 @@ from services.regulator.adaptive import Adaptive, AdaptiveSettings
 from services.regulator.law import LawInput, LawSettings, LawState, PiGains, step
 from services.regulator.settings import law_settings, pi_gains
 
-MET_WITHIN_M, MET_WITHIN_RAD = 0.002, 0.05  # of where a stiffness was met, it still holds
+MET_WITHIN_M, MET_WITHIN_RAD = 0.002, 0.05  # an identified stiffness is valid this close by
 GAIN_RAMP_S = 0.1  # time constant
-SAME_GAIN = 0.15  # smaller changes of the controller's gains are not worth a command
+SAME_GAIN = 0.15  # relative change of the controller's gains below which no command is sent
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,19 +29,19 @@ class LawTools:
 
     @classmethod
     def of(cls, cell: Cell) -> "LawTools":
-        """Take them out of a cell file."""
+        """Return the settings of a cell."""
         return cls(law_settings(cell), AdaptiveSettings.of(cell))
 
 
 @dataclass(frozen=True, slots=True)
 class Met:
-    """What was pressed on last, and where: after a stop and a start it is still the same."""
+    """Contact stiffness identified last, with its pose: valid after a stop and a start in place."""
 
     k: Array  # shape (3,), tool axes
     T_base_tcp: pin.SE3
 
     def still(self, T_base_tcp: pin.SE3) -> Array | None:
-        """Return the stiffness that holds here, None where something else may be."""
+        """Return the stiffness if it is valid at a pose, None elsewhere."""
         way_m = np.linalg.norm(T_base_tcp.translation - self.T_base_tcp.translation)
         turn_rad = rotation_between(self.T_base_tcp.rotation, T_base_tcp.rotation)
         if way_m > MET_WITHIN_M or np.linalg.norm(turn_rad) > MET_WITHIN_RAD:
@@ -50,7 +50,7 @@ class Met:
 
 
 def met(memory: Adaptive | None) -> Met | None:
-    """Return what a session leaves behind: a stiffness that was known while it still touched."""
+    """Return the stiffness that a session identified; None out of contact or if it did not."""
     if memory is None or memory.free_s > 0.0 or not memory.stiffness.known[2]:
         return None
     return Met(memory.stiffness.k, memory.measured.way.T_base_tcp)
@@ -59,21 +59,21 @@ def met(memory: Adaptive | None) -> Met | None:
 def forgotten(
     memory: Adaptive | None, law: LawState, T_measured: pin.SE3, tools: LawTools
 ) -> Adaptive | None:
-    """Return the memory of a law whose commands did not leave: what was foreseen does not come."""
+    """Return a reset state: the commands were not sent, so the predicted force does not occur."""
     if memory is None:
         return None
     return adaptive.begin(law.T_base_tcp, T_measured, tools.adaptive)
 
 
 def kept(before: Met | None, wrench: WrenchAtTcp | None, tools: LawTools) -> Met | None:
-    """Return what is still known while nobody controls: nothing, once it is not touched."""
+    """Return the identified stiffness while no force feedback runs, None once contact is lost."""
     if before is None or wrench is None:
         return None
     return before if np.linalg.norm(wrench.force_N) > tools.adaptive.touch_N else None
 
 
 def task_frame(wanted: ForceStartRequest, R_base_tcp: Array) -> Array:
-    """Return the axes that a request names those that may move in. Shape (3, 3)."""
+    """Return the task frame in which a request frees or locks axes. Shape (3, 3)."""
     return R_base_tcp if wanted.frame == "tool" else np.eye(3)
 
 
@@ -86,7 +86,7 @@ def control(
     gains: PiGains,
     tools: LawTools,
 ) -> tuple[LawState, Adaptive | None]:
-    """Return the next state, and memory if the adaptive law has one; without, the plain law."""
+    """Return the next states; without an adaptive state the plain law runs."""
     if memory is None:
         return step(law, sample, gains, tools.plain), None
     return adaptive.advance(
@@ -95,7 +95,7 @@ def control(
 
 
 def ramped(now: Gains, goal: Gains, dt_s: float) -> Gains:
-    """Return gains on their way to others: each closes its gap as an exponential would."""
+    """Return gains one period further towards a goal (first-order low-pass)."""
     if now == goal:
         return goal
     share = min(1.0, dt_s / GAIN_RAMP_S)
@@ -114,9 +114,10 @@ def ramped(now: Gains, goal: Gains, dt_s: float) -> Gains:
 def controller_gains(
     sent: Gains | None, asked: Gains, R_base_tcp: Array, *, memory: Adaptive, tools: LawTools
 ) -> Gains:
-    """Return the gains for force feedback in the controller, from the stiffness that is met.
+    """Return the gains for force feedback in the controller, from the estimated stiffness.
 
-    It has no prediction, so the plain rule's. A small change is not sent. R_base_tcp: (3, 3).
+    The controller has no predictor, so the plain gain rule applies. Small changes are not sent.
+    R_base_tcp has shape (3, 3).
     """
     share = adaptive.asked_share(pi_gains(asked), R_base_tcp, tools.adaptive)
     wanted = (R_base_tcp * R_base_tcp) @ (share * adaptive.plain_gain(memory, tools.adaptive))

@@ -1,8 +1,10 @@
-"""Where a command is on its way to the force: controller's delay, servo, wrench filter. Pure.
+"""Smith predictor: model of the delay between command and filtered force. Pure.
 
-    command -> pure delay -> lag/2 -> lag/2 -> filter -> what the force of this moment belongs to
+    command -> dead time -> lag/2 -> lag/2 -> filter -> travel that the present force belongs to
 
-The half period of waiting between two commands needs no term: a command holds until the next one.
+Dead time covers controller, processes and the median filter; two first-order lags model the servo,
+a third the low-pass of the wrench filter. The half period between two commands needs no term: a
+command holds until the next one (zero-order hold).
 """
 
 from dataclasses import dataclass
@@ -13,22 +15,22 @@ import numpy as np
 from common.config.cell import Cell
 from common.motion.frames import Array
 
-INSTANT_S = 1e-5  # a shorter lag is none
-SUBSTEP_S = 0.001  # three stages in a row are exact enough in steps of a millisecond
+INSTANT_S = 1e-5  # a shorter lag counts as zero
+SUBSTEP_S = 0.001  # three lags in series are accurate enough in steps of a millisecond
 
 
 @dataclass(frozen=True, slots=True)
 class PathSettings:
-    """The model of the way."""
+    """Parameters of the delay model."""
 
     delay_s: float  # controller, processes, and the median of the wrench filter
     lag_s: float
     filter_s: float
-    median_s: float  # of the delay
+    median_s: float  # part of the delay
 
     @classmethod
     def of(cls, cell: Cell) -> "PathSettings":
-        """Take them out of a cell file: together with half a period they are tau."""
+        """Return the parameters of a cell; with half a period their sum is tau."""
         median_s = cell.filter_delay_s - cell.filter.lowpass_s
         delay_s = cell.robot.delay_s + cell.force.chain_s + median_s
         return cls(delay_s, cell.robot.lag_s, cell.filter.lowpass_s, median_s)
@@ -36,13 +38,13 @@ class PathSettings:
 
 @dataclass(frozen=True, slots=True)
 class Path:
-    """Commands on their way. Each of shape (3,), one unit."""
+    """State of the delay model: commands in flight and its lags. Each of shape (3,), one unit."""
 
-    sent: tuple[tuple[float, Array], ...]  # since when [s], oldest first
+    sent: tuple[tuple[float, Array], ...]  # command and its time [s], oldest first
     now_s: float
     first: Array  # after half the lag
-    arm: Array  # after all of it: where the arm is
-    felt: Array  # after the filter: what the filtered force belongs to
+    arm: Array  # after the whole lag: modelled position of the arm
+    felt: Array  # after the filter: position that the filtered force belongs to
     speed: Array  # of `felt`, per second
     acceleration: Array  # of `felt`, per second squared
 
@@ -53,14 +55,14 @@ class Path:
 
 
 def at_rest(command: Array) -> Path:
-    """Return a way on which one command has held for ever. Shape (3,)."""
+    """Return the steady state of a constant command. Shape (3,)."""
     still = np.array(command, dtype=float)
     zero = np.zeros_like(still)
     return Path(((0.0, still),), 0.0, still, still, still, zero, zero)
 
 
 def follow(path: Path, command: Array, dt_s: float, settings: PathSettings) -> Path:
-    """Return the way after `command` has held for the last `dt_s` [s]. Shape (3,)."""
+    """Return the state after `command` was constant for the last `dt_s` [s]. Shape (3,)."""
     sent = path.sent
     if not np.array_equal(command, path.command):
         sent = (*sent, (path.now_s, np.array(command, dtype=float)))

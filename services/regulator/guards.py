@@ -1,12 +1,12 @@
-"""What the regulator watches in itself while it works, and when it gives up. Pure.
+"""Run-time monitors of force feedback, each of which ends it with a fault code. Pure.
 
-It presses by what the sensor says. A wrong sign, axis or unit would make it press harder where it
-should give way, so nothing is believed before the first touch has shown that
-- what pushes back pushes back along the tool, and
-- what is pressed on does no more work on the tool than the tool did on it: where a sensor lies,
-  the tool seems to be carried along by what it presses on, and
-- while the tool turns, the force stays near its set point: a wrong torque turns the edge in, and
-  the force then grows of its own.
+A wrong sign, axis or unit of the sensor turns the loop into positive feedback. The monitors check
+- the first touch: the force must push back along the tool axis;
+- passivity (as a passivity observer does): the environment cannot do more work on the tool than
+  the tool did on it; with a wrong sensor the tool seems to be driven by its contact;
+- the force while the tool turns: it must stay near its set point, because a wrong torque turns the
+  tool's edge into the contact and the force then grows by itself;
+- travel without contact, travel along unverified axes, and oscillation.
 """
 
 from dataclasses import dataclass, field, replace
@@ -24,10 +24,10 @@ from services.regulator.law import Contact
 from services.regulator.oscillation import Swing, SwingSettings, follow
 from services.regulator.unverified_axes import Motion, Yielding, YieldSettings
 
-WORK_STEP_M, WORK_STEP_RAD = 2e-5, 2e-4  # less is the pose's own noise
-SWUNG_PART = 0.5  # of the work got: a force that is told late seems to give so much back
-MAIN_PART = 0.7  # of a touch: more than 45 degrees off the axis of the tool is no pushing back
-RISE_PART = 0.5  # of the set point, and touch_N more: no turn presses so much harder
+WORK_STEP_M, WORK_STEP_RAD = 2e-5, 2e-4  # smaller steps are pose noise
+SWUNG_PART = 0.5  # of the work done by the tool: a delayed force seems to return that much
+MAIN_PART = 0.7  # share of the first force along the tool axis: within 45 degrees of it
+RISE_PART = 0.5  # of the set point, plus touch_N: no correct rotation raises the force as much
 
 
 Flags = npt.NDArray[np.bool_]
@@ -37,7 +37,7 @@ NONE_LIMITED: Flags = np.zeros(3, dtype=bool)
 
 @dataclass(frozen=True, slots=True)
 class GuardSettings:
-    """When to give up."""
+    """Limits of the monitors."""
 
     touch_N: float
     search_m: float
@@ -48,7 +48,7 @@ class GuardSettings:
 
     @classmethod
     def of(cls, cell: Cell) -> "GuardSettings":
-        """Take them out of a cell file."""
+        """Return the limits of a cell."""
         force = cell.force
         swing = SwingSettings.of(cell)
         yielding = YieldSettings.of(cell)
@@ -57,38 +57,38 @@ class GuardSettings:
 
 @dataclass(frozen=True, slots=True)
 class Seen:
-    """One wrench with all that it means: base axes, about the TCP."""
+    """One sample for the monitors: wrench in base axes about the TCP, pose and mode."""
 
     force_N: Array
     torque_Nm: Array
     T_base_tcp: pin.SE3  # measured
-    contact: Contact  # as the law has it
+    contact: Contact  # contact state of the law
     error: Array  # of force and torque beyond their deadbands. Shape (6,)
-    turns: bool  # the mode follows torques
+    turns: bool  # the mode controls torques
     dt_s: float
-    follows: bool = False  # a surface that moves, along the tool's axis: its work is none of ours
-    presses: bool = True  # the set point is not zero: nothing is to move the tool
-    motion: Motion = STILL  # by force feedback alone
+    follows: bool = False  # tracks a moving surface, whose work along the tool axis is its own
+    presses: bool = True  # the set point is not zero: the environment must not move the tool
+    motion: Motion = STILL  # by force feedback only
     limited: Flags = field(
         default_factory=lambda: NONE_LIMITED
-    )  # axes of the tool that nothing has proved. Shape (3,)
+    )  # unverified axes of the tool. Shape (3,)
     setpoint_N: float = 0.0
 
     @property
     def pushed_back_N(self) -> float:
-        """Force along the tool, towards it."""
+        """Contact force along the tool axis, positive when it pushes the tool back."""
         return -float(self.force_N @ self.T_base_tcp.rotation[:, 2])
 
 
 @dataclass(frozen=True, slots=True)
 class Watch:
-    """What is remembered from the start of force feedback on."""
+    """State of the monitors from the start of force feedback on."""
 
     first: Seen | None = None
-    worked: Seen | None = None  # up to here its work is counted
+    worked: Seen | None = None  # last sample whose work is counted
     touched: bool = False
     found: bool = False  # the force has been at its set point or below
-    given_J: float = 0.0  # work done on the tool by what it touches
+    given_J: float = 0.0  # work done on the tool by the environment
     got_J: float = 0.0  # work done by the tool
     p_search_m: Array | None = None  # where the present search for contact began
     swing: Swing = field(default_factory=Swing)
@@ -96,9 +96,9 @@ class Watch:
 
 
 def carried(before: Watch) -> Watch:
-    """Return what is remembered over a change of set point or mode: budgets live on.
+    """Return the state kept over a change of set point or mode: the work budgets continue.
 
-    What touches nothing yet may begin its approach now, with the readings of now.
+    A tool without contact may begin its approach now, with the present readings as reference.
     """
     is_free = before.worked is not None and before.worked.contact != "contact"
     now = replace(before, p_search_m=None, swing=Swing(), found=False)
@@ -117,7 +117,7 @@ def proof_of(now: Watch, seen: Seen, settings: GuardSettings) -> bool:
 
 
 def watch(before: Watch, seen: Seen, settings: GuardSettings) -> tuple[Watch, Trip | None]:
-    """Return what is remembered now, and why force feedback must end if it must."""
+    """Return the state after one sample, and the trip of the first monitor that fired."""
     touched = before.touched or seen.contact == "contact"
     p_search_m = before.p_search_m
     if seen.contact != "approach":
@@ -150,12 +150,12 @@ def _began_free(now: Watch) -> bool:
 
 
 def _count_work(before: Watch, seen: Seen) -> Watch:
-    """Add the work between tool and environment since it was counted last."""
+    """Add the work between tool and environment since the last counted sample."""
     last = before.worked
     if last is None or not before.touched:
         return replace(before, worked=seen)
     way_m = seen.T_base_tcp.translation - last.T_base_tcp.translation
-    if seen.follows:  # the press has shown the sign along this axis; those beside it still lie
+    if seen.follows:  # the press verified the sign along this axis, not along the other two
         press_axis = seen.T_base_tcp.rotation[:, 2]
         way_m = way_m - (way_m @ press_axis) * press_axis
     turn_rad = rotation_between(last.T_base_tcp.rotation, seen.T_base_tcp.rotation)
@@ -165,13 +165,13 @@ def _count_work(before: Watch, seen: Seen) -> Watch:
     if seen.turns:
         work_J += 0.5 * float((seen.torque_Nm + last.torque_Nm) @ turn_rad)
     given_J, got_J = max(work_J, 0.0), before.got_J + max(-work_J, 0.0)
-    if not seen.presses:  # at set point 0 anything may move the tool; what it had stored goes back
+    if not seen.presses:  # at set point 0 anything may move the tool; stored work is returned
         return replace(before, worked=seen, got_J=max(got_J - given_J, 0.0))
     return replace(before, worked=seen, given_J=before.given_J + given_J, got_J=got_J)
 
 
 def _sign_trip(now: Watch, seen: Seen, settings: GuardSettings) -> Trip | None:
-    """Before the first touch a force that grows must push back along the tool."""
+    """Check that the force of the first touch pushes back along the tool axis."""
     if now.touched or now.first is None or not _began_free(now):
         return None
     grown_N = seen.force_N - now.first.force_N
@@ -180,53 +180,53 @@ def _sign_trip(now: Watch, seen: Seen, settings: GuardSettings) -> Trip | None:
     if length_N <= settings.touch_N or back_N >= MAIN_PART * length_N:
         return None
     text = (
-        f"the first touch pushes back with {back_N:.1f} of {length_N:.1f} N along the tool: "
+        f"the first touch reads {back_N:.1f} N back along the tool axis, of {length_N:.1f} N: "
         "a sign, an axis or a frame of the sensor is wrong, or the tool touches with its side"
     )
     return tripped("sensor_sign", text, value=back_N, limit=MAIN_PART * length_N)
 
 
 def _work_trip(now: Watch, seen: Seen, settings: GuardSettings) -> Trip | None:
-    """What was touched while pressing cannot give back more than it got."""
+    """Check passivity: the environment cannot return more work than it received."""
     more_J = now.given_J - (1.0 + SWUNG_PART) * now.got_J
     if not _began_free(now) or not seen.presses or more_J <= settings.given_J:
         return None
     text = (
-        f"what is pressed on has moved the tool with {now.given_J * 1e3:.0f} mJ and got "
-        f"{now.got_J * 1e3:.0f} mJ: a sign or an axis of the sensor is wrong, or somebody pushes"
+        f"the contact did {now.given_J * 1e3:.0f} mJ of work on the tool and received "
+        f"{now.got_J * 1e3:.0f} mJ: a sign or an axis of the sensor is wrong, or a person pushes"
     )
     return tripped("sensor_sign", text, value=more_J, limit=settings.given_J)
 
 
 def _rise_trip(now: Watch, seen: Seen, settings: GuardSettings) -> Trip | None:
-    """While nothing has proved the torques, a tool that turns must not press harder and harder."""
+    """Check the force while the tool turns on unverified torques: it must not keep rising."""
     limit_N = (1.0 + RISE_PART) * seen.setpoint_N + settings.touch_N
     unproven_turn = seen.turns and seen.presses and bool(seen.limited.any())
     if not unproven_turn or not now.found or seen.pushed_back_N <= limit_N:
         return None
     text = (
-        f"the force has grown to {seen.pushed_back_N:.1f} N while the tool turned, {limit_N:.1f} N "
-        "is the most that a turn may bring: a sign or an axis of the torque is wrong, or somebody "
+        f"the force rose to {seen.pushed_back_N:.1f} N while the tool turned, limit {limit_N:.1f} "
+        "N: a sign or an axis of the torque is wrong, or a person "
         "pushes; run `forcemesh check axes`, once for each calibration"
     )
     return tripped("sensor_sign", text, value=seen.pushed_back_N, limit=limit_N)
 
 
 def _yield_trip(now: Watch, seen: Seen, _: GuardSettings) -> Trip | None:
-    """Along an axis that nothing has proved the tool gives way a little and no more."""
+    """Check the travel along unverified axes."""
     force_tool_N = seen.T_base_tcp.rotation.T @ seen.force_N
     return unproven.trip_of(now.yielding, force_tool_N, seen.limited, turns=seen.turns)
 
 
 def _way_trip(now: Watch, seen: Seen, settings: GuardSettings) -> Trip | None:
-    """A search for contact has a longest way."""
+    """Check the travel of a search for contact."""
     if now.p_search_m is None:
         return None
     press_axis = seen.T_base_tcp.rotation[:, 2]
     way_m = float((seen.T_base_tcp.translation - now.p_search_m) @ press_axis)
     limit_m = settings.lost_m if now.touched else settings.search_m
     if now.touched and seen.limited[2] and not _began_free(now):
-        limit_m = min(limit_m, unproven.LIMIT_M)  # that it was lost may be a wrong axis
+        limit_m = min(limit_m, unproven.LIMIT_M)  # a wrong axis may look like a lost contact
     if way_m <= limit_m:
         return None
     what = "contact was lost and not found again" if now.touched else "no contact"
@@ -238,5 +238,5 @@ def _swing_trip(now: Watch, seen: Seen, _: GuardSettings) -> Trip | None:
     if not now.swing.swings:
         return None
     height_N = length(seen.error[:3])
-    text = f"the force swings and does not settle, now {height_N:.1f} N beside what is wanted"
+    text = f"the force oscillates and does not settle, the force error is {height_N:.1f} N now"
     return tripped("oscillation", text, value=height_N)

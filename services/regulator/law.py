@@ -1,13 +1,15 @@
-"""The specification's PI regulator: wrench in, next pose out. Pure: state in, state out.
+"""PI force law of the specification: wrench in, next pose out. Pure: state in, state out.
 
-Velocity form on an unrounded commanded pose x of the TCP, error e = F - F_set:
+PI control in velocity form on an unrounded commanded pose x of the TCP, error e = F - F_set:
 
     x <- x + Kp (e - e_previous) + Ki e dt                       (force feedback position)
     R <- exp(Kpr (M - M_previous) + Kir M dt) R, base axes, about the TCP  (orientation, task c)
 
-In mode both, the turning is fed forward to the position so that the point of contact stays.
+In mode both, the rotation is fed forward to the position so that the contact point stays in place.
+Anti-windup is back-calculation: the state continues from the pose that the limits passed on
+(`put_back`), so nothing accumulates behind a limit.
 
-Positive force is what the environment does to the robot, so giving way means moving along it.
+Positive force is exerted by the environment on the robot; yielding means moving along it.
 """
 
 from dataclasses import dataclass, replace
@@ -21,23 +23,23 @@ from common.motion.frames import Array, cross, length, rotate_about_base_axes
 from forcemesh.messages import Mode
 
 Contact = Literal["free", "approach", "contact"]
-RELEASE_FRACTION = 0.5  # contact ends below this part of the touch force
-LONGEST_LEVER_M = 0.1  # a contact farther from the TCP than this is taken for noise
+RELEASE_FRACTION = 0.5  # contact ends below this share of the touch force
+LONGEST_LEVER_M = 0.1  # a contact farther from the TCP is treated as noise
 ALL_AXES = (True,) * 6
 
 
 @dataclass(frozen=True, slots=True)
 class LawSettings:
-    """Everything but the gains that shapes the law."""
+    """Parameters of the law besides the gains."""
 
     deadband_N: float
     deadband_Nm: float
     speed_max_m_s: float
     speed_max_rad_s: float
     approach_m_s: float
-    approach_accel_m_s2: float  # so gentle that the tool's inertia is not taken for contact
+    approach_accel_m_s2: float  # low enough that the tool's inertia does not look like contact
     touch_N: float
-    accel_max_m_s2: float = inf  # of a law that foresees what its own commands will do
+    accel_max_m_s2: float = inf  # finite for a law with a predictor
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,20 +54,20 @@ class PiGains:
 
 @dataclass(frozen=True, slots=True)
 class LawInput:
-    """One wrench sample and what is wanted."""
+    """Wrench sample and targets of one period."""
 
     force_N: Array  # of the environment on the tool, base axes
     torque_Nm: Array  # about the TCP, base axes
     setpoint_N: float  # press along the tool's z axis
     mode: Mode
     dt_s: float  # since the last sample
-    # What a richer law adds; without it the error is what is measured, in base axes, all free.
-    foreseen_N: Array | None = None  # force once all commands have arrived, base axes
-    drift_m_s: Array | None = None  # of what is pressed on, base axes
+    # Inputs from the laws around it; by default the measured error, base axes, all axes free.
+    foreseen_N: Array | None = None  # predicted force once all commands have arrived, base axes
+    drift_m_s: Array | None = None  # feed-forward speed, base axes
     R_base_gains: Array | None = None  # axes of the force's gains
-    R_base_task: Array | None = None  # axes of the mask
-    axes: tuple[bool, ...] = ALL_AXES  # of the task frame that may move: x y z, about x y z
-    pose_is_new: bool = True  # the robot has said a pose since the last sample
+    R_base_task: Array | None = None  # task frame of `axes`
+    axes: tuple[bool, ...] = ALL_AXES  # free axes of the task frame: x y z, about x y z
+    pose_is_new: bool = True  # the robot has reported a pose since the last sample
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,25 +78,25 @@ class LawState:
     error_force_N: Array | None = None
     error_torque_Nm: Array | None = None
     contact: Contact = "free"
-    approach_m_s: float = 0.0  # speed of the approach under way
-    speed_m_s: Array | None = None  # with which it gives way or presses, base axes; None: none
-    lever_m: Array | None = None  # from the TCP to the point of contact, base axes; mode both
+    approach_m_s: float = 0.0  # present speed of the approach
+    speed_m_s: Array | None = None  # commanded by force control, base axes; None: none
+    lever_m: Array | None = None  # from the TCP to the contact point, base axes; mode both
 
 
 def start_at(T_base_tcp: pin.SE3) -> LawState:
-    """Return the state that commands the pose where the tool is: no bump."""
+    """Return the state that commands the present pose (bumpless start)."""
     return LawState(T_base_tcp.copy())
 
 
 def put_back(state: LawState, T_base_tcp: pin.SE3) -> LawState:
-    """Return the state that goes on, from rest, where a limit has let the tool come to."""
+    """Return the state that continues, from rest, at the pose that a limit passed on."""
     return replace(state, T_base_tcp=T_base_tcp, speed_m_s=None, approach_m_s=0.0)
 
 
 def step(state: LawState, sample: LawInput, gains: PiGains, settings: LawSettings) -> LawState:
     """Return the next state; its pose is the next command."""
     press_axis = state.T_base_tcp.rotation[:, 2]
-    wanted_force_N = -sample.setpoint_N * press_axis  # pressing down is being pushed up
+    wanted_force_N = -sample.setpoint_N * press_axis  # the contact pushes against the press axis
     error_N = soft_deadband(sample.force_N - wanted_force_N, settings.deadband_N)
     error_Nm = soft_deadband(sample.torque_Nm, settings.deadband_Nm)
     contact = next_contact(state.contact, sample, press_axis, settings.touch_N)
@@ -131,7 +133,7 @@ def step(state: LawState, sample: LawInput, gains: PiGains, settings: LawSetting
 
 
 def next_contact(contact: Contact, sample: LawInput, press_axis: Array, touch_N: float) -> Contact:
-    """Tell whether the tool touches, with hysteresis, or still seeks what it shall press on."""
+    """Return the contact state: force threshold with hysteresis, else approach or free."""
     pushed_back_N = -float(sample.force_N @ press_axis)
     touch_N = min(touch_N, 0.5 * sample.setpoint_N) if sample.setpoint_N > 0.0 else touch_N
     threshold_N = touch_N * (RELEASE_FRACTION if contact == "contact" else 1.0)
@@ -143,8 +145,8 @@ def next_contact(contact: Contact, sample: LawInput, press_axis: Array, touch_N:
 def contact_point(sample: LawInput, touch_N: float) -> Array:
     """Return the vector from the TCP to the line along which the force acts [m]. Shape (3,).
 
-    r = F x M / |F|^2. Turning about the TCP moves the point of contact by turn x r; taking that
-    back keeps the force while the tool turns, instead of leaving it to the force loop's delay.
+    r = F x M / |F|^2. A rotation about the TCP moves the contact point by turn x r; compensating
+    that motion keeps the force constant, without waiting for the force loop and its delay.
     """
     square = float(sample.force_N @ sample.force_N)
     if square < touch_N * touch_N:
@@ -156,7 +158,7 @@ def contact_point(sample: LawInput, touch_N: float) -> Array:
 def _sped_up(
     before_m_s: Array | None, shift_m: Array, sample: LawInput, settings: LawSettings
 ) -> Array:
-    """Return a shift that speed and acceleration allow, along the axes that may move."""
+    """Return a shift limited in speed and acceleration, along the free axes."""
     shift_m = limit_norm(_masked(shift_m, sample, 0), settings.speed_max_m_s * sample.dt_s)
     before_m = np.zeros(3) if before_m_s is None else _masked(before_m_s, sample, 0) * sample.dt_s
     most_m = settings.accel_max_m_s2 * sample.dt_s**2
@@ -164,12 +166,12 @@ def _sped_up(
 
 
 def _along(gain: Array, error: Array, R: Array | None) -> Array:
-    """Return gain times error, about the axes of R_base_gains."""
+    """Return gain times error, with the gains along the axes of R_base_gains."""
     return gain * error if R is None else np.asarray(R @ (gain * (R.T @ error)))
 
 
 def _masked(motion: Array, sample: LawInput, first: int) -> Array:
-    """Return a motion without the axes of the task frame that may not move."""
+    """Return a motion without its parts along the locked axes of the task frame."""
     free = sample.axes[first : first + 3]
     if all(free):
         return motion
@@ -178,7 +180,7 @@ def _masked(motion: Array, sample: LawInput, first: int) -> Array:
 
 
 def change(now: Array, before: Array | None) -> Array:
-    """Return the change since the last sample, none at the first one."""
+    """Return the change since the last sample, zero at the first one."""
     return np.zeros(3) if before is None else now - before
 
 

@@ -1,13 +1,13 @@
-"""Whether the arm is sent what the law commands, or commands pile up before a stalled link. Pure.
+"""Detector of a stalled link: commands accumulate instead of being sent to the arm. Pure.
 
-The robot reports the set point that left for the arm last. Behind a link that works it is one that
-was commanded a moment ago. Where it is farther from the newest command than any of the last
+The robot reports the set point it sent last. On a working link that is a recent command. If it is
+farther from the newest command than every command of the last
 
     window = delay + chain + 2 reports + 2 samples
 
-the link lags: the law then stands still, because what it adds would leave all at once. What it has
-added meanwhile was wanted by forces that the arm had not changed yet: it goes back to the oldest
-command of the window, and begins anew from there.
+the link lags. The law then stands still, because accumulated commands would be sent as one step.
+Commands added meanwhile came from forces that the arm had not changed yet: the law returns to the
+oldest command of the window and restarts from there.
 """
 
 from dataclasses import dataclass
@@ -19,15 +19,15 @@ from common.config.cell import Cell
 from common.motion.frames import Array
 
 REPORTS, SAMPLES = 2.0, 2.0
-SAME = np.array([1e-5, 1e-4])  # m, rad: a pose that left is the one that was commanded
+SAME = np.array([1e-5, 1e-4])  # m, rad: tolerance between a sent pose and its command
 
-# Which squares of a row add up to the square of a way, and which, halved, to that of an angle.
+# Weights that sum the squared elements of a row to a squared distance and a squared angle.
 WAY_AND_TURN = np.repeat([[1.0, 0.0], [0.0, 0.5]], [3, 9], axis=0)
 
 
 @dataclass(frozen=True, slots=True)
 class Commanded:
-    """The commands of the last window, oldest first: age [s], and pose of the TCP in base."""
+    """Commands of the last window, oldest first: age [s], and pose of the TCP in base."""
 
     window_s: float
     ages_s: Array  # shape (n,)
@@ -35,14 +35,14 @@ class Commanded:
 
     @classmethod
     def of(cls, cell: Cell) -> "Commanded":
-        """Begin without a command; the window is that of a cell."""
+        """Return an empty history with the window of a cell."""
         loop_s = cell.robot.delay_s + cell.force.chain_s
         reports_s = REPORTS / cell.rates.robot_hz
         window_s = loop_s + reports_s + SAMPLES / cell.rates.control_hz
         return cls(window_s, np.zeros(0), np.zeros((0, 12)))
 
     def after(self, T_base_tcp: pin.SE3, dt_s: float) -> "Commanded":
-        """Return the commands after one more, `dt_s` after the last one."""
+        """Return the history with one more command, `dt_s` after the last one."""
         ages_s = self.ages_s + dt_s
         first = int((-ages_s).searchsorted(-self.window_s))
         poses = np.concatenate((self.poses[first:], _row(T_base_tcp)))
@@ -50,16 +50,16 @@ class Commanded:
 
     @property
     def oldest(self) -> pin.SE3:
-        """The command that should have left by now; one that lags is farther than SAME from it."""
+        """Oldest command, which should have been sent by now."""
         row = self.poses[0]
         return pin.SE3(row[3:].reshape(3, 3), row[:3])
 
     def anew(self) -> "Commanded":
-        """Return the oldest command as the only one."""
+        """Return a history with the oldest command only."""
         return Commanded(self.window_s, np.zeros(1), self.poses[:1])
 
     def lag(self, T_sent: pin.SE3 | None) -> bool:
-        """Tell whether what left is behind every command of the window; None: nothing is known."""
+        """Return whether the sent pose is behind every command of the window; None: unknown."""
         if T_sent is None or not len(self.ages_s):
             return False
         behind = _apart(_row(T_sent) - self.poses[-1:])[0]

@@ -1,7 +1,8 @@
-"""Tells a loop that swings from one that settles: half waves that do not die out. Pure.
+"""Oscillation detector: consecutive half waves of the control error that do not decay. Pure.
 
-A loop whose gain is too high for what it touches swings with a period of about four times its
-delay. What is faster or slower than that by far is not the loop's own, and is not counted.
+Half waves are separated by zero crossings. A loop whose gain is too high for its contact
+oscillates with a period of about four loop delays. Half waves that are much shorter or longer are
+not caused by the loop and are not counted.
 """
 
 from dataclasses import dataclass, field, replace
@@ -12,14 +13,14 @@ from common.config.cell import Cell
 from common.motion.frames import Array
 
 HALF_WAVES = 10  # five periods
-KEPT = 0.9  # a half wave that is smaller than this part of the last one on its side dies out
-DEADBANDS = 10.0  # a half wave below so many deadbands is noise, or harmless
+KEPT = 0.9  # a half wave smaller than this share of the last one of its sign decays
+DEADBANDS = 10.0  # smaller half waves, in deadbands, are noise or harmless
 SHORTEST_HALF_TAU, LONGEST_HALF_TAU = 0.5, 8.0
 
 
 @dataclass(frozen=True, slots=True)
 class SwingSettings:
-    """What counts as a half wave of this loop."""
+    """Least height and range of durations of a half wave."""
 
     least: Array  # height in N, N, N, N m, N m, N m. Shape (6,)
     shortest_s: float
@@ -27,7 +28,7 @@ class SwingSettings:
 
     @classmethod
     def of(cls, cell: Cell) -> "SwingSettings":
-        """Take them out of a cell file."""
+        """Return the settings of a cell."""
         deadbands = np.repeat([cell.force.deadband_N, cell.force.deadband_Nm], 3)
         tau_s = cell.loop_delay_s
         return cls(DEADBANDS * deadbands, SHORTEST_HALF_TAU * tau_s, LONGEST_HALF_TAU * tau_s)
@@ -39,18 +40,18 @@ def _zeros() -> Array:
 
 @dataclass(frozen=True, slots=True)
 class Swing:
-    """Half waves of six errors, each by itself. All of shape (6,)."""
+    """Half waves of six errors, each detected separately. All of shape (6,)."""
 
-    side: Array = field(default_factory=_zeros)  # on which the error is: -1, 0 before the first, 1
-    height: Array = field(default_factory=_zeros)  # of the half wave under way, so far
+    side: Array = field(default_factory=_zeros)  # sign of the error, 0 before the first half wave
+    height: Array = field(default_factory=_zeros)  # of the present half wave so far
     age_s: Array = field(default_factory=_zeros)
-    last: Array = field(default_factory=_zeros)  # height of the half wave before
-    before_last: Array = field(default_factory=_zeros)  # and of the one before, on this side
-    count: Array = field(default_factory=_zeros)  # half waves in a row that did not die out
+    last: Array = field(default_factory=_zeros)  # height of the previous half wave
+    before_last: Array = field(default_factory=_zeros)  # of the one before it, with this sign
+    count: Array = field(default_factory=_zeros)  # consecutive half waves that did not decay
 
     @property
     def swings(self) -> bool:
-        """Whether some error has swung for five periods."""
+        """Whether one of the errors has oscillated for five periods."""
         return bool(max(self.count.tolist()) >= HALF_WAVES)
 
 
@@ -61,7 +62,7 @@ def follow(swing: Swing, error: Array, dt_s: float, settings: SwingSettings) -> 
         swing: Half waves so far.
         error: Errors of force [N] and torque [N m] beyond their deadbands. Shape (6,).
         dt_s: Time since the last sample.
-        settings: What counts.
+        settings: Limits of a half wave.
     """
     size, side = np.abs(error), np.sign(error)
     crossed = (side != 0.0) & (side != swing.side)

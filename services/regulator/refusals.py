@@ -1,4 +1,4 @@
-"""Why a start of force feedback, or a path, is refused. Pure."""
+"""Preconditions of a start of force feedback and of a path. Pure."""
 
 from typing import Any
 
@@ -15,14 +15,14 @@ from forcemesh.requests import ForceStartRequest, PathRequest, Reply
 from services.regulator.session import Session, mover
 from services.regulator.tcp_path import MOST_POINTS, across
 
-LEAST_PRESS_SHARE = 0.7  # of the tool's axis, left by the axes that may move: 45 degrees
-AXIS_NAMES = ("x", "y", "z", "rx", "ry", "rz")  # as the command line says them
+LEAST_PRESS_SHARE = 0.7  # least share of the tool's axis within the free axes: 45 degrees
+AXIS_NAMES = ("x", "y", "z", "rx", "ry", "rz")  # as on the command line
 
 
 def refused_start(
     wanted: ForceStartRequest, cell: Cell, arbiter: ArbiterStatus | None, worse: Reading[Any]
 ) -> Reply | None:
-    """Return why force feedback cannot start, None when it can; `worse`: of two inputs."""
+    """Return why force feedback cannot start, None when it can; `worse`: input with a fault."""
     largest_N = cell.force.setpoint_max_N
     if wanted.host not in cell.robot.hosts:
         text = (
@@ -31,11 +31,11 @@ def refused_start(
         )
         return refusal("host", text)
     if wanted.host == "controller" and not all(wanted.axes):
-        return refusal("host", "axes: the controller cannot hold axes of its own, the PC can")
+        return refusal("host", "axes: host controller cannot lock single axes, host pc can")
     if wanted.host == "controller" and wanted.law == "admittance":
-        return refusal("host", "law guide: the controller cannot give way to a hand, the PC can")
+        return refusal("host", "law admittance: host controller has no hand guiding, host pc has")
     if wanted.law == "admittance" and wanted.setpoint_N > 0.0:
-        text = "law guide gives way to a hand: its set point is 0"
+        text = "law admittance needs set point 0"
         return refusal("setpoint", text, value=wanted.setpoint_N, limit=0.0)
     if wanted.setpoint_N > largest_N:
         text = "set point above force.setpoint_max_N"
@@ -55,10 +55,10 @@ def refused_start(
 def refused_axes(wanted: ForceStartRequest, R_base_tcp: Array) -> Reply | None:
     """Return why a set point cannot be reached with these axes, None when it can.
 
-    It presses along the tool's z axis. Where that axis is held, nothing would regulate the force.
+    The set point acts along the tool's z axis. With that axis locked, the force is not controlled.
 
     Args:
-        wanted: What is asked for.
+        wanted: The request.
         R_base_tcp: Measured orientation of the tool, shape (3, 3).
     """
     if wanted.mode == "orientation" or wanted.setpoint_N <= 0.0:
@@ -70,52 +70,52 @@ def refused_axes(wanted: ForceStartRequest, R_base_tcp: Array) -> Reply | None:
     named = ",".join(name for name, free in zip(AXIS_NAMES, wanted.axes, strict=True) if free)
     text = (
         f"a set point of {wanted.setpoint_N:g} N presses along the tool's z axis, and the axes "
-        f"that may move ({named or 'none'}, frame {wanted.frame}) hold it: let that axis move, "
-        "or take set point 0"
+        f"that may move ({named or 'none'}, frame {wanted.frame}) exclude it: free that axis, "
+        "or use set point 0"
     )
     return refusal("axes", text)
 
 
 def refused_guide(wanted: ForceStartRequest, wrench: WrenchAtTcp) -> Reply | None:
-    """Return why a hand cannot guide the tool yet, None when it can.
+    """Return why hand guiding cannot start yet, None when it can.
 
-    A wrong sign looks like a hand: nothing in the readings would tell them apart.
+    The effect of a wrong sign cannot be distinguished from a hand by the readings.
     """
     if wanted.law != "admittance" or wrench.axes_checked:
         return None
     text = (
-        "law guide follows what the sensor reads, and nothing has shown yet that its axes and "
-        f"signs are right with calibration {wrench.calibration or 'none'}: run `forcemesh check "
-        "axes`, or with --push"
+        "law admittance follows the sensor's readings, and its axes and "
+        f"signs are not verified for calibration {wrench.calibration or 'none'}: run `forcemesh "
+        "check axes`, or with --push"
     )
     return refusal("axes_unproved", text)
 
 
 def refused_path(wanted: PathRequest, session: Session | None, cell: Cell) -> Reply | None:
-    """Return why points cannot be gone along, None when they can."""
+    """Return why a path cannot be followed, None when it can."""
     if session is None or session.failure is not None:
         return refusal("not_armed", "no force feedback is running: start it first")
     if session.wanted.host != "pc":
-        return refusal("host", "the controller cannot follow points, the PC can")
+        return refusal("host", "host controller cannot follow a path, host pc can")
     if wanted.points_m and session.memory is not None and _gives_way_across(session.wanted):
         text = (
-            "the adaptive law would take the way for a push and go back: start force feedback "
-            "in frame tool, with axes that leave out x and y"
+            "the adaptive law would take the path for an external push and return: start force "
+            "feedback in frame tool, with axes that leave out x and y"
         )
         return refusal("axes", text)
     if wanted.speed_m_s > cell.force.speed_max_m_s:
         most_m_s = cell.force.speed_max_m_s
-        text = "the path is faster than force.speed_max_m_s"
+        text = "path speed above force.speed_max_m_s"
         return refusal("setpoint", text, value=wanted.speed_m_s, limit=most_m_s)
     ahead = len(session.route.points) if wanted.append and session.route else 0
     count = ahead + len(wanted.points_m)
     if count > MOST_POINTS:
-        return refusal("busy", "too many points ahead", value=count, limit=MOST_POINTS)
+        return refusal("busy", "too many pending path points", value=count, limit=MOST_POINTS)
     return _point_outside(wanted, session.law.T_base_tcp, cell)
 
 
 def _point_outside(wanted: PathRequest, T_base_tcp: pin.SE3, cell: Cell) -> Reply | None:
-    """Refuse a point outside the workspace; along the tool's axis the force has the say."""
+    """Refuse a point outside the workspace; along the tool's axis the force decides."""
     limits, p, axis = Limits.of(cell), T_base_tcp.translation, T_base_tcp.rotation[:, 2]
     for number, point in enumerate(wanted.points_m, start=1):
         aim = p + across(np.array(point) - p, axis)
@@ -126,5 +126,5 @@ def _point_outside(wanted: PathRequest, T_base_tcp: pin.SE3, cell: Cell) -> Repl
 
 
 def _gives_way_across(wanted: ForceStartRequest) -> bool:
-    """Return whether force feedback may move the tool across its axis, where a path goes."""
+    """Return whether force feedback may move the tool across its axis, as a path does."""
     return wanted.mode != "orientation" and (wanted.frame != "tool" or any(wanted.axes[:2]))

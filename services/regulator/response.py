@@ -1,13 +1,14 @@
-"""How strongly the force answers the law's own commands: where the arm itself gives way. Pure.
+"""Response of the force to the law's own commands, reduced by the arm's compliance. Pure.
 
-The measured pose tells the stiffness of what is touched. Behind a command the servos stand in
-series with it, and the force answers the command by less. Along each axis
+The measured pose gives the contact stiffness. Seen from the command, the servos are a spring in
+series with it, and the force responds less. Recursive least squares with exponential forgetting
+fits, along each axis,
 
-    F = F_0 - k x + r v      x: the command passed through the model of its way, v: its speed
+    F = F_0 - k x + r v      x: the command passed through the delay model, v: its speed
 
-so a delay that is assumed wrong goes into r, not into k. Believed is a share of the stiffness of
-the measured pose: between what the softest arm leaves and all of it. An arm that does not follow
-its commands can therefore never make the contact look soft.
+so an error of the assumed delay goes into r, not into k. The result is a share of the stiffness of
+the measured pose, between the share that the softest arm leaves and one. An arm that does not
+follow its commands can therefore never make the contact look soft.
 """
 
 from dataclasses import dataclass, replace
@@ -17,17 +18,17 @@ import numpy as np
 
 from common.motion.frames import Array
 
-MARGIN, SIGMAS = 1.03, 2.0  # too stiff is slow, too soft overshoots
-SURE = 0.03  # sigma below this part of k
+MARGIN, SIGMAS = 1.03, 2.0  # an estimate too stiff is slow, one too soft overshoots
+SURE = 0.03  # largest sigma of an accepted estimate, relative to k
 SOFTEST_ARM_N_M = 2.5e5
 LEARN_S = 0.015
-FEW = 8.0  # weighted samples below which nothing is concluded
-PARALLEL = 1e-6  # way and speed that cannot be told apart: of the product of their squares
+FEW = 8.0  # least weighted number of samples
+PARALLEL = 1e-6  # collinear travel and speed: limit relative to the product of their squares
 
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """One sample along the tool's axes, of shape (3,) each, and how good it is."""
+    """One sample along the tool's axes, of shape (3,) each, with its noise levels."""
 
     way_m: Array
     speed_m_s: Array
@@ -35,12 +36,12 @@ class Answer:
     dt_s: float
     memory_s: float
     noise_N: float  # standard deviation of a filtered reading
-    least_way_m: float  # smaller movements tell nothing: standard deviation over the memory
+    least_way_m: float  # least excitation: standard deviation of the travel over the memory
 
 
 @dataclass(frozen=True, slots=True)
 class Response:
-    """Weighted means and centred sums of (way, speed, force); what is believed."""
+    """Weighted means and centred sums of (travel, speed, force), and the estimate."""
 
     share: Array  # of the stiffness of the measured pose. Shape (3,)
     weight: float
@@ -49,12 +50,12 @@ class Response:
 
 
 def unheard() -> Response:
-    """Return the state before anything was felt: the arm does not give way."""
+    """Return the initial state: a rigid arm."""
     return Response(np.ones(3), 0.0, np.zeros((3, 3)), np.zeros((3, 3, 3)))
 
 
 def hear(state: Response, answer: Answer, k: Array) -> Response:
-    """Return the state after one more sample taken in contact; k of the measured pose, (3,)."""
+    """Return the state after one more sample in contact; k of the measured pose, shape (3,)."""
     kept = exp(-answer.dt_s / answer.memory_s)
     weight = kept * state.weight + 1.0
     off = np.stack((answer.way_m, answer.speed_m_s, answer.force_N)) - state.mean

@@ -1,4 +1,4 @@
-"""The regulator on the bus: wrench and robot state in, proposed flange pose out."""
+"""Regulator service: wrench and robot state in, proposed flange pose out."""
 
 from dataclasses import replace
 from math import inf
@@ -75,14 +75,14 @@ from tuning.adaptive_map import remark, softest_N_m
 from tuning.gain_rule import instability, tune
 
 STOPPED = "stopped"
-LONGEST_GAP_PERIODS = 3.0  # a longer gap between samples is not integrated over
+LONGEST_GAP_PERIODS = 3.0  # longest time between samples that is integrated
 
 
 class Regulator:
-    """Proposes poses while force feedback runs, and says "not valid" while it does not."""
+    """Service that publishes proposed poses while force feedback runs, otherwise valid=False."""
 
     def __init__(self, bus: Bus, cell: Cell) -> None:
-        """Take the topics of this role and tune the gains for this cell."""
+        """Open the topics of this role and tune the gains for this cell."""
         self.period_s = 1.0 / cell.rates.control_hz
         self.fault = ""
         self._cell = cell
@@ -109,7 +109,7 @@ class Regulator:
         self.trigger = self._wrench
 
     def counters(self) -> dict[str, int]:
-        """Return what the wrench reader dropped."""
+        """Return the number of wrenches superseded before they were read."""
         return {"wrench_superseded": self._wrench.counters.superseded}
 
     def step(self, now_ns: int) -> None:
@@ -133,7 +133,7 @@ class Regulator:
             return self._give_up(session, failure or Failure("invalid", "no wrench, no pose"))
         on_controller = wanted.host == "controller"
         T_base_tcp = pose_of(robot.fresh) * self._T_flange_tcp
-        if on_controller:  # it moves the arm by itself: the set point goes with the measured tool
+        if on_controller:  # it moves the arm itself: the set point follows the measured tool
             session = replace(session, law=replace(session.law, T_base_tcp=T_base_tcp))
         session, trip = self._advance(session, wrench, wrench.fresh, T_base_tcp, robot=robot)
         if trip is not None:
@@ -155,7 +155,7 @@ class Regulator:
         )
 
     def _give_up(self, session: Session, failure: Failure) -> RegulatorTarget:
-        """Latch: the mode stays in the message, it runs and cannot go on, so the arbiter stops."""
+        """Latch the failure; the mode stays in the message, so the arbiter stops the motion."""
         self._session, self.fault = replace(session, failure=failure), failure.text
         wanted, (code, text) = session.wanted, failure
         return RegulatorTarget(
@@ -171,7 +171,7 @@ class Regulator:
         *,
         robot: Reading[RobotState],
     ) -> tuple[Session, Trip | None]:
-        """Integrate once per sample, over the time that really passed between samples."""
+        """Integrate once per sample, over the time that passed between the samples' stamps."""
         stamp_ns = reading.header.stamp_ns if reading.header else session.last_sample_ns
         gap_s = (stamp_ns - session.last_sample_ns) / NS_PER_S
         if gap_s <= 0.0:
@@ -184,7 +184,7 @@ class Regulator:
         T_let_through = self._let_through(command)
         before = session.law
         if command is not None and command.limited and T_let_through is not None:
-            before = put_back(before, T_let_through)  # back-calculate: go on from there
+            before = put_back(before, T_let_through)  # back-calculation anti-windup
         sample = LawInput(
             force_N=np.array(wrench.force_N), torque_Nm=np.array(wrench.torque_Nm),
             setpoint_N=setpoint_N, mode=session.wanted.mode, dt_s=dt_s,
@@ -222,7 +222,7 @@ class Regulator:
     def _for_controller(
         self, session: Session, memory: Adaptive | None, R_base_tcp: Array
     ) -> Gains | None:
-        """Return the gains that the adaptive law sends to the controller, if that regulates."""
+        """Return the adaptive law's gains for the controller, None when the PC is the host."""
         if memory is None or session.wanted.host != "controller":
             return None
         return controller_gains(
@@ -232,8 +232,8 @@ class Regulator:
     def _behind(
         self, session: Session, before: LawState, commanded: Commanded, T_measured: pin.SE3
     ) -> tuple[LawState, Adaptive | None, Commanded]:
-        """Return what stands still behind a link that lags; without a path it goes back as well."""
-        if session.route is not None:  # it has gone on with what waits
+        """Return states at rest behind a stalled link; without a path, at the oldest command."""
+        if session.route is not None:  # the pending commands contain path motion
             return put_back(before, before.T_base_tcp), session.memory, commanded
         law = put_back(before, commanded.oldest)
         return law, forgotten(session.memory, law, T_measured, self._tools), commanded.anew()
@@ -247,7 +247,7 @@ class Regulator:
         *,
         gains: Gains,
     ) -> tuple[LawState, Adaptive | None, Guide | None]:
-        """Return the next state and memories of whichever law runs."""
+        """Return the next states of the active law."""
         plain, pi = self._tools.plain, pi_gains(gains)
         if (guide := session.guide) is not None:
             law, guide = guiding.advance(
@@ -260,27 +260,27 @@ class Regulator:
         return law, memory, None
 
     def _sent(self, robot: RobotState | None) -> pin.SE3 | None:
-        """Return the pose of the TCP that left for the arm last, where the robot says it."""
+        """Return the TCP pose sent to the arm last, None if the robot does not report it."""
         if robot is None or robot.sent is None:
             return None
         return pose_of(robot.sent) * self._T_flange_tcp
 
     def _let_through(self, command: RobotCommand | None) -> pin.SE3 | None:
-        """Return where the arbiter commands the TCP: its ramps lag behind the law and overshoot."""
+        """Return the TCP pose that the arbiter commands; its limits may delay the law's."""
         if command is None or command.pose is None:
             return None
         return pose_of(command.pose) * self._T_flange_tcp
 
     @staticmethod
     def _motion(session: Session, law: LawState, T_measured: pin.SE3) -> Motion:
-        """Return what the arm has moved: a command in flight has changed no force yet."""
+        """Return the measured motion: a command in flight has changed no force yet."""
         return motion_between(session.T_measured or T_measured, T_measured, law.lever_m)
 
     def _approach_N(self, session: Session) -> float:
-        """Return the largest set point while contact is sought.
+        """Return the largest set point during the approach.
 
-        The controller knows no approach: until its tool touches it goes as fast as gain times set
-        point, also while no wrench comes. It shall be no faster than the law on the PC would be.
+        The controller has no approach speed: without contact it moves at gain times set point, also
+        while no wrench is received. This limits it to the approach speed of the law on the PC.
         """
         if session.wanted.host != "controller" or session.law.contact != "approach":
             return inf
@@ -304,7 +304,7 @@ class Regulator:
         )
 
     def _stop_unless_allowed(self, now_ns: int) -> None:
-        """End the session when the arbiter holds: nothing goes on by itself after a hold."""
+        """End the session when the arbiter holds: nothing resumes by itself after a hold."""
         if self._session is None:
             return
         status = self._arbiter.read(now_ns)
@@ -314,7 +314,7 @@ class Regulator:
         elif not arbiter.goes_on:
             self._end(f"the arbiter is {arbiter.state}")
         elif arbiter.lease != self._session.lease:  # held and armed again between two readings
-            self._end("the arm was armed anew")
+            self._end("the arm was armed again")
         elif who := mover(arbiter):
             self._end(f"the {who} commands the arm")
 
@@ -374,7 +374,7 @@ class Regulator:
         return self._started(wanted)
 
     def _law_of(self, wanted: ForceStartRequest) -> StartLaw:
-        """Return the law that runs: the plain one where the adaptive one was never measured."""
+        """Return the law that runs: the plain one outside the adaptive law's measured range."""
         law = wanted.law or self._cell.force.law
         return "plain" if law == "adaptive" and softest_N_m(self._cell) is None else law
 
@@ -399,7 +399,7 @@ class Regulator:
         robot: RobotState,
         running: Adaptive | None,
     ) -> Adaptive | None:
-        """Return what the adaptive law begins with, None for the plain law."""
+        """Return the initial state of the adaptive law, None for the plain law."""
         if self._law_of(wanted) != "adaptive":
             return None
         if running is not None:

@@ -1,4 +1,4 @@
-"""One session of force feedback: what is wanted, what is remembered, what ends it. Pure."""
+"""Session of force feedback: its request, its state and its failure. Pure."""
 
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
@@ -18,11 +18,11 @@ from services.regulator.link_lag import Commanded
 from services.regulator.tcp_path import Route, go, left_m, routed
 from services.regulator.unverified_axes import Motion
 
-MOVERS = ("operator", "program")  # while one of them moves the arm, nothing is proposed
+MOVERS = ("operator", "program")  # commanders that suspend the regulator
 
 
 class Failure(NamedTuple):
-    """Why the regulator gave up, as a code of forcemesh/faults.py and in words."""
+    """Cause of a latched failure: a code of forcemesh/faults.py and a text."""
 
     code: str
     text: str
@@ -39,39 +39,39 @@ class Session:
     lease: int  # under which it was started
     watch: Watch
     gains: Gains  # ramped
-    memory: Adaptive | None = None  # of the adaptive law, if that one runs
-    guide: Guide | None = None  # of hand guiding, if that runs
-    route: Route | None = None  # across the tool's axis, if there is one
-    sent: Gains | None = None  # to the controller, from the stiffness that is met
+    memory: Adaptive | None = None  # state of the adaptive law, if it runs
+    guide: Guide | None = None  # state of hand guiding, if it runs
+    route: Route | None = None  # path across the tool's axis, if there is one
+    sent: Gains | None = None  # gains sent to the controller, from the estimated stiffness
     report: tuple[int, int] | None = None  # the robot's last one: epoch and number
     T_measured: pin.SE3 | None = None  # of the TCP, at the last sample
-    commanded: Commanded | None = None  # of late, where the PC commands the arm
-    failure: Failure | None = None  # latched: an input failed, or a guard gave up
+    commanded: Commanded | None = None  # recent commands, with the PC as host
+    failure: Failure | None = None  # latched: an input failed, or a monitor tripped
 
 
 def first_setpoint_N(force_N: Array, T_base_tcp: pin.SE3, wanted_N: float) -> float:
-    """Return the set point to begin with: so much of what is wanted as is felt already.
+    """Return the initial value of the set-point ramp: the measured press, at most the target.
 
-    An arm that presses does not let go first, and a release does not wait for a ramp.
+    An arm that already presses does not release first, and a release does not wait for a ramp.
 
     Args:
         force_N: Force of the environment on the tool, base axes, shape (3,) [N].
         T_base_tcp: Measured pose of the TCP in base.
-        wanted_N: Press along the tool's z axis that is wanted [N].
+        wanted_N: Target press along the tool's z axis [N].
     """
     felt_N = -float(np.dot(force_N, T_base_tcp.rotation[:, 2]))
     return min(max(felt_N, 0.0), wanted_N)
 
 
 def in_words(wanted: ForceStartRequest, law: StartLaw) -> str:
-    """Say what has been started, with all that a request may leave to the cell file."""
+    """Return a text of what was started, including defaults from the cell file."""
     preset = f" {wanted.preset}" if wanted.preset else ""
     host = "the PC" if wanted.host == "pc" else "the controller"
     return f"{wanted.mode}, set point {wanted.setpoint_N:g} N, law {law}{preset}, on {host}"
 
 
 def mover(arbiter: ArbiterStatus) -> str:
-    """Return who moves the arm, or is about to; empty when nobody but the regulator may."""
+    """Return the commander that moves the arm or is next, empty if only the regulator may."""
     both = (arbiter.commander, arbiter.next_commander)
     return next((who for who in both if who in MOVERS), "")
 
@@ -85,7 +85,7 @@ def seen_by(
     motion: Motion,
     limited: Flags,
 ) -> Seen:
-    """Return what the guards watch of one sample; no contact is sought in mode orientation."""
+    """Return the monitors' view of one sample; mode orientation has no approach."""
     error_N = _free(law.error_force_N, sample, 0)
     error_Nm = _free(law.error_torque_Nm, sample, 3)
     moves, turns = sample.mode != "orientation", sample.mode != "position"
@@ -106,7 +106,7 @@ def seen_by(
 
 
 def _free(error: Array | None, sample: LawInput, first: int) -> Array:
-    """Return what of an error lies along axes that may move: the others' is none of the loop's."""
+    """Return the part of an error along the free axes, the only ones that the loop controls."""
     if error is None:
         return np.zeros(3)
     R = np.eye(3) if sample.R_base_task is None else sample.R_base_task
@@ -114,12 +114,12 @@ def _free(error: Array | None, sample: LawInput, first: int) -> Array:
 
 
 def failure_of(reading: Reading[Any]) -> Failure | None:
-    """Return why an input cannot be used, if it cannot."""
+    """Return the failure of an input, None while it is usable."""
     return Failure(reading.code, reading.fault) if reading.fault else None
 
 
 def next_route(session: Session, wanted: PathRequest) -> Route:
-    """Return the way that a session goes from now on."""
+    """Return the path that a session follows from now on."""
     ahead = session.route if wanted.append else None
     route = routed(
         ahead,
@@ -134,9 +134,9 @@ def next_route(session: Session, wanted: PathRequest) -> Route:
 def along(
     before: LawState, law: LawState, route: Route | None, *, dt_s: float, speed_max_m_s: float
 ) -> tuple[LawState, Route | None]:
-    """Return the state with one period of the way, and what is left of that.
+    """Return the state after one period of path motion, and the rest of the path.
 
-    Force and way together are no faster than the regulator's limit.
+    Force control and path together keep the regulator's speed limit.
     """
     if route is None:
         return law, None
@@ -155,7 +155,7 @@ def along(
 
 
 def way_left(session: Session) -> float | None:
-    """Return how far it is to the last point [m], None without any."""
+    """Return the path length to the last point [m], None without a path."""
     if session.route is None:
         return None
     T = session.law.T_base_tcp

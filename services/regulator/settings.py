@@ -1,4 +1,4 @@
-"""What the law and its guards are told, from the cell file and from requests. Pure."""
+"""Settings and gains of the law, from the cell file and from requests. Pure."""
 
 import numpy as np
 
@@ -8,14 +8,14 @@ from forcemesh.requests import GainsRequest
 from services.regulator.law import LawSettings, PiGains
 from tuning.gain_rule import tune
 
-PROBE_N = 5.0  # the first touch shows whether the signs are right: it must stay gentle
-INERTIA_SHARE = 0.1  # of the touch force, at most, comes from speeding the tool up
+PROBE_N = 5.0  # overshoot of the first touch, which verifies the signs and must stay gentle
+INERTIA_SHARE = 0.1  # largest inertial force of the approach, relative to the touch force
 
 
 def law_settings(cell: Cell) -> LawSettings:
-    """Return the law's settings; the approach is as slow as its force budget asks for.
+    """Return the law's settings; the approach speed follows from its force budget.
 
-    The first touch adds about k v tau before the loop answers.
+    The first touch adds about k v tau before the loop reacts.
     """
     force = cell.force
     probe_m_s = PROBE_N / (cell.contact.stiffness_N_m * cell.loop_delay_s)
@@ -31,7 +31,7 @@ def law_settings(cell: Cell) -> LawSettings:
 
 
 def pi_gains(gains: Gains) -> PiGains:
-    """Return gains as arrays."""
+    """Convert gains to arrays."""
     return PiGains(
         np.array(gains.force_p_m_per_N),
         np.array(gains.force_i_m_per_Ns),
@@ -41,7 +41,7 @@ def pi_gains(gains: Gains) -> PiGains:
 
 
 def merged_gains(gains: Gains, change: GainsRequest, cell: Cell) -> Gains:
-    """Return the gains with what the request names replaced, a preset before single ones."""
+    """Return the gains after a request: its preset first, then its single gains."""
     if change.preset is not None:
         gains = tune(cell, change.preset).gains
     return gains.model_copy(update=change.model_dump(exclude_none=True, exclude={"preset"}))

@@ -1,13 +1,14 @@
-"""How stiff is what the tool touches, along three axes: an upper bound that follows the data. Pure.
+"""Contact stiffness estimator along three axes: an upper confidence bound. Pure.
 
-The slope of force over way is estimated by least squares that forget, and
+Recursive least squares with exponential forgetting fits the slope of force over travel. The
+estimate is the bound
 
     k = 1.08 slope + 3.5 sigma(slope)
 
-is believed: too stiff is slow, too soft overshoots. It begins with the stiffest contact that the
-cell allows for, comes down as fast as the data permit, and is kept while they say nothing new. It
-rises only where 1.08 slope is above it: a bound that is above for want of data says nothing, and
-would drive it up while the tool stands nearly still.
+because an estimate too stiff is slow and one too soft overshoots. It starts at the stiffest contact
+of the cell, falls as fast as the data permit, and is kept without excitation. It rises only while
+1.08 slope is above it: a bound that is high for lack of data carries no information, and would
+drive the estimate up while the tool is nearly at rest.
 """
 
 from dataclasses import dataclass, replace
@@ -22,28 +23,28 @@ Flags = npt.NDArray[np.bool_]
 
 SLOPE_MARGIN = 1.08
 SIGMAS = 3.5
-SURE = 0.3  # 3.5 sigma below this part of the slope: it may raise the estimate as well
-EXPLAINED = 0.9  # of the force by the way: the way is the tool's own, whatever else moves
-DOWN_S = 0.002  # of approaching a lower bound
+SURE = 0.3  # 3.5 sigma below this share of the slope: the fit may raise the estimate as well
+EXPLAINED = 0.9  # share of the force's variance explained by travel: the tool's own motion
+DOWN_S = 0.002  # time constant towards a lower bound
 UP_S = 0.002
-FEW = 5.0  # weighted samples below which nothing is concluded
-FITTED = 2.0  # of them are used up by the line's two numbers: a slow loop has few to spare
+FEW = 5.0  # least weighted number of samples
+FITTED = 2.0  # degrees of freedom of the fitted line
 
 
 @dataclass(frozen=True, slots=True)
 class StiffnessSettings:
-    """What bounds the estimate."""
+    """Bounds, memory and noise of the estimator."""
 
     stiffest: float  # N/m or N m/rad
     softest: float
     memory_s: float
     noise: float  # standard deviation of one filtered reading, N or N m
-    way: float  # smaller movements tell nothing: standard deviation over the memory, m or rad
+    way: float  # least excitation: standard deviation of travel over the memory, m or rad
 
 
 @dataclass(frozen=True, slots=True)
 class Stiffness:
-    """Weighted sums of the recent samples, and what is believed. Each of shape (3,)."""
+    """Weighted sums of the recent samples, and the estimate. Each of shape (3,)."""
 
     k: Array
     weight: float
@@ -52,16 +53,16 @@ class Stiffness:
     ways: Array  # centred sums of squares and products
     both: Array
     forces: Array
-    known: Flags  # whether the data have pinned it down, not only bounded it; of bool
+    known: Flags  # whether k is identified, not only bounded; of bool
 
 
 def stiffest(settings: StiffnessSettings) -> Stiffness:
-    """Return the state before anything was felt."""
+    """Return the initial state: the stiffest contact, not identified."""
     return replace(believing(np.full(3, settings.stiffest)), known=np.zeros(3, dtype=bool))
 
 
 def believing(k: Array) -> Stiffness:
-    """Return the state that starts from a stiffness that was met before. Shape (3,)."""
+    """Return the initial state from a stiffness identified before. Shape (3,)."""
     zero = np.zeros(3)
     return Stiffness(
         np.array(k, dtype=float), 0.0, zero, zero, zero, zero, zero, np.ones(3, dtype=bool)
@@ -77,16 +78,16 @@ def feel(
     settings: StiffnessSettings,
     may_soften: bool = True,
 ) -> Stiffness:
-    """Return the estimate after one more sample taken in contact.
+    """Return the estimate after one more sample in contact.
 
     Args:
         state: Estimate so far.
-        way: Where the tool is along each axis, filtered as the force is [m or rad]. Shape (3,).
+        way: Travel along each axis, filtered as the force is [m or rad]. Shape (3,).
         force: Of the environment on the tool along each axis [N or N m]. Shape (3,).
         dt_s: Time since the last sample.
         settings: Bounds.
-        may_soften: Whether the way is the law's own doing. Where the tool follows a surface that
-            moves, way without force says nothing about stiffness.
+        may_soften: Whether the law caused the travel. While a moving surface is tracked, travel
+            without force carries no stiffness information.
     """
     kept = exp(-dt_s / settings.memory_s)
     weight = kept * state.weight + 1.0

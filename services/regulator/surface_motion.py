@@ -1,7 +1,8 @@
-"""How what the tool presses on moves along the press axis: place, speed, acceleration. Pure.
+"""Surface motion observer along the press axis: position, speed, acceleration. Pure.
 
-An alpha-beta observer with both poles at 1/T sees a place. While a motion gets faster its speed is
-2 T late; the acceleration, the change of that speed through a low-pass, makes up for it.
+A critically damped alpha-beta filter with p = exp(-dt / T), alpha = 1 - p^2, beta = (1 - p)^2.
+Its speed lags by 2 T while the surface accelerates; the low-passed derivative of that speed
+compensates for the lag.
 """
 
 from dataclasses import dataclass
@@ -10,25 +11,25 @@ from math import exp
 
 @dataclass(frozen=True, slots=True)
 class Drift:
-    """Where the surface is and how it moves; None before the first look."""
+    """Position and motion of the surface; position None before the first sample."""
 
     place_m: float | None = None
     speed_m_s: float = 0.0
     accel_m_s2: float = 0.0
-    late_s: float = 0.0  # by which the speed is late
+    late_s: float = 0.0  # lag of the speed estimate
 
     def ahead_m(self, time_s: float, share: float) -> float:
-        """Return how far the surface goes from now in a time [s]; `share` of its acceleration."""
+        """Return the surface's travel in a time [s], with a share of its acceleration [m]."""
         gained_m_s = share * self.accel_m_s2 * (self.late_s + 0.5 * time_s)
         return (self.speed_m_s + gained_m_s) * time_s
 
     def speed_in_m_s(self, time_s: float, share: float) -> float:
-        """Return the speed that it will have in a time [s]; `share` of its acceleration."""
+        """Return the surface's speed after a time [s], with a share of its acceleration [m/s]."""
         return self.speed_m_s + share * self.accel_m_s2 * (self.late_s + time_s)
 
 
 def look(drift: Drift, seen_m: float, dt_s: float, time_s: float) -> Drift:
-    """Return how the surface moves after it was seen at `seen_m`; T is `time_s`."""
+    """Return the estimate updated by a measured position `seen_m`; T is `time_s`."""
     if drift.place_m is None:
         return Drift(seen_m, late_s=2.0 * time_s)
     pole = exp(-dt_s / time_s)

@@ -1,8 +1,11 @@
-"""How the surface is followed along the press axis, once the force was near its set point. Pure.
+"""Surface tracking: feed-forward of the surface's motion along the press axis. Pure.
 
-Where the surface is tells the force: seen = x_felt - F / k, with F what it pushes back with, less
-what the tool's own inertia makes of it: on a soft contact that is the larger part of a swing. A k
-that is too high makes own motion look like a part of the surface's.
+It starts once the force has been near its set point. The surface position follows from the force,
+
+    x_surface = x_felt - F / k
+
+with F the contact force without the tool's inertial force, which on a soft contact is the larger
+part of an oscillation. If k is too high, part of the tool's own motion is taken for the surface's.
 """
 
 from dataclasses import dataclass
@@ -12,10 +15,10 @@ from services.regulator import surface_motion as surface
 from services.regulator.law import LawInput
 from services.regulator.surface_motion import Drift
 
-NEAR_N = 2.0  # of the set point: from here on the surface is followed
+NEAR_N = 2.0  # force error at which surface tracking starts
 FADE_S = 0.05
 DRIFT_TAUS, DRIFT_LEAST_S, DRIFT_NOISE_N = 0.7, 0.025, 0.2
-CALM_N, CALM_UP_S, CALM_DOWN_S = 3.0, 0.3, 0.01  # the surface's acceleration is believed
+CALM_N, CALM_UP_S, CALM_DOWN_S = 3.0, 0.3, 0.01  # use of the surface's acceleration
 TRIM_TAUS, TRIM_SHARE, TRIM_LEAST_M_S = 8.0, 0.25, 1e-4
 
 NO_DRIFT = Drift()
@@ -23,13 +26,13 @@ NO_DRIFT = Drift()
 
 @dataclass(frozen=True, slots=True)
 class Follow:
-    """What is remembered."""
+    """State of surface tracking."""
 
-    near: bool = False  # has been near the set point since it changed or contact was lost
+    near: bool = False  # near the set point since it changed or contact was lost: tracking
     drift: Drift = NO_DRIFT
     share: float = 0.0  # of the drift that is fed forward
-    calm: float = 0.0  # share of its acceleration
-    trim_m_s: float = 0.0  # what the model has left over
+    calm: float = 0.0  # share of its acceleration that is used
+    trim_m_s: float = 0.0  # integral correction of the model's remaining error
     setpoint_N: float = 0.0
 
 
@@ -38,24 +41,24 @@ NOT_FOLLOWED = Follow()
 
 @dataclass(frozen=True, slots=True)
 class Felt:
-    """What is known along the press axis."""
+    """Quantities along the press axis that surface tracking needs."""
 
     axis: Array  # in base. Shape (3,)
     k_N_m: float
-    is_known: bool  # whether the data have pinned it down
-    way_m: float  # of the command that the filtered force belongs to
-    coming_m: float  # of what was commanded since
-    own_N: float  # of the tool's own inertia, which the sensor takes for a push
+    is_known: bool  # whether k is identified, not only bounded
+    way_m: float  # commanded travel that the filtered force belongs to
+    coming_m: float  # commanded travel still in flight
+    own_N: float  # inertial force of the tool in the sensor's reading
     touches: bool
 
 
 def followed(before: Follow, felt: Felt, sample: LawInput, *, Ki: float, tau_s: float) -> Follow:
-    """Return how the surface is followed after this sample.
+    """Return the state of surface tracking after this sample.
 
     Args:
-        before: What is remembered.
-        felt: Along the press axis.
-        sample: One wrench and what is wanted.
+        before: State so far.
+        felt: Quantities along the press axis.
+        sample: Wrench and targets of this period.
         Ki: Integral gain along the press axis [m/(N s)].
         tau_s: The loop's delay.
     """
@@ -80,6 +83,6 @@ def followed(before: Follow, felt: Felt, sample: LawInput, *, Ki: float, tau_s: 
 
 
 def worth(speed_m_s: float, k_tau: float) -> float:
-    """Return how much of a speed is more than noise: a still surface shall stay still."""
+    """Return the weight of a speed against noise, 0 to 1: a surface at rest is not tracked."""
     height_N = (k_tau * speed_m_s) ** 2
     return height_N / (height_N + DRIFT_NOISE_N**2)

@@ -1,7 +1,8 @@
-"""A way across the tool's axis, gone while force feedback works along it. Pure.
+"""TCP path across the tool's axis, followed while force feedback acts along it. Pure.
 
-Points of the TCP are gone to one after the other at a speed that rises and falls gently; what of a
-point lies along the tool's axis does not count, because there the force has the say.
+Hybrid force/motion control: the points of the TCP are approached one after the other with a
+trapezoidal speed profile. The part of a point along the tool's axis is ignored, because force
+control decides there.
 """
 
 from dataclasses import dataclass, replace
@@ -12,21 +13,21 @@ import numpy as np
 
 from common.motion.frames import Array
 
-MOST_POINTS = 600  # ahead at once
-SHARP = 0.9  # cosine of a turn that is not gone round without a stop
+MOST_POINTS = 600  # pending at once
+SHARP = 0.9  # cosine of the corner angle from which the path stops at a point
 THERE_M = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
 class Route:
-    """What is still ahead, and how fast it is gone."""
+    """Pending points of a path and its speed."""
 
     points: tuple[Array, ...]  # base axes, each of shape (3,)
-    beyond_m: tuple[float, ...]  # way left from each point to the last one
+    beyond_m: tuple[float, ...]  # path length from each point to the last one
     stops_m: tuple[float, ...]  # from each point to the next sharp corner, or to the last one
     speed_m_s: float
     accel_m_s2: float
-    in_contact: bool  # stand still while nothing is touched
+    in_contact: bool  # stand still without contact
     now_m_s: float = 0.0
 
 
@@ -38,7 +39,7 @@ def routed(
     accel_m_s2: float,
     in_contact: bool,
 ) -> Route:
-    """Return the route along points, behind those of `before` if there is one."""
+    """Return the path along points, appended to those of `before` if there is one."""
     ahead = (() if before is None else before.points) + points
     beyond_m, stops_m = [0.0], [0.0]
     after: Array | None = None
@@ -62,7 +63,7 @@ def routed(
 
 
 def left_m(route: Route, p: Array, axis: Array) -> float:
-    """Return how far it is from `p` to the last point [m], across the axis at first."""
+    """Return the path length from `p` to the last point [m], its first part across the axis."""
     if not route.points:
         return 0.0
     return float(np.linalg.norm(across(route.points[0] - p, axis))) + route.beyond_m[0]
@@ -71,15 +72,15 @@ def left_m(route: Route, p: Array, axis: Array) -> float:
 def go(
     route: Route, p: Array, axis: Array, *, dt_s: float, pushed_m: Array, most_m: float
 ) -> tuple[Route, Array]:
-    """Return the route after one period, and the motion across the axis in it [m]. Shape (3,).
+    """Return the path after one period, and the motion across the axis in it [m]. Shape (3,).
 
     Args:
-        route: What is ahead.
-        p: Where the TCP is commanded to be, base axes. Shape (3,).
-        axis: The tool's axis, of length one. Shape (3,).
+        route: The path so far.
+        p: Commanded position of the TCP, base axes. Shape (3,).
+        axis: The tool's axis, unit vector. Shape (3,).
         dt_s: Length of the period.
-        pushed_m: Motion that the force has caused in this period; both together stay within
-        most_m: the longest motion of a period.
+        pushed_m: Motion by force control in this period; the sum of both stays within most_m.
+        most_m: Longest motion of a period.
     """
     route = _reached(route, p, axis)
     if not route.points:
@@ -90,7 +91,7 @@ def go(
     stops_m_s = sqrt(2.0 * route.accel_m_s2 * stop_m)
     faster_m_s = route.now_m_s + route.accel_m_s2 * dt_s
     speed_m_s = min(route.speed_m_s, stops_m_s, faster_m_s)
-    direction = aim / length_m  # a point that is as near as THERE_M has been reached
+    direction = aim / length_m  # not zero: points within THERE_M have been removed
     along_m = float(pushed_m @ direction)
     room_m = sqrt(max(0.0, most_m**2 - float(pushed_m @ pushed_m) + along_m**2)) - along_m
     step_m = min(speed_m_s * dt_s, length_m, max(0.0, room_m))
@@ -98,12 +99,12 @@ def go(
 
 
 def across(way: Array, axis: Array) -> Array:
-    """Return what of a way lies across an axis of length one. Shapes (3,)."""
+    """Return the component of a vector across a unit axis. Shapes (3,)."""
     return way - (way @ axis) * axis
 
 
 def _reached(route: Route, p: Array, axis: Array) -> Route:
-    """Leave out the points that have been reached."""
+    """Return the path without the points that have been reached."""
     at = 0
     while at < len(route.points) and np.linalg.norm(across(route.points[at] - p, axis)) < THERE_M:
         at += 1
@@ -114,7 +115,7 @@ def _reached(route: Route, p: Array, axis: Array) -> Route:
 
 
 def _goes_on(route: Route, aim: Array) -> bool:
-    """Tell whether the way goes on behind the next point without a sharp corner there."""
+    """Return whether the path continues beyond the next point without a sharp corner."""
     if len(route.points) < 2:
         return False
     way = route.points[1] - route.points[0]

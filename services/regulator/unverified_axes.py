@@ -1,15 +1,13 @@
-"""How far the tool may give way while nothing has shown that the sensor's axes are right. Pure.
+"""Travel limit of force control along sensor axes that are not verified. Pure.
 
-A sensor with a wrong sign or axis moves the tool along a force that is not there, and the true one
-does not fall for it. A hand that leads the tool looks the same, so the readings alone cannot tell
-the two apart. Along each axis of the tool whose sign nothing has proved, the tool therefore gives
-way by
+A sensor with a wrong sign or axis moves the tool along a force that does not exist, and the actual
+force does not fall. A hand that guides the tool produces the same readings, so they cannot
+distinguish the two. Along the unverified axes of the tool together, the travel is therefore at most
 
     LIMIT_M + (F_most - F) / SOFTEST_N_M
 
-at most, all such axes together: a contact that is released pays for its travel with force, a wrong
-axis does not. The axes are proved by `forcemesh check axes`, the one along the tool by a touch from
-free space too.
+The force of a released contact falls with the travel, that of a wrong axis does not. The axes are
+verified by `forcemesh check axes`, the one along the tool also by a touch from free space.
 """
 
 from dataclasses import dataclass, field
@@ -23,51 +21,51 @@ from common.motion.frames import Array, cross, length, rotation_between
 from forcemesh.faults import tripped
 from forcemesh.messages import Trip, WrenchAtTcp
 
-LIMIT_M = 0.002  # what is paid for by chance and braking come on top: 5 mm in all
+LIMIT_M = 0.002  # a force that falls by chance and braking add to it: 5 mm in all
 LIMIT_RAD = 0.1
 SOFTEST_N_M = 1000.0  # contact whose release is still recognised as one
-IDLE_BANDS = 1.5  # of the deadband: below it nothing moves the tool, and its travel is forgotten
+IDLE_BANDS = 1.5  # of the deadband: below it the tool is idle and its travel is reset
 AXES = "xyz"
-TARED = ", tared"  # what a wrench adds to the name of its calibration
+TARED = ", tared"  # suffix of a calibration's name after a tare
 
 
 @dataclass(frozen=True, slots=True)
 class Proof:
-    """What has shown that axes and signs of the sensor are right."""
+    """Verification of the sensor's axes and signs so far."""
 
     checked: bool = False  # `forcemesh check axes` passed with the calibration in use
-    touched: str = ""  # calibration with which a touch from free space pushed back along the tool
+    touched: str = ""  # calibration verified along the tool by a touch from free space
 
     def limited(self, wrench_calibration: str, *, turns: bool) -> "npt.NDArray[np.bool_]":
         """Return along which axes of the tool the travel is limited. Shape (3,).
 
-        A wrong torque turns the tool into what it touches, and the force then pushes it back along
-        every axis: while the tool may turn, a touch alone exempts none.
+        A wrong torque turns the tool into its contact, and the force then pushes it back along
+        every axis: while the tool may turn, a touch alone exempts no axis.
         """
         z_is_proved = self.touched == origin(wrench_calibration) and not turns
         return np.array([True, True, not z_is_proved]) & (not self.checked)
 
 
 def origin(calibration: str) -> str:
-    """Return a calibration's name without its tare: that changes no axis."""
+    """Return a calibration's name without its tare, which changes no axis."""
     return calibration.removesuffix(TARED)
 
 
 def checked_by(proof: Proof, wrench: WrenchAtTcp) -> Proof:
-    """Return the proof that holds for this wrench."""
+    """Return the verification that applies to this wrench."""
     return Proof(wrench.axes_checked, proof.touched)
 
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """What force feedback has moved in one period, base axes."""
+    """Motion of one period, base axes."""
 
-    moved_m: Array  # of the point of contact. Shape (3,)
+    moved_m: Array  # of the contact point. Shape (3,)
     turned_rad: Array  # shape (3,)
 
 
 def motion_between(T_from: pin.SE3, T_to: pin.SE3, lever_m: Array | None) -> Motion:
-    """Return the motion of the point of contact, which a turn about the TCP moves as well."""
+    """Return the motion of the contact point, including that of a rotation about the TCP."""
     turned_rad = rotation_between(T_from.rotation, T_to.rotation)
     moved_m = T_to.translation - T_from.translation
     if lever_m is not None:
@@ -77,24 +75,24 @@ def motion_between(T_from: pin.SE3, T_to: pin.SE3, lever_m: Array | None) -> Mot
 
 @dataclass(frozen=True, slots=True)
 class YieldSettings:
-    """Below what the tool rests."""
+    """Force and torque below which the tool is idle."""
 
     idle_N: float
     idle_Nm: float
 
     @classmethod
     def of(cls, cell: Cell) -> "YieldSettings":
-        """Take them out of a cell file."""
+        """Return the settings of a cell."""
         return cls(IDLE_BANDS * cell.force.deadband_N, IDLE_BANDS * cell.force.deadband_Nm)
 
 
 @dataclass(frozen=True, slots=True)
 class Yielding:
-    """Travel that the tool has given way since it was idle; along the tool's axes, shape (3,)."""
+    """Travel along the force since the tool was idle; along the tool's axes, shape (3,)."""
 
     way_m: Array = field(default_factory=lambda: np.zeros(3))
     most_N: Array = field(default_factory=lambda: np.zeros(3))
-    turn_rad: float = 0.0  # about the force, or about anything while there is none
+    turn_rad: float = 0.0  # about the force, or about any axis while there is no force
 
 
 def update(
@@ -111,7 +109,7 @@ def update(
 
     Args:
         before: Travel so far.
-        motion: What force feedback moved.
+        motion: Motion of this period.
         R_base_tcp: Orientation of the tool, shape (3, 3).
         force_N: Of the environment on the tool, base axes, shape (3,).
         torque_Nm: About the TCP, base axes, shape (3,).
@@ -143,7 +141,7 @@ def trip_of(
     now: Yielding, force_tool_N: Array, limited: "npt.NDArray[np.bool_]", *, turns: bool
 ) -> Trip | None:
     """Return why force feedback must end, if it must; `force_tool_N` in tool axes, shape (3,)."""
-    too_far = length(now.way_m * limited) > LIMIT_M  # unless it was paid for
+    too_far = length(now.way_m * limited) > LIMIT_M  # before the travel that the force allows
     too_turned = turns and now.turn_rad > LIMIT_RAD and limited.any()
     if not too_far and not too_turned:
         return None
@@ -151,30 +149,30 @@ def trip_of(
     unpaid_m = np.where(limited, np.maximum(now.way_m - paid_m, 0.0), 0.0)
     gone_m, at = length(unpaid_m), int(np.argmax(unpaid_m))
     rest = (
-        "and nothing has shown yet that the sensor's axes and signs are right: run `forcemesh "
+        "and the sensor's axes and signs are not verified: run `forcemesh "
         "check axes`, once for each calibration"
     )
     if gone_m > LIMIT_M:
         text = (
-            f"the tool gave way by {gone_m * 1e3:.1f} mm, mainly along its {AXES[at]} axis, the "
+            f"the tool yielded by {gone_m * 1e3:.1f} mm, mainly along its {AXES[at]} axis, the "
             f"force did not fall, {rest}"
         )
         return tripped("sensor_sign", text, value=gone_m, limit=LIMIT_M)
     if too_turned:
-        text = f"the tool gave way to a torque by {np.degrees(now.turn_rad):.1f} degrees, {rest}"
+        text = f"the tool yielded to a torque by {np.degrees(now.turn_rad):.1f} degrees, {rest}"
         return tripped("sensor_sign", text, value=now.turn_rad, limit=LIMIT_RAD)
     return None
 
 
 def _fallen_N(now: Yielding, size_N: Array, limited: "npt.NDArray[np.bool_]") -> Array:
-    """Return by how much giving way has made the force fall along each axis [N]. Shape (3,).
+    """Return by how much yielding has reduced the force along each axis [N]. Shape (3,).
 
-    A contact that is let go falls as a whole. Where axes are swapped, the force along one may fall
-    by chance while it grows along the others: it pays for no more than all of it together does.
+    The force of a released contact falls as a whole. With swapped axes, the force along one axis
+    may fall by chance while it grows along the others, so the fall of the whole is the limit.
 
     Args:
         now: Travel so far.
-        size_N: Force along the tool's axes, without its sign. Shape (3,).
+        size_N: Magnitude of the force along the tool's axes. Shape (3,).
         limited: Axes whose travel is limited. Shape (3,).
     """
     gives_way = limited & (now.way_m > 0.0)

@@ -124,7 +124,7 @@ def test_an_arm_without_a_wrench_backs_off_by_5_mm_after_a_second_question(
         assert abs(1e3 * ready.state().position_m[2] - z_mm) < 0.1
         page.picture("panel-back-off")
         page.click("Go 5 mm back")
-        page.until_said("went its whole way: 5.0 mm")
+        page.until_said("full travel used: 5.0 mm")
     finally:
         os.kill(wrench.pid, signal.SIGCONT)
     assert abs(1e3 * ready.state().position_m[2] - z_mm - 5.0) < 0.5

@@ -197,7 +197,7 @@ def test_a_line_on_which_a_hold_would_be_late_is_given_up(bytes_per_s: int) -> N
     # Where less than a packet comes in its time the controller's own watchdog may be first.
     is_mute = PACKET_CHARS / bytes_per_s > watchdog_s
     assert cell.rig.state.hold_code in {"link_slow", "robot_link" if is_mute else "link_slow"}
-    reasons = {"link_slow": "on its way", "robot_link": "closed by the controller"}
+    reasons = {"link_slow": "in transit", "robot_link": "closed by the controller"}
     assert reasons[cell.rig.state.hold_code] in cell.rig.state.hold_reason
     assert PACKET_CHARS * 2 / bytes_per_s > watchdog_s, "this line would have been quick enough"
     cell.rig.advance(2.0)

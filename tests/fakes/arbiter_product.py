@@ -60,7 +60,7 @@ START = record_of(T_START)
 OUTSIDE = record_of(pin.SE3(T_START.rotation, np.array([5.0, 0.5, 0.35])))
 MOTIONS = ("goal", "setpoint", "feedback")
 NO_GOAL, NO_COMMAND, NO_STATUS = GoalReport(), RobotCommand(), ArbiterStatus()
-UNREST = tripped("moving", "the arm rests for 0.00 s")
+UNREST = tripped("moving", "the arm has been at rest for 0.00 s")
 NEVER: Reading[RobotCommand] = Reading(
     None, None, float("inf"), "robot/command missing", silent=True, code="missing"
 )

@@ -95,13 +95,16 @@ def robot(said: m.RobotState) -> Said:
     """Where the arm is, what it was sent, and why it holds."""
     numbers = {"joints": [*(said.joint_rad or (0.0,) * 6)]} | _pose("sent", said.sent)
     numbers["flange"] = [*said.position_m, *said.orientation_xyzw]
-    status = said.status
-    bits = () if status.kawasaki is None else tuple(status.kawasaki.model_dump().values())
-    faults = tuple(fault.code for fault in status.faults)
-    flags = (status.ready, status.moving, status.held, status.feedback, faults, bits)
+    status, own = said.status, said.status.kawasaki or m.KawasakiStatus()
+    ready = status.kawasaki is None and status.ready
+    bits = [ready or bit for bit in (own.motor_power, own.repeat_mode, own.teach_lock_off)]
+    bits += [ready or own.program_running, status.moving]
+    bits += [status.feedback in (mode, "both") for mode in ("position", "orientation")]
+    bits += [status.held, own.watchdog_latched, own.target_refused, own.error]
+    flags = "".join(str(int(bit)) for bit in bits)
     taken = None if said.accepted is None else said.accepted.ownership
     goal = (said.goal.id, said.goal.state)
-    return Said(numbers, (flags, goal, said.hold_code, taken, said.link.connected))
+    return Said(numbers, (flags, own.error_code, goal, said.hold_code, taken, said.link.connected))
 
 
 def _pose(name: str, pose: m.PoseRecord | None) -> dict[str, Row]:

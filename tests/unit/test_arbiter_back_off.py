@@ -203,7 +203,7 @@ def test_a_whole_way_that_did_not_free_the_arm_says_so() -> None:
             step(world, command)
             spring(world, 800.0, 75.0)
         assert codes(world) == ["still_loaded"], again
-        assert "whole way" in world.core.status().trips[0].text
+        assert "full travel used" in world.core.status().trips[0].text
         world.pass_s(1.1)
 
 

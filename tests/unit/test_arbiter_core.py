@@ -70,7 +70,7 @@ def test_arming_needs_a_second_of_good_inputs() -> None:
     world.pass_s(0.9)
     reply = world.core.arm(world.inputs())
     assert (reply.accepted, reply.code) == (False, "not_ready")
-    assert "inputs are good for 0.9 s" in reply.text
+    assert "inputs have been good for 0.9 s" in reply.text
 
     world.silent.add("sensor")
     world.tick()
@@ -220,7 +220,7 @@ def test_another_writer_in_motion_is_a_fault(name: str) -> None:
     command = world.tick()
     assert world.core.state == "FAULT"
     assert command.permission is None
-    assert "another process" in world.core.status().trips[0].text
+    assert "has changed since arming" in world.core.status().trips[0].text
     assert world.core.clear(world.inputs()).accepted
     assert world.core.arm(world.inputs()).accepted
     assert world.tick(10).permission is not None

@@ -69,7 +69,7 @@ def test_an_arm_whose_controller_says_that_it_moves_is_not_armed() -> None:
     world.change("robot", status=FIT.model_copy(update={"moving": True}))
     world.pass_s(1.0)
     assert refused_with(world) == ("moving", False)
-    assert any("rests" in line for line in world.core.status().not_ready)
+    assert any("at rest" in line for line in world.core.status().not_ready)
 
 
 def test_noise_of_the_pose_is_rest() -> None:

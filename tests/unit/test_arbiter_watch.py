@@ -100,7 +100,7 @@ def test_an_arbiter_that_stood_still_for_more_than_a_second_blames_itself(
     world.inputs()
     at(world, gap_s)
     faults = world.inputs().watched.faults
-    assert any("itself stood still for 1.0 s" in trip.text for trip in faults) == told
+    assert any("itself stalled for 1.0 s" in trip.text for trip in faults) == told
 
 
 # --- what is left in free space -------------------------------------------------------------------

@@ -86,8 +86,8 @@ def test_it_cannot_be_commanded_before_the_program_has_its_limits() -> None:
     talk = Talk().greet()
     hello = Packet(ID_FIRST, Com.POSE, pack_status(1, FIT), (0, 20_000, 15_000, 0, 0, 0))
     for at_ms, trouble, fault in (
-        (0, "the controller is being told its limits", ""),
-        (999, "the controller is being told its limits", ""),
+        (0, "the controller is receiving its limits", ""),
+        (999, "the controller is receiving its limits", ""),
         (1001, "", "robot_program"),
     ):
         talk.now_ns = at_ms * MS

@@ -194,7 +194,7 @@ def test_packets_that_nobody_takes_end_the_connection(peer: Peer) -> None:
         return bool(driver.lost)
 
     driver.until(send_and_look)
-    assert "not taken for" in driver.lost[0]
+    assert "not acknowledged for" in driver.lost[0]
     client.close()
 
 

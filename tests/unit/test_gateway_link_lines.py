@@ -121,7 +121,7 @@ def test_a_connection_to_itself_is_no_controller(line: Line) -> None:
     """TCP allows it where nobody listens; our own packets would come back as its reports."""
     line.prepare = lambda sock: setattr(sock, "own_name", THERE)
     assert line.poll() == News()
-    assert line.link.last_fault == NAME + "nobody listens there"
+    assert line.link.last_fault == NAME + "no server listens there"
     assert not line.send()
 
 
@@ -253,7 +253,7 @@ def test_packets_that_are_not_taken_end_the_connection_after_their_time(line: Li
     sock = stalled(line, packets=2)
     limit_ms = 1e3 * SETTINGS.stalled_after_s
     assert line.poll(limit_ms).lost == ""
-    assert line.poll(1.0).lost == f"{NAME}{2 * PACKET_CHARS} bytes not taken for 201 ms"
+    assert line.poll(1.0).lost == f"{NAME}{2 * PACKET_CHARS} bytes not acknowledged for 201 ms"
     assert sock.closed
 
 
@@ -270,7 +270,7 @@ def test_what_the_kernel_has_no_room_for_counts_as_not_taken(line: Line) -> None
     assert line.send()
     assert line.send()
     lost = line.poll(1e3 * SETTINGS.stalled_after_s + 1.0).lost
-    assert f"{2 * PACKET_CHARS} bytes not taken" in lost
+    assert f"{2 * PACKET_CHARS} bytes not acknowledged" in lost
 
 
 def test_a_peer_that_takes_in_turns_is_never_called_stalled(line: Line) -> None:
@@ -309,7 +309,7 @@ def test_where_the_kernel_cannot_say_what_is_on_its_way_the_rest_is_still_watche
     sock.room = 0
     for _ in range(2):
         assert line.send()
-    assert "bytes not taken" in line.poll(1e3 * SETTINGS.stalled_after_s + 1.0).lost
+    assert "bytes not acknowledged" in line.poll(1e3 * SETTINGS.stalled_after_s + 1.0).lost
 
 
 # --- pauses ---------------------------------------------------------------------------------------

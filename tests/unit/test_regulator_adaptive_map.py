@@ -60,7 +60,7 @@ def test_a_start_outside_the_map_runs_the_plain_law_with_a_sentence() -> None:
 
 def test_a_start_inside_the_map_says_nothing_or_from_where_on_it_holds() -> None:
     """At full rate no word; in a slow loop with a late arm the softest contact."""
-    for cell, says in ((cell_at(250.0, 0.01), ""), (cell_at(40.0, 0.045), "from 5000 N/m on")):
+    for cell, says in ((cell_at(250.0, 0.01), ""), (cell_at(40.0, 0.045), "from 5000 N/m upwards")):
         bench = RegulatorBench(cell)
         bench.pass_s(0.3)
         reply = bench.start(ADAPTIVE)

@@ -43,7 +43,7 @@ def beside(x_m: float, z_m: float = 0.0) -> tuple[float, float, float]:
 @pytest.mark.parametrize(
     ("changes", "code", "words"),
     [
-        ({"law": "admittance"}, "host", "law guide"),
+        ({"law": "admittance"}, "host", "law admittance"),
         ({"axes": (True, True, True, True, True, False)}, "host", "axes"),
     ],
 )

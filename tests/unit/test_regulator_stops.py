@@ -118,7 +118,7 @@ def test_it_goes_on_while_the_arm_settles_for_it(bench: RegulatorBench) -> None:
         (ArbiterStatus(state="FAULT", lease=3), "the arbiter is FAULT"),
         (ArbiterStatus(state="IDLE", lease=3), "the arbiter is IDLE"),
         (ArbiterStatus(state="BOOT"), "the arbiter is BOOT"),
-        (ArbiterStatus(state="ARMED", lease=4), "armed anew"),
+        (ArbiterStatus(state="ARMED", lease=4), "armed again"),
         (ArbiterStatus(state="ACTIVE", commander="operator", lease=3), "the operator commands"),
         (
             ArbiterStatus(state="SETTLING", next_commander="program", lease=3),

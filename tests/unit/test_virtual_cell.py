@@ -78,7 +78,7 @@ def test_whoever_freezes_and_comes_back_sets_nothing_in_motion(role: str, motion
     lab.assert_still(1.2)
     assert lab.status.state in {"HOLDING", "FAULT"}
     assert lab.status.trips
-    assert (role == "arbiter") == any("itself stood still" in t.text for t in lab.status.trips)
+    assert (role == "arbiter") == any("itself stalled" in t.text for t in lab.status.trips)
     assert lab.state.hold_reason
 
     assert lab.ask(topics.CLEAR, Empty()).accepted

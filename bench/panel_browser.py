@@ -21,7 +21,7 @@ with sync_playwright() as playwright:
     page = browser.new_page()
     page.add_init_script(spare)
     page.goto(sys.argv[1])
-    page.get_by_text('What you ask for is answered here.').wait_for(timeout=120000)
+    page.get_by_text('Replies to requests appear here.').wait_for(timeout=120000)
     print('looks', flush=True)
     sys.stdin.readline()
     browser.close()

@@ -1,4 +1,4 @@
-"""What a calibration has recorded: dwells of single readings, and their file."""
+"""Recorded readings of a calibration, in dwells, and their CSV file."""
 
 import csv
 from collections.abc import Iterable, Sequence
@@ -18,10 +18,10 @@ DIGITS = 9
 
 @dataclass(frozen=True, slots=True)
 class Dwell:
-    """Readings while the arm stood still: shapes (n,), (n, 3), (n, 3, 3), (n, 3), (n, 3).
+    """Readings of an arm at rest: shapes (n,), (n, 3), (n, 3, 3), (n, 3), (n, 3).
 
-    Poses are those of the sensor in base, readings in sensor axes. `left_N` and `left_Nm` are what
-    the running cell left of the wrench about the sensor's origin; None where nothing was heard.
+    Poses are those of the sensor in base, readings in sensor axes. `left_N` and `left_Nm` are the
+    running cell's residual wrench about the sensor's origin; None when none was received.
     """
 
     purpose: Purpose
@@ -44,12 +44,12 @@ class Dwell:
 
 
 def of_purpose(dwells: Iterable[Dwell], purpose: Purpose) -> list[Dwell]:
-    """Return the dwells that a fit, or its verification, is made from."""
+    """Return the dwells of a purpose: fit or verification."""
     return [dwell for dwell in dwells if dwell.purpose == purpose]
 
 
 def samples_of(dwells: Sequence[Dwell]) -> Samples:
-    """Return all readings in a row, as a fit takes them."""
+    """Return all readings concatenated, as input of a fit."""
     joined = {
         name: np.concatenate([getattr(dwell, name) for dwell in dwells])
         for name in ("R_base_sensor", "force_N", "torque_Nm", "time_s")
@@ -82,7 +82,7 @@ def recording_of(dwells: Sequence[Dwell], source: Path) -> Recording:
 
 
 def save(dwells: Sequence[Dwell], path: Path) -> None:
-    """Write every reading as `forcemesh payload fit` reads it; those to verify by come last.
+    """Write every reading in the format of `forcemesh payload fit`; verification ones come last.
 
     Raises DataError when the file cannot be written.
     """

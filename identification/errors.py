@@ -1,27 +1,27 @@
-"""How a calibration ends early: each with one clear sentence for the person."""
+"""Errors of a calibration, each with one message for the user."""
 
 from forcemesh.errors import ForcemeshError, RefusedError
 
 
 class CalibrationError(ForcemeshError):
-    """The calibration cannot go on; what was recorded is kept."""
+    """The calibration cannot continue; the recorded readings are kept."""
 
 
 class StoppedError(CalibrationError):
-    """The arbiter has stopped the arm; the text is its own."""
+    """The arbiter has stopped the arm; the text is the arbiter's reason."""
 
 
 class NotBegunError(CalibrationError, RefusedError):
-    """It was refused before anything moved: somebody else has the arm, or the tool is loaded."""
+    """Refused before any motion: another commander moves the arm, or the tool is loaded."""
 
     def __init__(self, code: str, text: str) -> None:
-        """Keep the code for programs."""
+        """Keep the machine-readable code."""
         RefusedError.__init__(self, code, text)
 
 
 class InContactError(CalibrationError):
-    """The tool was in contact where the calibration began; it was lifted, and is not armed."""
+    """The tool was in contact at the start; it was lifted, and the arm is not armed."""
 
 
 class PoseRefusedError(CalibrationError):
-    """One pose cannot be gone to; the others may."""
+    """One pose was refused; others may be possible."""

@@ -1,4 +1,4 @@
-"""What a calibration rests on, and what was found: input of its file and of its report page."""
+"""Readings, fit and findings of a calibration: input of its file and of its report page."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ Method = Literal["arm", "manual", "recording"]
 
 @dataclass(frozen=True, slots=True)
 class Evidence:
-    """Readings and their fit; `verify` holds the mean readings of poses that it has not seen."""
+    """Readings and their fit; `verify` has the mean readings of held-out poses."""
 
     method: Method
     recording: Recording
@@ -38,7 +38,7 @@ class Evidence:
 
 @dataclass(frozen=True, slots=True)
 class Findings:
-    """A calibration with all that is to be said of it."""
+    """Calibration with its report, residuals and verdict."""
 
     section: CalibrationSection
     evidence: Evidence
@@ -57,7 +57,7 @@ def evidence_of(
     serial: str = "",
     notes: tuple[str, ...] = (),
 ) -> Evidence:
-    """Fit what was recorded pose by pose. Raises DataError when it cannot carry a fit."""
+    """Fit the recorded dwells. Raises DataError when they do not determine a fit."""
     recording = recording_of(of_purpose(dwells, "fit"), source)
     fit = identify(recording.samples("sensor"))
     fresh = of_purpose(dwells, "verify")
@@ -66,9 +66,9 @@ def evidence_of(
 
 
 def findings_of(cell: Cell, evidence: Evidence, bounds: Bounds) -> Findings:
-    """Judge a fit by its fresh poses and put the calibration of a cell together.
+    """Verify a fit by its held-out poses and assemble the calibration of a cell.
 
-    Raises CalibrationError when it found what no cell may use.
+    Raises CalibrationError when a fitted value is outside the limits of a calibration.
     """
     fit, verify = evidence.fit, evidence.verify
     fit_left = Left(
@@ -99,10 +99,8 @@ def findings_of(cell: Cell, evidence: Evidence, bounds: Bounds) -> Findings:
 
 
 def _usable(payload: Payload) -> PayloadSection:
-    """Return a fitted payload for a file. Raises CalibrationError when no cell may use it."""
+    """Return a fitted payload for a file. Raises CalibrationError when a value is invalid."""
     try:
         return PayloadSection.of(payload)
     except ValidationError as error:
-        raise CalibrationError(
-            f"no calibration is made of that: {first_mistake(error).text}"
-        ) from None
+        raise CalibrationError(f"no calibration is made: {first_mistake(error).text}") from None

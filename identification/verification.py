@@ -1,4 +1,4 @@
-"""How much a payload leaves unexplained at each pose, and whether that is little enough. Pure."""
+"""Residuals of a payload at each pose, and the verdict against their limits. Pure."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from identification.recording import Samples
 
 @dataclass(frozen=True, slots=True)
 class Bounds:
-    """What may be left at any pose."""
+    """Limits of the residuals at any pose."""
 
     force_N: float = 0.5
     torque_Nm: float = 0.05
@@ -23,14 +23,14 @@ class Bounds:
 
 @dataclass(frozen=True, slots=True)
 class Left:
-    """Lengths of what is left at each pose: force [N] and torque about the sensor [N m], (n,)."""
+    """Norms of the residuals at each pose: force [N] and torque about the sensor [N m], (n,)."""
 
     force_N: Array
     torque_Nm: Array
 
     @property
     def summary(self) -> Residuals:
-        """Mean and maximum, as the calibration's file says them."""
+        """Mean and maximum, as in the calibration file."""
         return Residuals(
             poses=len(self.force_N),
             force_mean_N=float(self.force_N.mean()),
@@ -41,7 +41,7 @@ class Left:
 
 
 def left_of(payload: Payload, means: Samples) -> Left:
-    """Return what a payload leaves, as the running cell would: without the drift of its fit."""
+    """Return the residuals of a payload as in the running cell: without the drift of its fit."""
     force, torque = residual(
         payload, means.R_base_sensor, force_N=means.force_N, torque_Nm=means.torque_Nm
     )
@@ -49,14 +49,14 @@ def left_of(payload: Payload, means: Samples) -> Left:
 
 
 def left_by(payload: Payload, dwells: Sequence[Dwell]) -> Left:
-    """Return what a payload leaves of the mean of each dwell."""
+    """Return the residuals of a payload for the mean of each dwell."""
     return left_of(payload, means_of(dwells))
 
 
 def left_in_use(dwells: Sequence[Dwell]) -> Left:
-    """Return what the running cell itself left at each pose.
+    """Return the residuals that the running cell published at each pose.
 
-    Raises DataError when it said no valid wrench at one of them.
+    Raises DataError when the wrench was not valid at one of them.
     """
     force = [dwell.left_N for dwell in dwells if dwell.left_N is not None]
     torque = [dwell.left_Nm for dwell in dwells if dwell.left_Nm is not None]
@@ -67,28 +67,28 @@ def left_in_use(dwells: Sequence[Dwell]) -> Left:
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """PASS, FAIL, or nothing to judge by."""
+    """PASS, FAIL, or NOT VERIFIED (None), with its reason."""
 
     passed: bool | None
     text: str
 
     @property
     def word(self) -> str:
-        """The verdict in one word."""
+        """The verdict as one term."""
         return {True: "PASS", False: "FAIL", None: "NOT VERIFIED"}[self.passed]
 
 
 def judge(left: Left | None, bounds: Bounds) -> Verdict:
-    """Return the verdict on poses that the fit has not seen; None when there are none."""
+    """Return the verdict on held-out poses; None when there are none."""
     if left is None:
-        text = "no pose was kept to verify by: the residuals of the fit say less"
+        text = "no held-out pose; the residuals of the fit alone do not verify it"
         return Verdict(None, f"NOT VERIFIED: {text}")
     found = left.summary
     passed = found.force_max_N <= bounds.force_N and found.torque_max_Nm <= bounds.torque_Nm
     poses = f"{found.poses} fresh pose{'' if found.poses == 1 else 's'}"
     text = (
-        f"at {poses} {found.force_mean_N:.3f} N and {found.torque_mean_Nm:.4f} N m are left in the "
-        f"mean, {found.force_max_N:.3f} N and {found.torque_max_Nm:.4f} N m at most (limits "
-        f"{bounds.force_N:g} N, {bounds.torque_Nm:g} N m)"
+        f"at {poses} the residual is {found.force_mean_N:.3f} N and {found.torque_mean_Nm:.4f} N m "
+        f"(mean), {found.force_max_N:.3f} N and {found.torque_max_Nm:.4f} N m (max); limits "
+        f"{bounds.force_N:g} N, {bounds.torque_Nm:g} N m"
     )
     return Verdict(passed, f"{'PASS' if passed else 'FAIL'}: {text}")

@@ -1,4 +1,4 @@
-"""What was measured, turned into gains, margins and the lines of a cell file. Pure."""
+"""Recommended gains, their margins and cell file values, from the measurements. Pure."""
 
 from dataclasses import asdict, dataclass
 from math import ceil
@@ -16,15 +16,15 @@ from tuning.servo import Servo
 
 LEAST_PHASE_DEG, LEAST_GAIN = 50.0, 2.0
 SMALLER = 0.85
-SHORTEST_S = 1e-3  # of what is left of a delay
-SHORTEST_LAG_S = 1e-4  # that a cell file may say
-LONGER_S = 0.005  # by which the adaptive law bears a delay that is said too long
+SHORTEST_S = 1e-3  # least remaining delay
+SHORTEST_LAG_S = 1e-4  # least lag of a cell file
+LONGER_S = 0.005  # overestimate of the delay that the adaptive law is specified for
 APPROACH_SHARE = 0.95
 
 
 @dataclass(frozen=True, slots=True)
 class Measured:
-    """What was measured; None is what was not."""
+    """Measurements; None when not measured."""
 
     servo: Servo
     spring: Spring | None
@@ -33,7 +33,7 @@ class Measured:
 
 @dataclass(frozen=True, slots=True)
 class Judged:
-    """One gain in one loop."""
+    """One gain in one loop, with margins and forecast."""
 
     gain: float  # m/(N s) or rad/(N m s)
     loop: Loop
@@ -43,7 +43,7 @@ class Judged:
 
 @dataclass(frozen=True, slots=True)
 class Advice:
-    """What is recommended for one host, beside what is set now."""
+    """Recommended and present gains of one loop host."""
 
     host: Host
     tau_s: float
@@ -64,17 +64,17 @@ class Advice:
 def advise(
     cell: Cell, measured: Measured, host: Host, *, force_now: float, torque_now: float
 ) -> Advice:
-    """Return the gains for a host, by the gain rule, and less where their margins are too small.
+    """Return the gains for a loop host, by the gain rule, reduced where margins are too small.
 
-    They are for delays two deviations longer than measured, and for the worst way in which what was
-    measured may be split into delay and lag.
+    The gains are designed for delays two deviations longer than measured, and for the worst split
+    of the measured sum into delay and lag.
 
     Args:
-        cell: The cell as it is set up now.
-        measured: What was measured.
-        host: Where the regulator runs.
-        force_now: Gain of force along the tool's axis that is set now [m/(N s)].
-        torque_now: Gain of torque across it [rad/(N m s)].
+        cell: The present cell file.
+        measured: The measurements.
+        host: Loop host: where the regulator runs.
+        force_now: Present force gain along the tool's axis [m/(N s)].
+        torque_now: Present torque gain across it [rad/(N m s)].
     """
     k, tilt = stiffness_of(cell, measured)
     contact, bandwidth = cell.contact, cell.robot.bandwidth_rad_s
@@ -93,14 +93,14 @@ def advise(
 
 
 def refused(cell: Cell, measured: Measured, advices: list[Advice]) -> str:
-    """Say why nothing is recommended; empty: the law bears all that was measured."""
+    """Return why nothing is recommended; empty when the law covers the measured values."""
     k = cell.contact.stiffness_N_m if measured.spring is None else measured.spring.k_N_m
     found = (plain_map.outside(loop_hz(cell), advice.tau_s, k) for advice in advices)
     return next((text for text in found if text), "")
 
 
 def remarks(cell: Cell, measured: Measured, sections: dict[str, dict[str, float]]) -> list[str]:
-    """Return what must be known of the recommended numbers where the cell's law is the adaptive."""
+    """Return remarks on the recommended values when the cell uses the adaptive law."""
     if cell.force.law != "adaptive":
         return []
     robot = cell.robot.model_copy(update=sections["robot"])
@@ -108,14 +108,14 @@ def remarks(cell: Cell, measured: Measured, sections: dict[str, dict[str, float]
     longer_s = robot.delay_s + robot.lag_s - measured.servo.least_s
     if longer_s > LONGER_S:
         said.append(
-            f"the delay may be said {1e3 * longer_s:.0f} ms too long, the adaptive law was "
-            f"promised to bear {1e3 * LONGER_S:g}: it settles later, and does not overshoot"
+            f"the delay may be overestimated by {1e3 * longer_s:.0f} ms, the adaptive law is "
+            f"specified for {1e3 * LONGER_S:g} ms: it settles later, and does not overshoot"
         )
     return [text for text in said if text]
 
 
 def _delays(cell: Cell, measured: Measured, host: Host, lag_s: float) -> tuple[float, float, float]:
-    """Return pure delay, lag and filter of a loop whose arm has a lag [s]."""
+    """Return dead time, lag and filter time of a loop whose arm has a lag [s]."""
     filter_s = cell.filter.lowpass_s
     if host == "controller" and measured.controller is not None:
         return max(measured.controller.bound_s - lag_s - filter_s, SHORTEST_S), lag_s, filter_s
@@ -124,15 +124,15 @@ def _delays(cell: Cell, measured: Measured, host: Host, lag_s: float) -> tuple[f
 
 
 def _least(loops: list[Loop], bandwidth_rad_s: float) -> Loop:
-    """Return the loop that bears the least gain."""
+    """Return the loop with the smallest recommended gain."""
     return min((recommended(loop, bandwidth_rad_s) for loop in loops), key=lambda one: one.gain)
 
 
 def stiffness_of(cell: Cell, measured: Measured) -> tuple[float, float]:
-    """Return the stiffness and the tilt stiffness that gains are to be safe for.
+    """Return the stiffness and the tilt stiffness to design gains for.
 
-    A face that rests on something softer tilts the more easily: the cell file's tilt stiffness
-    goes down with what was measured, and up.
+    A softer contact also tilts more easily: the cell file's tilt stiffness is scaled with the
+    measured stiffness.
     """
     contact = cell.contact
     if measured.spring is None:
@@ -142,7 +142,7 @@ def stiffness_of(cell: Cell, measured: Measured) -> tuple[float, float]:
 
 
 def recommended(loop: Loop, bandwidth_rad_s: float) -> Loop:
-    """Return the loop with the rule's gain, or with less where that leaves too little margin."""
+    """Return the loop with the rule's gain, reduced until the margins are sufficient."""
     gain = _ruled(loop, bandwidth_rad_s)
     while not _is_safe(margins(loop.with_gain(gain))):
         gain *= SMALLER
@@ -150,15 +150,15 @@ def recommended(loop: Loop, bandwidth_rad_s: float) -> Loop:
 
 
 def judged(loop: Loop) -> Judged:
-    """Return a loop with its margins and what it will do."""
+    """Return a loop with its margins and forecast."""
     return Judged(loop.gain, loop, margins(loop), forecast(loop))
 
 
 def lines(cell: Cell, measured: Measured, advices: list[Advice]) -> dict[str, dict[str, float]]:
-    """Return the sections of the cell file that say what was measured; the gains follow from them.
+    """Return the cell file sections with the measured values; the gains follow from them.
 
-    One delay must serve both hosts: it is that of the slower one. The lag is the cell's own where
-    what was measured leaves room for it.
+    One delay serves both loop hosts: that of the slower one. The lag stays the cell file's when it
+    is within the measured range.
     """
     fixed_s = cell.loop_delay_s - cell.robot.delay_s - cell.robot.lag_s
     longest_s = max(advice.tau_s for advice in advices)
@@ -172,13 +172,13 @@ def lines(cell: Cell, measured: Measured, advices: list[Advice]) -> dict[str, di
         found["contact"] = {"stiffness_N_m": k, "tilt_stiffness_Nm_rad": tilt}
         tau_s = fixed_s + robot["delay_s"] + robot["lag_s"]
         allowed_m_s = cell.force.approach_budget_N / (k * tau_s)
-        if cell.force.approach_m_s > allowed_m_s:  # else it could not be armed any more
+        if cell.force.approach_m_s > allowed_m_s:  # otherwise arming would be refused
             found["force"] = {"approach_m_s": float(f"{APPROACH_SHARE * allowed_m_s:.2g}")}
     return found
 
 
 def _bandwidth(cell: Cell, advices: list[Advice]) -> float:
-    """Return the bandwidth [rad/s] whose inertia rule gives the gains that margins made smaller."""
+    """Return the bandwidth [rad/s] whose inertia rule yields the reduced gains."""
     smaller = [
         INERTIA_MARGIN / (one.loop.inertia * one.gain)
         for advice in advices
@@ -189,7 +189,7 @@ def _bandwidth(cell: Cell, advices: list[Advice]) -> float:
 
 
 def _ruled(loop: Loop, bandwidth_rad_s: float) -> float:
-    """Return what the gain rule says, whatever its margins are."""
+    """Return the gain of the gain rule, without regard to margins."""
     return min(
         LOOP_GAIN / (loop.stiffness * loop.tau_s),
         INERTIA_MARGIN / (loop.inertia * bandwidth_rad_s),
@@ -199,9 +199,9 @@ def _ruled(loop: Loop, bandwidth_rad_s: float) -> float:
 def as_dict(
     cell: Cell, measured: Measured, advices: list[Advice], sections: dict[str, dict[str, float]]
 ) -> dict[str, Any]:
-    """Return what `--json` prints; numbers that are infinite become null.
+    """Return the output of `--json`; infinite numbers become null.
 
-    Where nothing is recommended there is a sentence that says why, and no gains.
+    When nothing is recommended, `refused` has the reason and there are no gains.
     """
     servo, spring, controller = measured.servo, measured.spring, measured.controller
     why_not = refused(cell, measured, advices)

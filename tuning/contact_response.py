@@ -1,4 +1,4 @@
-"""How late a closed loop answers, from its force after a step of the set point. Pure."""
+"""Delay of a closed force loop, identified from its step response. Pure."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,45 +10,45 @@ from common.motion.frames import Array
 from forcemesh.errors import DataError
 
 GRID_S = 0.0005  # of the model's time
-STEP_S = 0.002  # between the delays that are tried
+STEP_S = 0.002  # grid of the candidate delays
 LONGEST_TAU_S = 0.3
-WORST_ANSWER = 0.2  # of the step of the set point
+WORST_ANSWER = 0.2  # largest residual, as a share of the set point step
 LEAST_ANSWERS, MOST_ANSWERS = 2, 5
-REPEATS_S = 0.005  # two answers that are no farther apart are the same
+REPEATS_S = 0.005  # largest difference of two delays that count as repeated
 MOST_ALIKE = 0.99
 SIGMAS = 2.0
 
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """All delay of a closed loop."""
+    """Total delay of a closed loop, with its standard deviation."""
 
     tau_s: float
     deviation_s: float  # standard deviation
 
     @property
     def bound_s(self) -> float:
-        """Delay that gains should be safe for."""
+        """Delay plus two standard deviations: the delay to design gains for."""
         return self.tau_s + SIGMAS * self.deviation_s
 
 
 def loop_delay(
     t: Array, force_N: Array, *, first_N: float, then_N: float, ramp_N_s: float, rate: float
 ) -> Answer:
-    """Return tau of a closed loop from its answer to a new set point.
+    """Return tau of a closed loop from its response to a new set point.
 
         dF/dt = -rate (F(t - tau) - F_set(t - tau)),    rate = k Ki
 
     Args:
-        t: Since the set point was sent, growing [s]. Shape (N,).
-        force_N: With which the tool presses. Shape (N,).
-        first_N: Set point until then, at which the force rested.
-        then_N: Set point that it goes to.
-        ramp_N_s: How fast the set point goes there.
+        t: Time since the set point was sent, increasing [s]. Shape (N,).
+        force_N: Press force of the tool. Shape (N,).
+        first_N: Previous set point, at which the force was at rest.
+        then_N: New set point.
+        ramp_N_s: Rate of the set point ramp.
         rate: Stiffness times integral gain [1/s].
 
     Raises:
-        DataError: The force did not follow, or too late to tell.
+        DataError: The force did not follow, or the delay is out of range.
     """
     taus = np.arange(STEP_S, LONGEST_TAU_S, STEP_S)
     model = _answers(
@@ -60,14 +60,14 @@ def loop_delay(
     best = int(np.argmin(rests))
     if rests[best] > WORST_ANSWER * abs(then_N - first_N) or best == len(taus) - 1:
         raise DataError(
-            f"the force did not follow its set point: {rests[best]:.1f} N off the model, whose "
-            f"delay is {1e3 * LONGEST_TAU_S:.0f} ms at most"
+            f"the force did not follow its set point: residual {rests[best]:.1f} N to the model, "
+            f"whose delay is {1e3 * LONGEST_TAU_S:.0f} ms at most"
         )
     return Answer(float(taus[best]), _deviation_s(off_N, best))
 
 
 def repeats(answers: Sequence[Answer]) -> bool:
-    """Tell whether the last two answers are the same."""
+    """Return whether the last two delays agree within REPEATS_S."""
     if len(answers) < LEAST_ANSWERS:
         return False
     before, last = answers[-2:]
@@ -75,7 +75,7 @@ def repeats(answers: Sequence[Answer]) -> bool:
 
 
 def together(answers: Sequence[Answer]) -> Answer:
-    """Return what answers that agree show together; how far they are apart counts undivided."""
+    """Return the mean of repeated delays; the variance between them is not divided."""
     taus_s = np.array([answer.tau_s for answer in answers])
     noise_s = np.array([answer.deviation_s for answer in answers])
     variance = np.var(taus_s) + np.mean(noise_s**2) / len(answers)
@@ -83,7 +83,7 @@ def together(answers: Sequence[Answer]) -> Answer:
 
 
 def _deviation_s(off_N: Array, best: int) -> float:
-    """Return the deviation of the best delay, from what it leaves and how that changes with it."""
+    """Return the standard deviation of the best delay, from its residuals and their slope."""
     low, high = max(best - 1, 0), best + 1
     slope = (off_N[high] - off_N[low]) / ((high - low) * STEP_S)
     rest = off_N[best]
@@ -97,7 +97,7 @@ def _deviation_s(off_N: Array, best: int) -> float:
 def _answers(
     duration_s: float, taus: Array, *, first_N: float, then_N: float, ramp_N_s: float, rate: float
 ) -> Array:
-    """Return forces over a grid of time, one column for each tau. Shape (time, N)."""
+    """Return modelled forces over a time grid, one column for each tau. Shape (time, N)."""
     count = int(duration_s / GRID_S) + 2
     late = np.maximum(1, np.round(taus / GRID_S).astype(int))
     way_N, sign = abs(then_N - first_N), np.sign(then_N - first_N)

@@ -1,4 +1,4 @@
-"""The stiffness of what the tool presses on, from places at rest. Pure."""
+"""Contact stiffness, by linear regression of penetration on force at rest. Pure."""
 
 from dataclasses import dataclass
 from math import sqrt
@@ -11,50 +11,50 @@ from forcemesh.errors import DataError
 LEAST_PLACES = 2
 LEAST_FORCE_N = 1.0
 SIGMAS = 2.0
-REPEATS_SHARE = 0.05  # two deviations of a stiffness that repeats are no larger part of it
-WORST_SHARE = 0.5  # beyond it nothing is known
+REPEATS_SHARE = 0.05  # largest relative uncertainty (two deviations) of a repeated stiffness
+WORST_SHARE = 0.5  # relative uncertainty above which the stiffness is unknown
 
 
 @dataclass(frozen=True, slots=True)
 class Spring:
-    """The stiffness along the press axis."""
+    """Stiffness along the press axis, with its standard deviation."""
 
     k_N_m: float
     spread_N_m: float  # standard deviation
 
     @property
     def bound_N_m(self) -> float:
-        """What gains should be safe for: two deviations more."""
+        """Stiffness plus two standard deviations: the stiffness to design gains for."""
         return self.k_N_m + SIGMAS * self.spread_N_m
 
     @property
     def repeats(self) -> bool:
-        """Whether more presses would not make it much better."""
+        """Whether more presses would hardly reduce the uncertainty."""
         return SIGMAS * self.spread_N_m <= REPEATS_SHARE * self.k_N_m
 
     @property
     def is_known(self) -> bool:
-        """Whether the presses show a stiffness at all."""
+        """Whether the presses determine a stiffness."""
         return SIGMAS * self.spread_N_m <= WORST_SHARE * self.k_N_m
 
 
 def spring(ways_m: Array, forces_N: Array) -> Spring:
-    """Return the stiffness from places at rest: way into the surface and force that pushes back.
+    """Return the stiffness from pairs of penetration and press force at rest.
 
     Args:
-        ways_m: Deeper is larger. Shape (N,).
-        forces_N: Along the tool's axis; the tool presses with it. Shape (N,).
+        ways_m: Penetration, larger is deeper. Shape (N,).
+        forces_N: Press force along the tool's axis. Shape (N,).
 
     Raises:
-        DataError: Too few places, or the force does not rise with the way.
+        DataError: Too few points, or the force does not increase with the penetration.
     """
     if len(ways_m) < LEAST_PLACES or np.ptp(forces_N) < LEAST_FORCE_N:
-        raise DataError("the press did not change the force enough to tell a stiffness")
+        raise DataError("the press did not change the force enough to identify a stiffness")
     way, force = ways_m - np.mean(ways_m), forces_N - np.mean(forces_N)
     along = float(force @ force)
-    compliance = float(way @ force) / along  # way has the noise of poses: it is what is regressed
+    compliance = float(way @ force) / along  # the penetration is noisy: it is the regressand
     if compliance <= 0.0:
-        raise DataError("the force does not rise with the way: does something move?")
+        raise DataError("the force does not increase with the penetration: does the surface move?")
     rest_m = way - compliance * force
     spread = sqrt(float(rest_m @ rest_m) / max(len(way) - 2, 1) / along)
     k = 1.0 / compliance

@@ -1,15 +1,15 @@
-"""Delay and lag of an arm, from its records of commands and poses. Pure.
+"""System identification: delay and lag of an arm, from records of commands and poses. Pure.
 
-A command passes a pure delay D and n equal first-order lags whose sum is L. Each command holds
-until the next one, so that the answer is a sum over the steps of the command:
+The model is a dead time D in series with n equal first-order lags whose sum is L. Each command
+holds until the next one (zero-order hold), so that the response is a sum over its steps:
 
     y(t) = offset + sum_k step_k G(t - t_k - D)
     G(t) = 1 - exp(-x) sum_(j<n) x^j / j!,    x = n t / L
 
-D + L, by which all motion is late, is sharp in the records. L^2 / n, by which its corners are
-rounded, shows in the corners alone, and n hardly anywhere. So several n are fitted, and the lag is
-known as far as they agree (servo.py). A bare servo has one or two lags; behind a moving average of
-set points its corners are rounded as by five at most.
+D + L, the total delay of all motion, is well determined. L^2 / n determines the rounding of
+corners only, and n is hardly observable. So several n are fitted, and the lag is known as far as
+they agree (servo.py). A bare servo has one or two lags; a moving average of set points rounds the
+corners like five at most.
 """
 
 from dataclasses import dataclass
@@ -23,21 +23,21 @@ from forcemesh.errors import DataError
 STAGES = (1, 2, 5)
 LONGEST_S = 0.3  # delay and lag together
 START_STEP_S = 0.002
-START_SHARES = (0.1, 0.3, 0.5, 0.7, 0.9)  # of the lag in their sum: one search from each
+START_SHARES = (0.1, 0.3, 0.5, 0.7, 0.9)  # share of the lag in the sum: one search from each
 SHORTEST_LAG_S = 1e-4
 SEARCHES, CONVERGED_S = 40, 1e-6
 LEAST_SAMPLES = 20
 LEAST_STEP_M, LEAST_WAY_M = 1e-9, 2e-4
-LEAST_REST_M = 1e-9  # rounding of a record without noise
-WORST_FIT = 0.15  # of the motion's deviation: a larger rest is no delay and lag
-MOST_ALIKE = 0.99  # correlation of a residual with the next one
+LEAST_REST_M = 1e-9  # rounding error of a record without noise
+WORST_FIT = 0.15  # largest residual, as a share of the motion's standard deviation
+MOST_ALIKE = 0.99  # largest correlation of successive residuals
 
 
 @dataclass(frozen=True, slots=True)
 class Steps:
-    """A command and what was seen of it, along one axis; times on one clock [s], places [m]."""
+    """Commanded and measured position along one axis [m]; times on one clock [s]."""
 
-    sent_s: Array  # when each command came into force. Shape (N,)
+    sent_s: Array  # when each command took effect. Shape (N,)
     sent_m: Array
     seen_s: Array  # Shape (M,)
     seen_m: Array
@@ -45,12 +45,12 @@ class Steps:
 
 @dataclass(frozen=True, slots=True)
 class Fit:
-    """Delay and lag with one number of stages; deviations are standard deviations."""
+    """Fitted delay and lag for one number of stages; deviations are standard deviations."""
 
     stages: int
     delay_s: float
     lag_s: float
-    rest_m: float  # deviation of what was seen from the model
+    rest_m: float  # standard deviation of the residual
     sum_deviation_s: float  # of delay + lag
     lag_deviation_s: float
 
@@ -62,11 +62,11 @@ class Fit:
 
 @dataclass(frozen=True, slots=True)
 class _Point:
-    """One delay and lag, with what they leave unexplained."""
+    """One delay and lag, with residuals and Jacobian."""
 
     delay_s: float
     lag_s: float
-    off_m: Array  # seen less model, without its mean. Shape (M,)
+    off_m: Array  # measured minus model, without its mean. Shape (M,)
     slopes: Array  # of the model by delay and by lag, without their means. Shape (M, 2)
 
     @property
@@ -76,7 +76,7 @@ class _Point:
 
 @dataclass(frozen=True, slots=True)
 class _Task:
-    """What is fitted: the steps of the command, what was seen, and the number of stages."""
+    """Input of a fit: steps of the command, measured positions, number of stages."""
 
     at_s: Array  # of each step. Shape (K,)
     steps_m: Array
@@ -85,7 +85,7 @@ class _Task:
     stages: int
 
     def at(self, delay_s: float, lag_s: float) -> _Point:
-        """Return the point of a delay and a lag."""
+        """Return residuals and Jacobian at a delay and a lag."""
         n = self.stages
         age_s = np.maximum(self.seen_s[:, None] - delay_s - self.at_s[None, :], 0.0)
         x = n / lag_s * age_s
@@ -99,9 +99,9 @@ class _Task:
 
 
 def identify(steps: Steps) -> tuple[Fit, ...]:
-    """Return delay and lag, once for each of STAGES.
+    """Return the fitted delay and lag for each of STAGES.
 
-    Raises DataError when the records do not show them.
+    Raises DataError when the records do not determine them.
     """
     _check(steps)
     useful = steps.seen_s > steps.sent_s[0]
@@ -114,15 +114,15 @@ def identify(steps: Steps) -> tuple[Fit, ...]:
     best = min(fits, key=lambda fit: fit.rest_m)
     share = best.rest_m / float(np.std(seen_m))
     if share > WORST_FIT:
-        unlike = f"{100.0 * share:.0f} % of its way is unlike"
-        raise DataError(f"the arm did not do what it was told: {unlike}")
+        unlike = f"residual {100.0 * share:.0f} %, limit {100.0 * WORST_FIT:.0f} %"
+        raise DataError(f"the measured motion does not match the commanded one: {unlike}")
     if best.sum_s > LONGEST_S:
         raise DataError(f"the arm follows its commands later than {1e3 * LONGEST_S:.0f} ms")
     return fits
 
 
 def _fit(task: _Task, sum_s: float) -> Fit:
-    """Return the best of the searches that begin with a sum of delay and lag."""
+    """Return the best of the searches that start from a sum of delay and lag."""
     ends = [_search(task, *start) for start in _shared(sum_s)]
     end = min(ends, key=lambda point: point.square)
     along = [_search(task, *start, lag_too=False) for start in _shared(end.delay_s + end.lag_s)]
@@ -147,18 +147,18 @@ def _fit(task: _Task, sum_s: float) -> Fit:
 
 
 def _deviation(found_s: list[float], local: float, unlikely: list[float]) -> float:
-    """Return how far a number is known: no better than the other points looked at are unlikely.
+    """Return the standard deviation of a parameter, from the local slopes and other minima.
 
-    Few poses, or poses that come in step with the commands, leave several delays and lags that fit
-    nearly alike, and the slopes at the best see that one only. So the other ends of the search are
-    looked at, and lags of all sizes with the delay that fits each best. A point that fits worse by
-    z deviations (likelihood ratio) and lies off by w says w / z: no more than the slopes say, where
-    these are all there is.
+    With few poses, or poses in phase with the commands, several delays and lags fit nearly
+    equally well, and the local covariance covers the best one only. So the other results of the
+    search are used too, and lags of all sizes with their best delays. A point that fits worse by z
+    deviations (likelihood ratio) at a distance w contributes w / z; with a single minimum this
+    adds nothing to the local covariance.
 
     Args:
-        found_s: The number at each point [s].
-        local: Its variance by the slopes at the best one [s^2].
-        unlikely: By how many deviations each point fits worse than the best one, which has 0.
+        found_s: Value of the parameter at each point [s].
+        local: Its variance by the slopes at the best point [s^2].
+        unlikely: Deviations by which each point fits worse than the best one, which has 0.
     """
     best_s = found_s[unlikely.index(0.0)]
     off_s = [abs(each_s - best_s) for each_s in found_s]
@@ -167,12 +167,12 @@ def _deviation(found_s: list[float], local: float, unlikely: list[float]) -> flo
 
 
 def _shared(sum_s: float) -> list[tuple[float, float]]:
-    """Return delays and lags of one sum."""
+    """Return start values: splits of one sum into delay and lag."""
     return [((1.0 - share) * sum_s, share * sum_s) for share in START_SHARES]
 
 
 def _search(task: _Task, delay_s: float, lag_s: float, *, lag_too: bool = True) -> _Point:
-    """Return where least squares lead from here (Levenberg and Marquardt); by the delay alone?"""
+    """Return the least squares minimum (Levenberg-Marquardt); lag_too=False keeps the lag."""
     point, damping = task.at(delay_s, max(lag_s, SHORTEST_LAG_S)), 1e-3
     moves = np.array([1.0, float(lag_too)])
     for _ in range(SEARCHES):
@@ -181,7 +181,7 @@ def _search(task: _Task, delay_s: float, lag_s: float, *, lag_too: bool = True) 
         normal = normal + np.diag(damping * normal.diagonal() + 1e-12)
         by_s = np.linalg.solve(normal, slopes.T @ point.off_m)
         then = task.at(
-            point.delay_s + float(by_s[0]),  # below zero too: their sum stays right
+            point.delay_s + float(by_s[0]),  # may be negative: the sum stays correct
             max(point.lag_s + float(by_s[1]), SHORTEST_LAG_S),
         )
         if then.square < point.square:
@@ -194,7 +194,7 @@ def _search(task: _Task, delay_s: float, lag_s: float, *, lag_too: bool = True) 
 
 
 def _start(steps: Steps, seen_s: Array, seen_m: Array) -> float:
-    """Return by how much the command must be shifted to be most like what was seen [s]."""
+    """Return the time shift of the command that matches the measured motion best [s]."""
     shifts_s = np.arange(START_STEP_S, LONGEST_S, START_STEP_S)
     rests_m = [
         float(np.std(np.interp(seen_s - shift_s, steps.sent_s, steps.sent_m) - seen_m))
@@ -205,6 +205,6 @@ def _start(steps: Steps, seen_s: Array, seen_m: Array) -> float:
 
 def _check(steps: Steps) -> None:
     if min(len(steps.sent_s), len(steps.seen_s)) < LEAST_SAMPLES:
-        raise DataError("too little was heard of commands and poses: is the machine too busy?")
+        raise DataError("too few commands and poses received: check the load of this machine")
     if np.ptp(steps.sent_m) < LEAST_WAY_M or np.ptp(steps.seen_m) < 0.3 * np.ptp(steps.sent_m):
-        raise DataError("the arm did not go the small steps that it was told")
+        raise DataError("the arm did not execute the small steps that were commanded")

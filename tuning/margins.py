@@ -1,11 +1,11 @@
-"""How far a force loop is from its end: margins, and what it would do after a step. Pure.
+"""Stability margins of a force loop, and its simulated step response. Pure.
 
     L(s) = Ki/s (k + m s^2) P(s) F(s) exp(-s D)
 
-P is the servo, two equal first-order stages of the area `lag`; F the filter of the wrench; D all
-pure delay: controller, processes, median, half a period; m s^2 the mass in front of the sensor,
-which the force contains too. For turning, k, Ki and m are tilt stiffness, gain of torque, and
-moment of inertia.
+P is the servo, two equal first-order lags of total time `lag`; F the low-pass filter of the wrench;
+D the total dead time: controller, processes, median, half a period; m s^2 the inertial force of the
+mass in front of the sensor. For rotation, k, Ki and m are tilt stiffness, torque gain, and moment
+of inertia.
 """
 
 from dataclasses import dataclass, replace
@@ -17,31 +17,31 @@ import numpy.typing as npt
 from common.motion.frames import Array
 
 POINTS = 6000
-BAND = 1.0 / 30.0  # settled within this part of the step: 1 N of 30 N
+BAND = 1.0 / 30.0  # settling band as a share of the step: 1 N of 30 N
 LONGEST_TAUS = 200.0
-FLIES = 20.0  # times the step: it does not come back
+FLIES = 20.0  # multiple of the step beyond which the response counts as diverged
 Complex = npt.NDArray[np.complex128]
 
 
 @dataclass(frozen=True, slots=True)
 class Loop:
-    """One force loop; units as for position, or as for turning."""
+    """One force loop; units of position, or of rotation."""
 
     stiffness: float  # N/m or N m/rad
     gain: float  # m/(N s) or rad/(N m s)
-    delay_s: float  # all of it that is pure
+    delay_s: float  # total dead time
     lag_s: float
     filter_s: float
     inertia: float  # kg or kg m^2
 
     @property
     def tau_s(self) -> float:
-        """All delay and lag."""
+        """Total delay and lag."""
         return self.delay_s + self.lag_s + self.filter_s
 
     @property
     def loop_gain(self) -> float:
-        """Stiffness times gain times tau: 0.45 is the rule, 1.57 the end."""
+        """Stiffness times gain times tau: 0.45 by the gain rule, 1.57 at the stability limit."""
         return self.stiffness * self.gain * self.tau_s
 
     def with_gain(self, gain: float) -> "Loop":
@@ -51,18 +51,18 @@ class Loop:
 
 @dataclass(frozen=True, slots=True)
 class Margins:
-    """How far a loop is from its end; of an unstable one nothing but that is said."""
+    """Stability margins of a loop; zero when it is unstable."""
 
     stable: bool
-    phase_deg: float  # phase that may still be lost
-    gain: float  # factor that the gain, or the stiffness, may still grow by
-    delay_s: float  # delay that may still be added
+    phase_deg: float  # phase margin
+    gain: float  # gain margin: allowed factor of the gain, or of the stiffness
+    delay_s: float  # delay margin: delay that may be added
     crossover_rad_s: float
 
 
 @dataclass(frozen=True, slots=True)
 class Forecast:
-    """What a loop does after a step of the force, by its model."""
+    """Simulated step response of a loop: settling time and overshoot."""
 
     settling_s: float | None  # to within a thirtieth of the step; None: never
     overshoot_pct: float
@@ -78,19 +78,19 @@ def response(loop: Loop, w: Array) -> Complex:
 
 
 def frequencies(loop: Loop) -> Array:
-    """Return the frequencies that matter for a loop [rad/s]. Shape (N,)."""
+    """Return the relevant frequency grid of a loop [rad/s]. Shape (N,)."""
     lowest = min(1e-2, 0.1 * loop.loop_gain) if loop.gain > 0.0 else 1e-2
     return np.geomspace(lowest / loop.tau_s, 2e3 / loop.tau_s, POINTS)
 
 
 def margins(loop: Loop) -> Margins:
-    """Return the margins, by the curve of L on a grid of frequencies."""
+    """Return the margins from L on a frequency grid (Nyquist criterion)."""
     if loop.gain <= 0.0:
         return Margins(stable=True, phase_deg=90.0, gain=inf, delay_s=inf, crossover_rad_s=0.0)
     w = frequencies(loop)
     L = response(loop, w)
     size, phase = np.abs(L), np.unwrap(np.angle(L))
-    # One integrator and nothing unstable: 1 + L turns by a quarter as w goes from 0 to infinity.
+    # One integrator, no unstable pole: stable when 1 + L turns by pi/2 for w from 0 to infinity.
     turned = float(np.diff(np.unwrap(np.angle(1.0 + L))[[0, -1]])[0])
     stable = abs(turned - 0.5 * pi) < 0.5 * pi and size[-1] < 1.0
     if not stable:
@@ -113,7 +113,7 @@ def margins(loop: Loop) -> Margins:
 
 
 def forecast(loop: Loop) -> Forecast:
-    """Return settling and overshoot after a step of one, by the model in time."""
+    """Return settling time and overshoot of a unit step, simulated in the time domain."""
     t, force = release(loop)
     outside = np.flatnonzero(np.abs(force) > BAND)
     lasts = len(outside) > 0 and outside[-1] >= len(t) - 2
@@ -122,18 +122,18 @@ def forecast(loop: Loop) -> Forecast:
 
 
 def release(loop: Loop, taus: float | None = None) -> tuple[Array, Array]:
-    """Return time and force while a force of one is let go to zero; it begins at rest.
+    """Return time and force of a release from unit force to zero, starting at rest.
 
     Args:
         loop: The loop.
-        taus: Duration; without it long enough for the gain, at most 200 tau.
+        taus: Duration in tau; default: long enough for the gain, at most 200 tau.
     """
     if taus is None:
         taus = min(max(30.0, 10.0 / max(loop.loop_gain, 1e-9)), LONGEST_TAUS)
     dt_s = min(loop.tau_s / 60.0, 0.1 * loop.lag_s) if loop.lag_s > 0.0 else loop.tau_s / 60.0
     count, late = int(taus * loop.tau_s / dt_s), round(loop.delay_s / dt_s)
     half_s = max(0.5 * loop.lag_s, 0.5 * dt_s)
-    # In Python's own numbers: with one of numpy's, the thousands of steps take three times as long.
+    # Plain Python floats: numpy scalars take three times as long in this loop.
     lagging = float(1.0 - np.exp(-dt_s / half_s))
     is_filtered = loop.filter_s > 0.1 * dt_s
     filtering = float(1.0 - np.exp(-dt_s / loop.filter_s)) if is_filtered else 1.0
@@ -155,7 +155,7 @@ def release(loop: Loop, taus: float | None = None) -> tuple[Array, Array]:
 
 
 def _crossings(values: Array) -> Array:
-    """Return where values change their sign without a jump, as places between samples."""
+    """Return the zero crossings without jumps, as fractional indices."""
     change = np.flatnonzero(np.signbit(values[:-1]) != np.signbit(values[1:]))
     before, after = values[change], values[change + 1]
     smooth = np.abs(after - before) < pi

@@ -1,6 +1,6 @@
-"""Rounds of steps put together: how late the arm is, and how well that is known. Pure.
+"""Delay and lag of the arm's servo, combined from repeated rounds of steps. Pure.
 
-Deviations are standard deviations, and what follows from them is good for two of them.
+Deviations are standard deviations; bounds are two of them away.
 """
 
 from collections.abc import Sequence
@@ -11,11 +11,11 @@ import numpy as np
 
 from tuning.identify import Fit
 
-REPEATS_S = 0.001  # two rounds that are no farther apart are the same
+REPEATS_S = 0.001  # largest difference of two rounds that count as repeated
 LEAST_ROUNDS, MOST_ROUNDS = 2, 5
-# Stamps are of when a message was made, and a servo takes a command at its own next turn.
+# Messages are stamped at creation; the servo applies a command at its own next cycle.
 STAMPS_S = 0.0005
-SPLIT_S = 0.005  # a lag whose range is no wider is told apart from the delay
+SPLIT_S = 0.005  # widest range of a lag that counts as separated from the delay
 SIGMAS = 2.0
 
 AxisFits = tuple[Fit, ...]  # one for each number of stages
@@ -24,7 +24,7 @@ Round = tuple[AxisFits, ...]  # one for each axis
 
 @dataclass(frozen=True, slots=True)
 class Servo:
-    """How late an arm is."""
+    """Delay and lag of an arm's servo."""
 
     sum_s: float  # delay and lag together
     deviation_s: float  # of it
@@ -33,33 +33,33 @@ class Servo:
 
     @property
     def bound_s(self) -> float:
-        """Sum that gains should be safe for."""
+        """Sum plus two standard deviations: the sum to design gains for."""
         return self.sum_s + SIGMAS * self.deviation_s
 
     @property
     def least_s(self) -> float:
-        """Sum that it is not likely to be below."""
+        """Sum minus two standard deviations."""
         return self.sum_s - SIGMAS * self.deviation_s
 
     @property
     def is_split(self) -> bool:
-        """Whether delay and lag can be told apart."""
+        """Whether delay and lag can be separated."""
         return self.lag_most_s - self.lag_least_s <= SPLIT_S
 
     @property
     def lags_s(self) -> tuple[float, float]:
-        """The least and the largest lag of a sum that is no longer than its bound."""
+        """Least and largest lag, limited by the bound of the sum."""
         most_s = min(self.lag_most_s, self.bound_s)
         return min(self.lag_least_s, most_s), most_s
 
     def lag_near_s(self, lag_s: float) -> float:
-        """Return the lag of the range that is nearest to another one."""
+        """Return a lag limited to the identified range."""
         least_s, most_s = self.lags_s
         return min(max(lag_s, least_s), most_s)
 
 
 def repeats(rounds: Sequence[Round]) -> bool:
-    """Tell whether the last two rounds are the same."""
+    """Return whether the last two rounds agree within REPEATS_S."""
     if len(rounds) < LEAST_ROUNDS:
         return False
     before_s, last_s = sums(rounds)[-2:]
@@ -72,11 +72,11 @@ def sums(rounds: Sequence[Round]) -> list[float]:
 
 
 def servo_of(rounds: Sequence[Round]) -> Servo:
-    """Return what rounds that agree show together.
+    """Return the combined result of rounds that agree.
 
-    The deviation contains how far rounds and axes are apart, undivided: axes may really differ.
-    The lag may be that of any number of stages: no servo is exactly one of them, and the number
-    that fits best, where noise leaves one, gives a lag that is up to 2 ms wrong.
+    The deviation contains the spread of rounds and axes, undivided: the axes may differ.
+    The lag range covers all numbers of stages: no servo has exactly one of them, and the number
+    that fits best under noise gives a lag error of up to 2 ms.
     """
     axes = [axis for one in rounds for axis in one]
     best = [_best(axis) for axis in axes]

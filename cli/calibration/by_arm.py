@@ -1,4 +1,4 @@
-"""Calibration by the arm itself: check the model, plan, ask, drive; and verification alone."""
+"""Automatic calibration: check the arm model, plan, confirm, move; or verification only."""
 
 import signal
 from collections.abc import Callable, Iterator
@@ -31,21 +31,21 @@ from identification.verification import judge, left_in_use
 from services.gateway.scales import Scales
 from services.gateway.service import scales_of
 
-BY_HAND = "calibrate with --manual, which needs no model of the arm"
+BY_HAND = "calibrate with --manual, which needs no arm model"
 
 
 @dataclass(frozen=True, slots=True)
 class Wish:
-    """How the arm is to go, and whether the person has said yes already."""
+    """Options of an automatic calibration, and whether motion is confirmed already."""
 
     options: Options
     pace: Pace
     yes: bool = False
-    free: bool = False  # the tool hangs free, whatever force is shown
+    free: bool = False  # the tool is in free space, whatever force is measured
 
 
 def calibrate(job: Job, wish: Wish, bus: Bus) -> int:
-    """Plan, ask, drive, fit, verify, write, put into use, come back. Returns the exit code."""
+    """Plan, confirm, move, fit, verify, write, put into use, return. Returns the exit code."""
     if not wish.free:
         refuse_loaded_tool(bus, job.cell)
     plan = planned(job.cell, bus, wish)
@@ -56,10 +56,10 @@ def calibrate(job: Job, wish: Wish, bus: Bus) -> int:
 
 
 def evidence(job: Job, wizard: Wizard) -> Evidence:
-    """Return what the wizard has recorded, and its fit. Raises ForcemeshError when it is bad."""
+    """Return the wizard's readings and their fit. Raises ForcemeshError when they are invalid."""
     refuse_wrong_axes(job, wizard.dwells)
     count = len(wizard.plan.refused)
-    skipped = (f"{count} poses were refused by the arm and others taken",) if count else ()
+    skipped = (f"{count} poses were refused by the arm and replaced",) if count else ()
     return evidence_of(
         "arm",
         wizard.dwells,
@@ -77,10 +77,10 @@ def finish(
     *,
     tellers: Callable[[], AbstractContextManager[Teller]] = screen,
 ) -> int:
-    """Keep the readings, conclude while the tool is free, then come back. Returns the exit code.
+    """Save the readings, conclude in free space, then return. Returns the exit code.
 
-    The cell judges a calibration by the force that it sees: at the last pose nothing is touched,
-    whatever is where the arm began. However the conclusion ends, the arm comes back.
+    The cell checks a new calibration by the measured force: the last pose is in free space, the
+    start may not be. The arm returns whatever the result.
     """
     keep_readings(job, wizard.dwells)
     if ended is not None:
@@ -104,7 +104,7 @@ def finish(
 
 
 def verify(job: Job, wish: Wish, bus: Bus) -> int:
-    """Drive to fresh poses and judge what the running cell leaves there. Returns the exit code."""
+    """Visit fresh poses and judge the running cell's residuals. Returns the exit code."""
     plan = planned(job.cell, bus, wish)
     ask_person(explained(job.cell, plan, wish.pace, fitting=False), yes=wish.yes)
     with screen() as teller:
@@ -112,13 +112,13 @@ def verify(job: Job, wish: Wish, bus: Bus) -> int:
     if ended is not None:
         return ended
     verdict = judge(left_in_use(wizard.dwells), job.bounds)
-    typer.echo(f"calibration in use: {wizard.in_use or 'not said'}")
+    typer.echo(f"calibration in use: {wizard.in_use or 'not reported'}")
     typer.echo(verdict.text)
     return OK if verdict.passed else NOT_WELL
 
 
 def planned(cell: Cell, bus: Bus, wish: Wish) -> Plan:
-    """Return the plan from where the arm is now. Raises CalibrationError with what to do."""
+    """Return the plan from the present pose. Raises CalibrationError with the remedy."""
     arm = Drive(bus, wish.pace.speed_m_s)
     arm.refuse_unless_free()
     state = arm.at_rest()
@@ -126,12 +126,10 @@ def planned(cell: Cell, bus: Bus, wish: Wish) -> Plan:
 
 
 def _model(cell: Cell, state: RobotState) -> ArmKinematics:
-    """Return the model of the arm, when the arm agrees with it."""
+    """Return the arm model. Raises CalibrationError when the arm does not agree with it."""
     arm = model_of(cell.robot.joint_min_deg, cell.robot.joint_max_deg)
     if arm is None:
-        text = (
-            "the joint limits of the cell file are not those of the RS007L, the arm that is known"
-        )
+        text = "the joint limits of the cell file are not those of the RS007L, the only known arm"
         raise CalibrationError(f"{text}: {BY_HAND}")
     section = cell.gateway if cell.roles.robot == "gateway" else None
     line = check_pose(
@@ -148,7 +146,7 @@ def _model(cell: Cell, state: RobotState) -> ArmKinematics:
 
 
 def explained(cell: Cell, plan: Plan, pace: Pace, *, fitting: bool = True) -> str:
-    """Return what a person must know before the arm moves."""
+    """Return the description of the motion, for confirmation."""
     low, high = (
         [1e3 * v for v in corner]
         for corner in (cell.limits.workspace_min_m, cell.limits.workspace_max_m)
@@ -163,23 +161,24 @@ def explained(cell: Cell, plan: Plan, pace: Pace, *, fitting: bool = True) -> st
     seconds = expected_s(plan, pace, BOTH if fitting else ("verify",))
     lines = [*plan.warnings]
     lines.append(
-        f"{count}, about {seconds:.0f} s at {1e3 * pace.speed_m_s:.0f} mm/s; gravity turns by "
-        f"{spread_deg(plan):.0f} degrees in the sensor, expected condition number "
+        f"{count}, about {seconds:.0f} s at {1e3 * pace.speed_m_s:.0f} mm/s; gravity varies by "
+        f"{spread_deg(plan):.0f} degrees in sensor axes, expected condition number "
         f"{plan.conditioning:.1f}"
     )
     lines.append(
         f"flange, sensor and TCP stay inside the box {box} mm (base axes){walls}, and above "
-        f"z = {floor_mm:.0f} mm; the arm goes up first and comes back to where it is now"
+        f"z = {floor_mm:.0f} mm; the arm moves up first and returns to its present pose"
     )
     lines.append(
-        "nothing else is known: look that the box is free of things and people, that arm, tool and "
-        "cables may turn there, that the tool hangs free, and keep a hand at the emergency stop"
+        "other obstacles are unknown: check that the box is free of objects and people, that arm, "
+        "tool and cables can turn there, that the tool is in free space, and keep a hand at the "
+        "emergency stop"
     )
     return "\n".join(lines)
 
 
 def ask_person(explanation: str, *, yes: bool) -> None:
-    """Say what is going to move, and ask. Raises CalibrationError without a yes."""
+    """Print the motion and ask for confirmation. Raises CalibrationError without it."""
     typer.echo(explanation, err=True)
     if not yes and not answers_yes("is the box free, and may the arm move?"):
         raise CalibrationError("nothing was moved")
@@ -188,7 +187,7 @@ def ask_person(explanation: str, *, yes: bool) -> None:
 def measure(
     cell: Cell, bus: Bus, plan: Plan, pace: Pace, *, teller: Teller
 ) -> tuple[Wizard, int | None]:
-    """Visit every pose and stay at the last; the exit code comes with it when it ended early."""
+    """Visit every pose and stay at the last; return the exit code too when it ended early."""
     wizard = Wizard(bus, cell, plan, pace=pace, teller=teller)
     return wizard, _guarded(wizard, wizard.measure)
 
@@ -196,13 +195,13 @@ def measure(
 def drive(
     cell: Cell, bus: Bus, plan: Plan, pace: Pace, *, teller: Teller, fitting: bool = True
 ) -> tuple[Wizard, int | None]:
-    """Visit every pose and come back; the exit code comes with it when it ended early."""
+    """Visit every pose and return; return the exit code too when it ended early."""
     wizard = Wizard(bus, cell, plan, pace=pace, teller=teller)
     return wizard, _guarded(wizard, lambda: wizard.run(BOTH if fitting else ("verify",)))
 
 
 def _guarded(wizard: Wizard, action: Callable[[], None]) -> int | None:
-    """Do it; Ctrl-C and every error end in a hold, and what was recorded is kept."""
+    """Execute an action; Ctrl-C and every error end in a hold, the readings are kept."""
     try:
         with _ended_like_ctrl_c():
             action()
@@ -225,10 +224,10 @@ def _interrupted(wizard: Wizard, teller: Teller) -> int:
 
 @contextmanager
 def _ended_like_ctrl_c() -> Iterator[None]:
-    """Let a closed terminal, and a process that is told to end, stop the arm as Ctrl-C does."""
+    """Treat SIGTERM and SIGHUP as Ctrl-C, so that they stop the arm too."""
 
     def interrupt(_signal: int, _frame: FrameType | None) -> None:
-        """Do as Ctrl-C does."""
+        """Raise KeyboardInterrupt."""
         raise KeyboardInterrupt
 
     numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -242,10 +241,10 @@ def _ended_like_ctrl_c() -> Iterator[None]:
 
 @contextmanager
 def _deaf() -> Iterator[None]:
-    """Let no second Ctrl-C get between a person and the hold that the first one asked for."""
+    """Ignore a second Ctrl-C while the hold of the first one is requested."""
 
     def nothing(_signal: int, _frame: FrameType | None) -> None:
-        """Ignore it."""
+        """Ignore the signal."""
 
     before = signal.signal(signal.SIGINT, nothing)
     try:

@@ -1,4 +1,4 @@
-"""Calibration from a recording: nothing moves, the cell need not be up."""
+"""Calibration from a recording: no motion, the cell need not be up."""
 
 from pathlib import Path
 
@@ -18,7 +18,7 @@ PATIENCE_S = 0.5
 
 
 def calibrate(job: Job, recording: Path, other: Path | None, axes: WrenchAxes | None) -> int:
-    """Fit a recording, verify it by another one if there is one, write, send if the cell is up.
+    """Fit a recording, verify by another one if given, write, send if the cell is up.
 
     Raises DataError when a recording cannot be used.
     """

@@ -1,4 +1,4 @@
-"""Calibration by a person who moves the arm: the wizard watches, takes poses, gives advice."""
+"""Manual calibration: the user moves the arm, the wizard records poses and recommends the next."""
 
 from dataclasses import dataclass
 from typing import Protocol
@@ -23,24 +23,24 @@ from identification.excitation.pose_choice import conditioning
 from identification.identify import identify
 from identification.static_poses import LEAST_POSES, WORST_CONDITIONING, angle
 
-NEW_RAD = np.radians(15.0)  # an attitude nearer to one that was taken is not taken by itself
-STILL_S = 1.0  # so long all must be still before a pose is taken by itself
+NEW_RAD = np.radians(15.0)  # least distance to earlier attitudes for automatic capture
+STILL_S = 1.0  # time at rest before automatic capture
 LOOK_EVERY_NS = 50_000_000
 ENOUGH = 6
-KEYS = "Enter takes a pose, u takes the last one back, q goes on"
-HINT = "tilt the tool by 60 degrees or more from the poses before, each time about another axis"
+KEYS = "Enter records a pose, u removes the last one, q continues"
+HINT = "tilt the tool by 60 degrees or more from the earlier poses, each time about another axis"
 
 
 class Keys(Protocol):
-    """What the person types."""
+    """Source of typed lines."""
 
     def poll(self) -> str | None:
-        """Return a line that was typed, None when there is none."""
+        """Return a typed line, None when there is none."""
 
 
 @dataclass(frozen=True, slots=True)
 class Wish:
-    """How many poses at most, how long each, and whether they are taken by themselves."""
+    """Number of poses, duration of a dwell, and whether capture is automatic."""
 
     poses: int = 10
     verify_poses: int = 4
@@ -49,7 +49,7 @@ class Wish:
 
 
 class Watcher:
-    """Takes poses that a person has moved the arm to; it moves nothing itself."""
+    """Recorder of poses to which the user moves the arm; it moves nothing itself."""
 
     def __init__(self, bus: Bus, cell: Cell, wish: Wish, *, keys: Keys, teller: Teller) -> None:
         """Subscribe."""
@@ -57,24 +57,24 @@ class Watcher:
         self._clock, self._wish = bus.clock, wish
         self._keys, self._teller = keys, teller
         self._gatherer = Gatherer(bus, cell)
-        self._wanted = False  # the person asked for a pose; it is taken as soon as all is still
+        self._wanted = False  # a pose was requested; it is recorded once everything is at rest
         self._still_since_ns: int | None = None
 
     @property
     def serial(self) -> str:
-        """Serial number of the sensor, empty when it says none."""
+        """Serial number of the sensor, empty when it reports none."""
         return self._gatherer.serial
 
     def run(self) -> None:
-        """Take poses to fit, then fresh ones to verify by. Raises CalibrationError without any."""
+        """Record poses to fit, then poses to verify. Raises CalibrationError without any."""
         self._gatherer.until_heard()
         self._teller.note(f"move the arm with the pendant or `forcemesh move`; {KEYS}")
         self._teller.note(f"next: {HINT}")
         self._take_poses("fit", self._wish.poses)
         if not of_purpose(self.dwells, "fit"):
-            raise CalibrationError("no pose was taken")
+            raise CalibrationError("no pose was recorded")
         if self._wish.verify_poses:
-            self._teller.note(f"now {self._wish.verify_poses} fresh poses to verify by; {KEYS}")
+            self._teller.note(f"now {self._wish.verify_poses} fresh poses to verify; {KEYS}")
             self._take_poses("verify", self._wish.verify_poses)
 
     def _take_poses(self, purpose: Purpose, count: int) -> None:
@@ -101,7 +101,7 @@ class Watcher:
         return of_purpose(self.dwells, purpose)
 
     def _look(self) -> str:
-        """Take what the sensor says; return what is wrong with it."""
+        """Read the sensor; return its fault, empty when there is none."""
         try:
             self._gatherer.take()
         except ReadingLostError as error:
@@ -115,7 +115,7 @@ class Watcher:
             self._still_since_ns = self._clock.now_ns()
 
     def _is_new(self) -> bool:
-        """Tell whether this pose is to be taken by itself: still, and far from the others."""
+        """Return whether to capture this pose automatically: at rest, far from the others."""
         if not self._wish.auto or self._still_since_ns is None:
             return False
         if self._clock.now_ns() - self._still_since_ns < STILL_S * NS_PER_S:
@@ -133,22 +133,22 @@ class Watcher:
         try:
             dwell = self._gatherer.dwell(purpose, self._wish.dwell_s, lambda _what: None)
         except CalibrationError as error:
-            self._teller.note(f"not taken: {error}")
+            self._teller.note(f"not recorded: {error}")
             return
         apart_deg = np.degrees(self._apart_rad())
         self.dwells.append(dwell)
-        self._teller.note(f"pose {len(self._taken(purpose))} taken{self._advice(purpose)}")
+        self._teller.note(f"pose {len(self._taken(purpose))} recorded{self._advice(purpose)}")
         if apart_deg < np.degrees(NEW_RAD):
             self._teller.note(
-                f"it is only {apart_deg:.0f} degrees from one before: u takes it back"
+                f"it is only {apart_deg:.0f} degrees from an earlier one: u removes it"
             )
 
     def _undo(self, purpose: Purpose) -> None:
         if not self._taken(purpose):
-            self._teller.note("there is no pose to take back")
+            self._teller.note("there is no pose to remove")
             return
         self.dwells.pop()
-        self._teller.note(f"taken back: {len(self._taken(purpose))} poses are left")
+        self._teller.note(f"removed: {len(self._taken(purpose))} poses remain")
 
     def _may_end(self, purpose: Purpose) -> bool:
         count = len(self._taken(purpose))
@@ -157,17 +157,17 @@ class Watcher:
         found = conditioning(_attitudes(self._taken("fit")))
         if count < LEAST_POSES or found > WORST_CONDITIONING:
             self._teller.note(
-                f"{count} poses with condition number {found:.0f} cannot carry a fit (at most "
+                f"{count} poses with condition number {found:.0f} do not determine a fit (at most "
                 f"{WORST_CONDITIONING:.0f}, better {ENOUGH} poses or more): {HINT}"
             )
             return False
         return True
 
     def _advice(self, purpose: Purpose) -> str:
-        """Say how well the poses tell the payload so far, and which one to go to next."""
+        """Return the conditioning of the poses so far and the recommended next pose."""
         taken = self._taken("fit")
         if purpose == "verify":
-            return "; next: any attitude that was not there before"
+            return "; next: any new attitude"
         if len(taken) < LEAST_POSES:
             return f"; next: {HINT}"
         found = conditioning(_attitudes(taken))
@@ -188,7 +188,7 @@ class Watcher:
             return
         x, y, z = -here.R_base_sensor[2, :]
         force_N = float(np.linalg.norm(here.reading[:3]))
-        state = f"waiting for {waits_for}" if waits_for else "still"
+        state = f"waiting for {waits_for}" if waits_for else "at rest"
         gravity = f"gravity ({x:.1f}, {y:.1f}, {z:.1f})"
         text = f"{taken} of {count} poses | {gravity} | {force_N:.1f} N | {state}"
         self._teller.progress(taken, count, text)
@@ -199,11 +199,11 @@ def _attitudes(dwells: list[Dwell]) -> Array:
 
 
 def watch(watcher: Watcher, teller: Teller) -> int | None:
-    """Let a person take poses; return the exit code when it ended early, else None."""
+    """Record poses; return the exit code when it ended early, else None."""
     try:
         watcher.run()
     except KeyboardInterrupt:
-        teller.note("interrupted; nothing moves by the wizard")
+        teller.note("interrupted; the wizard moves nothing")
         return INTERRUPTED
     except ForcemeshError as error:
         teller.note(str(error))
@@ -212,7 +212,7 @@ def watch(watcher: Watcher, teller: Teller) -> int | None:
 
 
 def calibrate(job: Job, wish: Wish, bus: Bus, keys: Keys) -> int:
-    """Watch, keep what was recorded, fit, verify, write, send. Returns the exit code."""
+    """Record poses, save the readings, fit, verify, write, send. Returns the exit code."""
     with screen(with_time=False) as teller:
         watcher = Watcher(bus, job.cell, wish, keys=keys, teller=teller)
         ended = watch(watcher, teller)

@@ -1,4 +1,4 @@
-"""Moves the arm as any client does: arm for jog, move the joints, wait, hold. Nothing else."""
+"""Motion client of the wizard: arm for jog, move the joints, wait, hold."""
 
 from collections.abc import Callable
 
@@ -22,19 +22,19 @@ from identification.errors import (
 POLL_S = 0.01
 HEARD_WITHIN_S = 2.0
 REST_WITHIN_S = 2.0
-READY_WITHIN_S = 5.0  # the preflight wants a second of good inputs and rest
-AFTERWARDS_S = 0.3  # so long the arbiter may take to say why a goal has ended
-TAKEN_S = 0.5  # so long it must have named another goal, or none, before it is believed
-SLOWEST = 4.0  # times the expected duration, and the seconds more, that a way may take
+READY_WITHIN_S = 5.0  # the preflight needs a second of good inputs and rest
+AFTERWARDS_S = 0.3  # time for the arbiter to report why a goal has ended
+TAKEN_S = 0.5  # time without this goal in the arbiter's status before it counts as ended
+SLOWEST = 4.0  # timeout of a move: multiple of the expected duration, plus SLOWEST_S
 SLOWEST_S = 15.0
-PASSING = ("not_ready", "moving", "wait", "busy")  # refusals that time mends
-OF_THE_POSE = ("joint", "workspace", "tether", "goal_refused")  # refusals that another pose mends
+PASSING = ("not_ready", "moving", "wait", "busy")  # transient refusals
+OF_THE_POSE = ("joint", "workspace", "tether", "goal_refused")  # refusals of this pose only
 
 Watch = Callable[[str], None]
 
 
 class Drive:
-    """One arm, moved by goals of its joints."""
+    """Motion of one arm by joint goals."""
 
     def __init__(self, bus: Bus, speed_m_s: float) -> None:
         """Subscribe; nothing moves before `arm`."""
@@ -45,22 +45,22 @@ class Drive:
         self._armed_by_us = False
 
     def state(self) -> RobotState:
-        """Return where the arm is. Raises CalibrationError when it is not heard."""
+        """Return the state of the arm. Raises CalibrationError when none is received."""
         give_up_ns = self._clock.now_ns() + round(HEARD_WITHIN_S * NS_PER_S)
         while True:
             reading = self._robot.read(self._clock.now_ns())
             if reading.fresh is not None:
                 return reading.fresh
             if self._clock.now_ns() > give_up_ns:
-                raise CalibrationError(f"lost sight of the arm: {reading.fault}")
+                raise CalibrationError(f"no robot state: {reading.fault}")
             self._clock.sleep_s(POLL_S)
 
     def at_rest(self) -> RobotState:
-        """Return where the arm is, at rest. Raises CalibrationError when it goes on moving."""
+        """Return the state of the arm at rest. Raises CalibrationError when it keeps moving."""
         give_up_ns = self._clock.now_ns() + round(REST_WITHIN_S * NS_PER_S)
         while (state := self.state()).status.moving:
             if self._clock.now_ns() > give_up_ns:
-                raise CalibrationError("the arm is moving: let it rest first")
+                raise CalibrationError("the arm is moving: wait until it is at rest")
             self._clock.sleep_s(POLL_S)
         return state
 
@@ -69,23 +69,23 @@ class Drive:
         return np.array(self.state().joint_rad)
 
     def refuse_unless_free(self) -> None:
-        """Raise NotBegunError when somebody else has the arm, or has stopped it: they know why."""
+        """Raise NotBegunError when another commander moves the arm, or when it is stopped."""
         give_up_ns = self._clock.now_ns() + round(HEARD_WITHIN_S * NS_PER_S)
         while (reading := self._arbiter.read(self._clock.now_ns())).fresh is None:
             if self._clock.now_ns() > give_up_ns:
-                raise CalibrationError(f"the arbiter is not heard: {reading.fault}")
+                raise CalibrationError(f"no arbiter status: {reading.fault}")
             self._clock.sleep_s(POLL_S)
         if reading.fresh.state in {"ACTIVE", "SETTLING"}:
             text = f"the {reading.fresh.commander} commands the arm: stop that first"
             raise NotBegunError("busy", text)
         if reading.fresh.state not in {"IDLE", "ARMED"}:
-            text = f"{_why(reading.fresh)}; the wizard begins from IDLE or ARMED"
+            text = f"{_why(reading.fresh)}; the wizard starts from IDLE or ARMED"
             raise NotBegunError("held", text)
 
     def arm(self) -> str:
-        """Arm for moves alone, and say how that was answered.
+        """Arm for moves only; return the text of the reply.
 
-        Raises RefusedError when it was refused, NotBegunError when the arm is not free.
+        Raises RefusedError when refused, NotBegunError when the arm is not free.
         """
         self.refuse_unless_free()
         reply = self._ask_until(lambda: self._bus.ask(topics.ARM, ArmRequest(purpose="jog")))
@@ -93,23 +93,23 @@ class Drive:
         return reply.text
 
     def hold(self, reason: str) -> str:
-        """Ask for a hold, whatever happens; say what came of it."""
+        """Request a hold; return the text of the reply, or the error."""
         try:
             return self._bus.ask(topics.HOLD, HoldRequest(reason=reason[:400])).text
         except BusError as error:
-            return f"hold was not answered: {error}"
+            return f"no reply to the hold request: {error}"
 
     def release(self) -> None:
-        """Leave the arm as it was found: not armed, when it was us who armed it."""
+        """Disarm the arm when this calibration has armed it."""
         if self._armed_by_us:
-            self.hold("the calibration is done")
+            self.hold("the calibration has ended")
             self._bus.ask(topics.CLEAR, Empty())
 
     def go(self, q: Array, length_m: float, watch: Watch) -> None:
-        """Move the joints to angles [rad], shape (6,), and wait until they are there.
+        """Move the joints to angles [rad], shape (6,), and wait until they are reached.
 
-        Raises PoseRefusedError when this goal alone is not possible, StoppedError when the arm was
-        stopped, RefusedError when nobody may move it.
+        Raises PoseRefusedError when only this goal is not possible, StoppedError when the arm was
+        stopped, RefusedError when no motion is allowed.
         """
         request = MoveRequest(kind="joints", joint_rad=joints(q), speed_m_s=self._speed_m_s)
         reply = self._ask_until(lambda: self._bus.ask(topics.MOVE, request), OF_THE_POSE)
@@ -119,15 +119,15 @@ class Drive:
         self._follow(int(reply.value or 0), SLOWEST * expected_s + SLOWEST_S, watch)
 
     def check(self) -> None:
-        """Raise StoppedError, in the arbiter's words, when the arm was stopped."""
+        """Raise StoppedError with the arbiter's reason when the arm was stopped."""
         reading = self._arbiter.read(self._clock.now_ns())
         if reading.fresh is not None and not reading.fresh.goes_on:
             raise StoppedError(_why(reading.fresh))
         if reading.silent and reading.message is not None:
-            raise CalibrationError(f"the arbiter is not heard: {reading.fault}")
+            raise CalibrationError(f"no arbiter status: {reading.fault}")
 
     def _ask_until(self, ask: Callable[[], Reply], final: tuple[str, ...] = ()) -> Reply:
-        """Ask again while the refusal is one that time mends."""
+        """Repeat the request while its refusal is transient."""
         give_up_ns = self._clock.now_ns() + round(READY_WITHIN_S * NS_PER_S)
         while True:
             reply = ask()
@@ -138,7 +138,7 @@ class Drive:
             self._clock.sleep_s(10.0 * POLL_S)
 
     def _follow(self, goal_id: int, within_s: float, watch: Watch) -> None:
-        """Return when the goal is done."""
+        """Return when the goal is reached."""
         started_ns = mine_ns = self._clock.now_ns()
         while True:
             self._clock.sleep_s(POLL_S)
@@ -159,7 +159,7 @@ class Drive:
                 raise CalibrationError(f"a pose was not reached within {within_s:.0f} s")
 
     def _judge_end(self, reason: str) -> None:
-        """Raise what the end of a goal short of its pose means: a stopped arm, or a bad pose."""
+        """Raise StoppedError or PoseRefusedError for a goal that ended before its pose."""
         end_ns = self._clock.now_ns() + round(AFTERWARDS_S * NS_PER_S)
         while self._clock.now_ns() < end_ns:
             self.check()

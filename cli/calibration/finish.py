@@ -1,4 +1,4 @@
-"""The end of every calibration: print, judge, write, put into use, report; the exit code."""
+"""Conclusion of every calibration: verdict, files, use by the cell, report and exit code."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -24,22 +24,22 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """What is calibrated, and what becomes of the result."""
+    """Cell to calibrate, output files, limits and use of the result."""
 
     cell: Cell
     places: Places
     bounds: Bounds
-    force: bool = False  # write it although it failed; never use it
-    use: bool = False  # put it into use when it has passed
+    force: bool = False  # write a failed result too, without using it
+    use: bool = False  # put a passed result into use
 
 
 def conclude(job: Job, evidence: Evidence, bus: "Bus | None") -> int:
-    """Print what was found, judge it, write it, put it into use when that is wanted and it passed.
+    """Print the result and its verdict, write it, put it into use if requested and passed.
 
     Args:
-        job: What is calibrated.
+        job: Cell, files and options.
         evidence: Readings and their fit.
-        bus: Way to the running cell; None when it is not up.
+        bus: Bus of the running cell; None when it is not up.
     """
     found = findings_of(job.cell, evidence, job.bounds)
     for warning in found.report["warnings"]:
@@ -50,9 +50,9 @@ def conclude(job: Job, evidence: Evidence, bus: "Bus | None") -> int:
 
 
 def settle(job: Job, found: Findings, bus: "Bus | None") -> int:
-    """Write what was found; put it into use when wanted and passed. Return the exit code.
+    """Write the result; put it into use if requested and passed. Return the exit code.
 
-    The last sentence says whether the cell uses it; wanted and not used is never exit code 0.
+    The last line reports whether the cell uses it; requested and not used is never exit code 0.
     """
     if found.verdict.passed is False:
         return _settle_failed(job, found)
@@ -78,14 +78,14 @@ def _settle_failed(job: Job, found: Findings) -> int:
     page = job.places.failed_page
     save_page(found, page)
     typer.echo(
-        "look for contact, a loose tool or cable, a wrong T_flange_sensor; --force writes it"
+        "check for contact, a loose tool or cable, a wrong T_flange_sensor; --force writes it"
     )
     typer.echo(f"nothing was written or put into use; the report is {page}")
     return NOT_WELL
 
 
 def _put_into_use(job: Job, found: Findings, bus: "Bus | None") -> int:
-    """Give it to the running cell, and to its next start when it was taken."""
+    """Send the result to the running cell; when accepted, write it for the next start too."""
     from cli.calibration.send import send
 
     places, revision = job.places, found.section.revision
@@ -99,17 +99,17 @@ def _put_into_use(job: Job, found: Findings, bus: "Bus | None") -> int:
         _write(places.unused, found)
         typer.echo(
             f"{error}; whether the cell uses calibration {revision} is not known: `forcemesh "
-            f"status` says how it is, and the file is {places.unused}"
+            f"status` shows it; the file is {places.unused}"
         )
         return NO_ANSWER
     if not reply.accepted:
         _write(places.unused, found)
         why = f"the running cell refused it ({reply.code}): {reply.text}"
-        typer.echo(_not_used(places, f"{why}; it goes on with the one that it had"))
+        typer.echo(_not_used(places, f"{why}; it keeps its previous calibration"))
         return REFUSED
     _write(places.calibration, found)
     if places.advice:
-        typer.echo(f"{places.advice}, also after its next start")
+        typer.echo(f"{places.advice} after its next start as well")
     typer.echo(reply.text)
     return OK
 
@@ -119,7 +119,7 @@ def _not_used(places: Places, why: str) -> str:
 
 
 def _write(path: Path, found: Findings) -> None:
-    """Write calibration and page; what was there before is kept beside them."""
+    """Write calibration and page; previous files are kept as `.before`."""
     keep_before(path)
     found.section.save(path)
     typer.echo(f"calibration {found.section.revision} written to {path}")
@@ -130,7 +130,7 @@ def _write(path: Path, found: Findings) -> None:
 
 
 def keep_readings(job: Job, dwells: Sequence[Dwell]) -> None:
-    """Write what was recorded, however it ended. Raises DataError when that is not possible."""
+    """Write the recorded readings, if any. Raises DataError when that is not possible."""
     if not dwells:
         return
     path = job.places.readings

@@ -1,4 +1,4 @@
-"""Reads what the sensor says while the arm stands still: each sample once, good ones alone."""
+"""Reader of sensor samples while the arm is at rest: each sample once, valid ones only."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -19,21 +19,21 @@ from identification.excitation.stillness import Sample, Stillness
 
 POLL_S = 0.001
 STILL_WITHIN_S = 10.0
-JUDGE_EVERY_NS = 50_000_000  # whether all is still
+JUDGE_EVERY_NS = 50_000_000  # period of the rest check
 HEARD_WITHIN_S = 2.0
 LEAST_READINGS = 10
 ATTEMPTS = 2
 
-Watch = Callable[[str], None]  # is told what is waited for; raises when the arm was stopped
+Watch = Callable[[str], None]  # receives the awaited condition; raises when the arm was stopped
 
 
 class ReadingLostError(ForcemeshError):
-    """The sensor or the arm said nothing good for a moment."""
+    """Sensor or robot data was missing or invalid."""
 
 
 @dataclass(slots=True)
 class _Left:
-    """What the running cell leaves of the wrench, summed over a dwell, at the sensor's origin."""
+    """Residual wrench of the running cell about the sensor's origin, summed over a dwell."""
 
     force_N: Array
     torque_Nm: Array
@@ -41,7 +41,7 @@ class _Left:
 
 
 class Gatherer:
-    """A client's eyes on sensor, arm and wrench."""
+    """Subscriber to sensor, robot state and wrench, with a rest detector."""
 
     def __init__(self, bus: Bus, cell: Cell) -> None:
         """Subscribe."""
@@ -58,9 +58,9 @@ class Gatherer:
         self.in_use = ""  # the calibration that the running cell uses
 
     def take(self) -> Sample | None:
-        """Return the newest sample when it is a new one.
+        """Return the newest sample when it is new, else None.
 
-        Raises ReadingLostError while sensor or arm are not heard, or not good.
+        Raises ReadingLostError while sensor or robot data is missing or invalid.
         """
         now_ns = self._clock.now_ns()
         sensor, robot = self._sensor.read(now_ns), self._robot.read(now_ns)
@@ -86,7 +86,7 @@ class Gatherer:
         return sample
 
     def until_heard(self) -> None:
-        """Wait for the first good sample. Raises CalibrationError when none comes."""
+        """Wait for the first valid sample. Raises CalibrationError when none is received."""
         give_up_ns = self._clock.now_ns() + round(HEARD_WITHIN_S * NS_PER_S)
         why = ""
         while self._clock.now_ns() < give_up_ns:
@@ -99,9 +99,9 @@ class Gatherer:
         raise CalibrationError(f"no reading within {HEARD_WITHIN_S:g} s: {why}")
 
     def dwell(self, purpose: Purpose, dwell_s: float, watch: Watch) -> Dwell:
-        """Wait until all is still, then read for a while; once more when a reading is lost.
+        """Wait for rest, then read for dwell_s; repeat once when a reading is lost.
 
-        Raises CalibrationError, with what was waited for, when it does not come to rest.
+        Raises CalibrationError, with the awaited condition, when it does not come to rest.
         """
         for attempt in range(1, ATTEMPTS + 1):
             try:
@@ -142,9 +142,9 @@ class Gatherer:
                 self._add_wrench(left, sample)
         complaint = self.stillness.complaint()
         if complaint and complaint != "readings":
-            raise ReadingLostError(f"it did not stay still: waiting for {complaint}")
+            raise ReadingLostError(f"not at rest while reading: waiting for {complaint}")
         if len(samples) < LEAST_READINGS:
-            raise ReadingLostError(f"only {len(samples)} readings came in {dwell_s:g} s")
+            raise ReadingLostError(f"only {len(samples)} readings in {dwell_s:g} s")
         readings = np.array([sample.reading for sample in samples])
         at_ns = np.array([sample.at_ns - self._started_ns for sample in samples])
         return Dwell(
@@ -159,7 +159,7 @@ class Gatherer:
         )
 
     def _add_wrench(self, left: _Left, sample: Sample) -> None:
-        """Add what the wrench service says, its torque taken about the sensor's origin again."""
+        """Add the published wrench, with its torque moved to the sensor's origin."""
         if not self._wrench.poll():
             return
         wrench = self._wrench.read(self._clock.now_ns()).fresh

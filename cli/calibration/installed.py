@@ -1,7 +1,7 @@
-"""No calibration is made from a sensor that is installed another way than the cell file says.
+"""Installation check before a calibration: axes, signs and units must match the cell file.
 
-A fit would hide it: some wrong axes have a payload that explains them, and the tool would press the
-harder the more it should give way.
+A fit could hide wrong axes, as some of them are explained by a payload; the force loop would then
+have positive feedback.
 """
 
 from collections.abc import Sequence
@@ -18,7 +18,7 @@ from identification.recording import Recording, WrenchAxes
 
 
 def refuse_wrong_axes(job: Job, dwells: Sequence[Dwell]) -> None:
-    """Do so with the poses that a calibration is to be fitted to."""
+    """Raise CalibrationError when the dwells of the fit contradict the installation."""
     recording = recording_of(of_purpose(dwells, "fit"), job.places.readings)
     refuse_wrong(job.cell, recording, "sensor", force=job.force)
 
@@ -26,20 +26,20 @@ def refuse_wrong_axes(job: Job, dwells: Sequence[Dwell]) -> None:
 def refuse_wrong(
     cell: Cell, recording: Recording, axes: WrenchAxes | None, *, force: bool = False
 ) -> None:
-    """Raise CalibrationError with what looks wrong and what to write; with force, only say it.
+    """Raise CalibrationError with the finding and its remedy; with force, print a warning.
 
     Args:
-        cell: What is believed.
+        cell: Expected installation.
         recording: Static readings in many attitudes.
-        axes: In which the wrench was recorded; None: find out.
-        force: Go on all the same.
+        axes: Axes in which the wrench was recorded; None: detect them.
+        force: Continue in spite of a finding.
     """
     belief = Belief.of(cell)
     found = judge_recording(recording, axes, belief)[1]
     if belief.mass_kg is None and "mass_kg" in found.evidence:
         typer.echo(
-            f"the tool reads {found.evidence['mass_kg']:.3g} kg, and the cell file knows none: is "
-            "that so? A wrong unit of force (kgf, pounds) shows here alone",
+            f"the measured tool mass is {found.evidence['mass_kg']:.3g} kg, the cell file has "
+            "none: check it. A wrong unit of force (kgf, pounds) is detectable only here",
             err=True,
         )
     if found.complaint is None:
@@ -48,6 +48,6 @@ def refuse_wrong(
         typer.echo(f"warning: {found.complaint}", err=True)
         return
     raise CalibrationError(
-        f"{found.complaint}; no calibration is made of that (`forcemesh check axes` says more, "
-        "--force makes one all the same)"
+        f"{found.complaint}; no calibration is made (`forcemesh check axes` shows more, "
+        "--force makes one nevertheless)"
     )

@@ -1,4 +1,4 @@
-"""The report page of a calibration: one file, readable without anything from outside."""
+"""Report page of a calibration: one self-contained HTML file."""
 
 import base64
 from html import escape
@@ -12,7 +12,7 @@ from identification.evidence import Findings
 from identification.verification import Verdict
 
 MODELS_SHOWN = 7
-LEFT = ["", "poses", "force mean (N)", "max (N)", "torque mean (N m)", "max (N m)"]
+LEFT = ["", "poses", "force, mean [N]", "max [N]", "torque, mean [N m]", "max [N m]"]
 METHODS = {
     "arm": "the wizard moved the arm",
     "manual": "a person moved the arm",
@@ -56,8 +56,8 @@ def page(found: Findings) -> str:
         f"<h1>{escape(title)}</h1>",
         _banner(verdict),
         _table([], _origin(found)),
-        "<h2>What is left at each pose</h2>",
-        _picture("what is left at each pose", pictures.residual_bars(found)),
+        "<h2>Residuals at each pose</h2>",
+        _picture("residuals at each pose", pictures.residual_bars(found)),
         _table(LEFT, _left(found)),
         "<h2>Payload and bias</h2>",
         _table(["parameter", "value", "standard deviation", ""], _parameters(found.report)),
@@ -65,13 +65,13 @@ def page(found: Findings) -> str:
             "In sensor axes, from the sensor's origin. Condition number of the fit: "
             f"{found.report['conditioning']:.1f}."
         ),
-        "<h2>Before and after</h2>",
+        "<h2>Compensation</h2>",
         _picture("readings before and after compensation", pictures.before_after(found)),
         "<h2>Attitudes</h2>",
         _picture("directions of gravity in sensor axes", pictures.attitudes(found)),
         _paragraph(_advice(found.report)),
-        "<h2>Models tried</h2>",
-        _table(["model", "rms (N)", "rms (N m)", "verdict"], _models(found.report)),
+        "<h2>Models compared</h2>",
+        _table(["model", "rms [N]", "rms [N m]", "verdict"], _models(found.report)),
         "<h2>Remarks</h2>",
         _list(_remarks(found)),
     ]
@@ -87,8 +87,8 @@ def _origin(found: Findings) -> list[list[str]]:
     section = found.section
     return [
         ["cell", section.cell],
-        ["tool", section.tool or "without a name"],
-        ["sensor", section.sensor or "serial number not known"],
+        ["tool", section.tool or "unnamed"],
+        ["sensor", section.sensor or "serial number unknown"],
         ["made at", section.made_at.isoformat(sep=" ")],
         ["revision", section.revision],
         ["method", METHODS[section.method]],
@@ -100,7 +100,7 @@ def _origin(found: Findings) -> list[list[str]]:
 
 
 def _name_of(found: Findings) -> str:
-    """Return the name of the readings' file: it may be moved with the page that lies beside it."""
+    """Return the name of the readings' file, without its folder: both files may be moved."""
     return Path(found.report["recording"]).name
 
 
@@ -147,12 +147,12 @@ def _models(report: dict[str, Any]) -> list[list[str]]:
 def _advice(report: dict[str, Any]) -> str:
     advice = report["next_pose"]
     if not is_worth_it(advice):
-        return "No further pose would make any parameter much surer."
+        return "No further pose would reduce the deviation of any parameter considerably."
     down = _numbers(advice["down_in_sensor"], 1.0, 2)
     return (
-        f"One more pose would teach most with gravity along ({down}) in sensor axes: "
-        f"{advice['parameter']} would be sure to {advice['std_after']:.2g} instead of "
-        f"{advice['std_before']:.2g}."
+        f"The most informative next pose has gravity along ({down}) in sensor axes: it would "
+        f"reduce the standard deviation of {advice['parameter']} from "
+        f"{advice['std_before']:.2g} to {advice['std_after']:.2g}."
     )
 
 
@@ -160,9 +160,9 @@ def _remarks(found: Findings) -> list[str]:
     report = found.report
     lines = [*found.evidence.notes, *(f"warning: {text}" for text in report["warnings"])]
     lines += [f"left out {len(r['lines'])} readings: {r['reason']}" for r in report["rejected"]]
-    lines += [f"hardly told by these poses: {line}" for line in report["unsure"]]
-    lines += [f"not told by this recording: {line}" for line in report["untold"]]
-    return lines or ["none: every reading was used, every parameter is told"]
+    lines += [f"poorly determined by these poses: {line}" for line in report["unsure"]]
+    lines += [f"not determined by this recording: {line}" for line in report["untold"]]
+    return lines or ["none: every reading was used, every parameter is determined"]
 
 
 def _banner(verdict: Verdict) -> str:

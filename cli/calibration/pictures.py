@@ -1,4 +1,4 @@
-"""The pictures of a calibration's report, as SVG text: residuals, before and after, attitudes."""
+"""Figures of a calibration report, as SVG text: residuals, compensation, attitudes."""
 
 from io import StringIO
 from itertools import pairwise
@@ -24,26 +24,26 @@ STYLE: Any = {
     "axes.spines.right": False,
     "axes.grid": True,
     "grid.alpha": 0.3,
-    "svg.hashsalt": "forcemesh",  # the same calibration, the same picture
+    "svg.hashsalt": "forcemesh",  # reproducible output
 }
 
 
 def residual_bars(found: Findings) -> Figure:
-    """Return what is left at each pose of the fit, and at each fresh one, beside the limits."""
+    """Return the residuals at each fitted and each verification pose, with the limits."""
     figure, ((force, torque),) = _panels(3.4)
     groups = [("fit", found.fit_left, FIT)]
     if found.verify_left is not None:
         groups.append(("verification", found.verify_left, VERIFY))
     forces = [(label, left.force_N, colour) for label, left, colour in groups]
     torques = [(label, 1e3 * left.torque_Nm, colour) for label, left, colour in groups]
-    _bars(force, forces, "force left (N)", found.bounds.force_N)
-    _bars(torque, torques, "torque left (mN m)", 1e3 * found.bounds.torque_Nm)
+    _bars(force, forces, "residual force [N]", found.bounds.force_N)
+    _bars(torque, torques, "residual torque [mN m]", 1e3 * found.bounds.torque_Nm)
     force.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, frameon=False)
     return figure
 
 
 def before_after(found: Findings) -> Figure:
-    """Return the force components of all readings, as read and with weight and bias taken off."""
+    """Return the components of all readings, measured and with weight and bias compensated."""
     samples = found.evidence.recording.samples(found.evidence.axes)
     payload = found.evidence.fit.payload
     R, F, M = samples.R_base_sensor, samples.force_N, samples.torque_Nm
@@ -52,15 +52,15 @@ def before_after(found: Findings) -> Figure:
     first_row = found.evidence.fit.first_row
     for column, (read, left, unit) in enumerate(((F, left_N, "N"), (M, left_Nm, "N m"))):
         kind = ("force", "torque")[column]
-        _lines(panels[0, column], read, first_row, f"{kind} as read ({unit})")
-        _lines(panels[1, column], left, first_row, f"{kind} compensated ({unit})")
+        _lines(panels[0, column], read, first_row, f"measured {kind} [{unit}]")
+        _lines(panels[1, column], left, first_row, f"compensated {kind} [{unit}]")
         panels[1, column].set_xlabel("reading of the fit; thick: mean of each pose")
     panels[0, 0].legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, frameon=False)
     return figure
 
 
 def attitudes(found: Findings) -> Figure:
-    """Return the directions of gravity in sensor axes, on the two halves of the sphere."""
+    """Return the directions of gravity in sensor axes, on two hemispheres."""
     figure, (halves,) = _panels(3.9)
     poses = found.evidence.recording.samples(found.evidence.axes).R_base_sensor
     groups = [("fit", -poses[found.evidence.fit.first_row][:, 2, :], FIT, "o")]
@@ -68,7 +68,7 @@ def attitudes(found: Findings) -> Figure:
         fresh = -found.evidence.verify.R_base_sensor[:, 2, :]
         groups.append(("verification", fresh, VERIFY, "s"))
     advised = np.array([found.report["next_pose"]["down_in_sensor"]])
-    groups.append(("next pose advised", advised, LIMIT, "*"))
+    groups.append(("recommended next pose", advised, LIMIT, "*"))
     for half, sign, title in ((halves[0], 1.0, "towards +z"), (halves[1], -1.0, "towards -z")):
         _globe(half, f"gravity {title} of the sensor")
         for label, down, colour, marker in groups:
@@ -79,7 +79,7 @@ def attitudes(found: Findings) -> Figure:
 
 
 def svg_of(figure: Figure) -> str:
-    """Return a figure as SVG text, its letters as outlines: it needs nothing from outside."""
+    """Return a figure as self-contained SVG text, its letters as outlines."""
     out = StringIO()
     with rc_context(STYLE):
         figure.savefig(out, format="svg", metadata={"Date": None})
@@ -94,14 +94,14 @@ def _panels(height: float, rows: int = 1) -> tuple[Figure, Any]:
 
 
 def _bars(axes: Axes, groups: list[tuple[str, Array, str]], label: str, limit: float) -> None:
-    """Draw a bar for each pose; of very many the largest."""
+    """Draw a bar for each pose, at most the MOST_BARS largest."""
     start = 1
     for text, values, colour in groups:
         height = values if len(values) <= MOST_BARS else np.sort(values)[::-1][:MOST_BARS]
         axes.bar(np.arange(start, start + len(height)), height, color=colour, label=text)
         start += len(height)
     smallest = min(limit, *(values.min() for _, values, _ in groups))
-    axes.set_yscale("log")  # a good fit leaves so little that it would not be seen beside the limit
+    axes.set_yscale("log")  # residuals of a good fit are far below the limit
     axes.yaxis.set_major_formatter("{x:g}")
     axes.axhline(limit, color=LIMIT, linewidth=1.2, linestyle="--")
     axes.text(start - 0.4, limit, f"limit {limit:g}", color=LIMIT, ha="right", va="bottom")
@@ -112,7 +112,7 @@ def _bars(axes: Axes, groups: list[tuple[str, Array, str]], label: str, limit: f
 
 
 def _lines(axes: Axes, values: Array, first_row: npt.NDArray[np.intp], label: str) -> None:
-    """Draw three components, and thick their mean over each pose that was used."""
+    """Draw three components, and their mean over each used pose as a thick line."""
     places = np.arange(0, len(values), 1 + len(values) // MOST_POINTS)
     for axis in range(3):
         axes.plot(places, values[places, axis], color=AXES_COLOURS[axis], linewidth=0.5, alpha=0.35)
@@ -124,7 +124,7 @@ def _lines(axes: Axes, values: Array, first_row: npt.NDArray[np.intp], label: st
 
 
 def _globe(axes: Axes, title: str) -> None:
-    """Draw half a sphere seen along z, areas kept: circles each 30 degrees from the pole."""
+    """Draw an equal-area hemisphere seen along z, with circles every 30 degrees from the pole."""
     turn = np.linspace(0.0, 2.0 * np.pi, 121)
     for angle_deg in (30, 60, 90):
         radius = np.sqrt(2.0) * np.sin(np.radians(angle_deg) / 2.0)
@@ -139,5 +139,5 @@ def _globe(axes: Axes, title: str) -> None:
 
 
 def _flat(down: Array) -> Array:
-    """Return unit vectors of one half of the sphere on a plane, areas kept (Lambert)."""
+    """Return unit vectors of a hemisphere in the plane (Lambert equal-area projection)."""
     return np.asarray(down[:, :2] / np.sqrt(1.0 + np.abs(down[:, 2:])))

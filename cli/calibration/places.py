@@ -1,4 +1,4 @@
-"""Where a calibration and what belongs to it are kept; what was there before is kept beside it."""
+"""File paths of a calibration, its readings and its report; previous files are kept."""
 
 import os
 import shutil
@@ -12,33 +12,33 @@ from forcemesh.errors import DataError
 
 @dataclass(frozen=True, slots=True)
 class Places:
-    """The file of the calibration; readings and report page lie beside it."""
+    """Path of the calibration file; readings and report page are in the same folder."""
 
     calibration: Path
-    advice: str = ""  # what to do so that the cell uses it, empty when it does by itself
+    advice: str = ""  # how to make the cell use the file, empty when it does already
 
     @property
     def unused(self) -> Path:
-        """Where a calibration goes that is not put into use: never where the cell would take it."""
+        """Path of a calibration that is not put into use: one that the cell does not read."""
         if self.advice:
             return self.calibration
         return self.calibration.with_suffix(f".unused{self.calibration.suffix}")
 
     @property
     def readings(self) -> Path:
-        """Where the single readings go."""
+        """Path of the CSV file with the readings."""
         return self.calibration.with_suffix(".csv")
 
     @property
     def failed_page(self) -> Path:
-        """Where the page of a failed run goes: it does not take the place of a good one."""
+        """Path of the report of a failed run: it does not replace a good one."""
         return self.calibration.with_suffix(".failed.html")
 
 
 def places_of(cell: Cell, cell_file: Path, out: Path | None) -> Places:
-    """Return where this cell's calibration goes.
+    """Return the paths of this cell's calibration.
 
-    The place that the cell file names; else `calibration/<cell>.yaml` in the present folder.
+    The path in the cell file; else `calibration/<cell>.yaml` in the current folder.
     Raises ConfigError when the cell file cannot be read.
     """
     named = calibration_file(cell_file)
@@ -48,11 +48,11 @@ def places_of(cell: Cell, cell_file: Path, out: Path | None) -> Places:
     if out is None:
         out = Path("calibration") / f"{cell.cell}.yaml"
     shown = os.path.relpath(out, cell_file.parent)
-    return Places(out, f"so that the cell uses it, let {cell_file} say `calibration: {shown}`")
+    return Places(out, f"set `calibration: {shown}` in {cell_file} to use it")
 
 
 def keep_before(path: Path) -> None:
-    """Keep what stands there as `<name>.before<suffix>`. Raises DataError when it cannot."""
+    """Copy an existing file to `<name>.before<suffix>`. Raises DataError when it cannot."""
     if not path.exists():
         return
     kept = path.with_name(f"{path.stem}.before{path.suffix}")

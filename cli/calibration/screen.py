@@ -1,4 +1,4 @@
-"""Shows a calibration on the terminal: a bar, the time left, what is waited for."""
+"""Terminal output of a calibration: progress bar, remaining time, present step; key input."""
 
 import select
 import sys
@@ -13,7 +13,7 @@ REFRESH_S = 0.1
 
 
 class Screen:
-    """Tells it by a progress bar; lines that stay go above it."""
+    """Progress bar; permanent lines are printed above it."""
 
     def __init__(self, bar: Progress) -> None:
         """Add one task."""
@@ -22,11 +22,11 @@ class Screen:
         self._last_s = 0.0
 
     def note(self, text: str) -> None:
-        """Say one line that stays."""
+        """Print one permanent line."""
         self._bar.console.print(text, markup=False, highlight=False, soft_wrap=True)
 
     def progress(self, done_s: float, total_s: float, text: str) -> None:
-        """Move the bar, some times a second."""
+        """Update the bar, at most every REFRESH_S."""
         now_s = time.monotonic()
         if now_s - self._last_s >= REFRESH_S:
             self._last_s = now_s
@@ -35,7 +35,7 @@ class Screen:
 
 @contextmanager
 def screen(*, with_time: bool = True) -> Iterator[Screen]:
-    """Show a bar while something runs; the last state of it goes away with it."""
+    """Show a progress bar during the block; it is removed at the end."""
     columns = [TextColumn("{task.description}", markup=False), BarColumn(bar_width=24)]
     if with_time:
         columns.append(TimeRemainingColumn())
@@ -45,10 +45,10 @@ def screen(*, with_time: bool = True) -> Iterator[Screen]:
 
 
 class Keyboard:
-    """Lines that a person types, without waiting for them; the end of input counts as `q`."""
+    """Non-blocking line input; the end of input counts as `q`."""
 
     def poll(self) -> str | None:
-        """Return a line that was typed, None when there is none."""
+        """Return a typed line, None when there is none."""
         if not select.select([sys.stdin], [], [], 0.0)[0]:
             return None
         line = sys.stdin.readline()

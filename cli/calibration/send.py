@@ -1,4 +1,4 @@
-"""Gives a calibration to the running cell."""
+"""Request that puts a calibration into use in the running cell."""
 
 from common.config.calibration import CalibrationSection
 from forcemesh import topics
@@ -8,13 +8,13 @@ from forcemesh.requests import CalibrationRequest, Reply
 
 WITHIN_S = 3.0
 AGAIN_S = 0.1
-PASSING = ("wait", "moving")  # refusals that time mends: the arm has just come back
+PASSING = ("wait", "moving")  # transient refusals: the arm has just returned
 
 
 def send(bus: Bus, section: CalibrationSection) -> Reply:
-    """Ask the wrench service to use a calibration from now on; return its answer.
+    """Send a calibration to the wrench service; return the reply.
 
-    Raises BusError when it does not answer.
+    Raises BusError when there is no reply.
     """
     request = CalibrationRequest(calibration_json=section.model_dump_json())
     give_up_ns = bus.clock.now_ns() + round(WITHIN_S * NS_PER_S)

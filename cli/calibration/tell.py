@@ -1,13 +1,13 @@
-"""What a calibration tells the person while it runs."""
+"""Interface for the progress messages of a calibration."""
 
 from typing import Protocol
 
 
 class Teller(Protocol):
-    """Where it says so: a terminal, or a list of a test."""
+    """Receiver of progress messages: a terminal, or a list in a test."""
 
     def note(self, text: str) -> None:
-        """Say one line that stays."""
+        """Show one permanent line."""
 
     def progress(self, done_s: float, total_s: float, text: str) -> None:
-        """Say how far it is, in seconds of the plan, and what is going on; called often."""
+        """Show the progress in seconds of the plan and the present step; called often."""

@@ -1,7 +1,7 @@
-"""Drives the arm through a plan and reads at each pose: the core of `forcemesh calibrate`.
+"""Calibration sequence: moves the arm through a plan and reads at each pose.
 
-It is a client of the cell like any other, so it runs against real processes and in a cell on a
-virtual clock alike. What it has recorded stays in `dwells`, however it ends.
+The wizard is an ordinary client of the cell, so it runs against real processes and in a cell on a
+virtual clock. The recorded readings stay in `dwells`, however the sequence ends.
 """
 
 from dataclasses import dataclass
@@ -24,27 +24,27 @@ from identification.excitation.plan import Plan
 from identification.excitation.stillness import WINDOW_S
 
 BOTH: tuple[Purpose, ...] = ("fit", "verify")
-FREE_READ_S = 0.2  # enough to tell a touch from the sensor's noise
-RAMP_S = 0.5  # speeding up, slowing down, and being believed to be there
+FREE_READ_S = 0.2  # long enough to detect contact above the sensor's noise
+RAMP_S = 0.5  # acceleration, deceleration and detection of the arrival
 
 
 @dataclass(frozen=True, slots=True)
 class Pace:
-    """How fast the arm goes, and how long it rests."""
+    """Speed of the arm and duration of a dwell."""
 
     speed_m_s: float
     dwell_s: float = 0.5
 
 
 class Wizard:
-    """One calibration, from arming to the way home."""
+    """One calibration, from arming to the return to the start."""
 
     def __init__(self, bus: Bus, cell: Cell, plan: Plan, *, pace: Pace, teller: Teller) -> None:
         """Subscribe; nothing moves before `run`."""
         self.plan = plan
         self.dwells: list[Dwell] = []
         self._pace, self._cell, self._clock = pace, cell, bus.clock
-        self.teller = teller  # may be another one for the way back
+        self.teller = teller  # may be replaced for the return
         self._drive = Drive(bus, pace.speed_m_s)
         self._gatherer = Gatherer(bus, cell)
         self._at: Array = plan.route.q_start
@@ -54,24 +54,24 @@ class Wizard:
 
     @property
     def serial(self) -> str:
-        """Serial number of the sensor, empty when it says none."""
+        """Serial number of the sensor, empty when it reports none."""
         return self._gatherer.serial
 
     @property
     def in_use(self) -> str:
-        """Which calibration the running cell uses, empty when it was not heard."""
+        """Calibration that the running cell uses, empty when unknown."""
         return self._gatherer.in_use
 
     def run(self, purposes: tuple[Purpose, ...] = BOTH) -> None:
-        """Arm, visit every pose, go back to where the arm began, and leave it as it was found.
+        """Arm, visit every pose, return to the start and restore the armed state.
 
-        Raises ForcemeshError with what stopped it; the arm is then where it is.
+        Raises ForcemeshError with the reason of an early end; the arm then stays where it is.
         """
         self.measure(purposes)
         self.come_back()
 
     def measure(self, purposes: tuple[Purpose, ...] = BOTH) -> None:
-        """Arm and visit every pose; the arm stays at the last one, armed. Raises as `run`."""
+        """Arm and visit every pose; the arm stays armed at the last one. Raises as `run`."""
         self._total_s = expected_s(self.plan, self._pace, purposes)
         self._gatherer.until_heard()
         self._arm()
@@ -80,18 +80,18 @@ class Wizard:
             self._visit_all(purpose)
 
     def come_back(self) -> None:
-        """Go back to where the arm began, and leave it as it was found. Raises as `run`."""
+        """Return to the start and restore the armed state. Raises as `run`."""
         self._stage = "back to the start"
         self._go([self.plan.route.hub, *self.plan.route.way_home(self.plan.route.hub)])
         self._drive.release()
-        self.teller.note("the arm is back where it began")
+        self.teller.note("the arm has returned to its start")
 
     def abandon(self, reason: str) -> str:
-        """Stop the arm where it is, when it was armed for this; return the answer."""
+        """Hold the arm if it was armed for this calibration; return the text of the reply."""
         return self._drive.hold(reason) if self._begun else "nothing was moved"
 
     def _arm(self) -> None:
-        self._begun = True  # also when it is interrupted before the answer has come
+        self._begun = True  # also when interrupted before the reply
         try:
             self.teller.note(self._drive.arm())
         except (RefusedError, StoppedError):
@@ -99,7 +99,7 @@ class Wizard:
             raise
 
     def _lift(self) -> None:
-        """Go to the hub, straight above the start. Raises InContactError when that relieved it."""
+        """Move to the hub above the start. Raises InContactError when the force changes."""
         self._stage = "to the hub"
         way = self.plan.route.way_out(self._at)
         if not way:
@@ -114,7 +114,7 @@ class Wizard:
             raise
 
     def _force_N(self) -> Array:
-        """Return the mean reading of the force here, sensor axes. Shape (3,)."""
+        """Return the mean measured force at the present pose, sensor axes. Shape (3,)."""
         return np.asarray(self._read("fit", FREE_READ_S).force_N.mean(axis=0))
 
     def _visit_all(self, purpose: Purpose) -> None:
@@ -130,7 +130,7 @@ class Wizard:
             try:
                 self._go(self.plan.route.way(self._at, self.plan.q[left[0]]))
             except PoseRefusedError as error:
-                self.teller.note(f"{self._stage} is left out, another one is taken: {error}")
+                self.teller.note(f"{self._stage} is skipped, another pose is used: {error}")
                 self.plan = self.plan.without(left[0])
                 self._back()
                 continue
@@ -153,7 +153,7 @@ class Wizard:
         return dwell
 
     def _go(self, stops: list[Array]) -> None:
-        """Go from stop to stop. Raises PoseRefusedError when one of them is refused."""
+        """Move from stop to stop. Raises PoseRefusedError when one of them is refused."""
         for q in stops:
             length_m = self.plan.route.length_m(self._at, q)
             expected_s = length_m / self._pace.speed_m_s + RAMP_S
@@ -167,7 +167,7 @@ class Wizard:
             self._done_s += expected_s
 
     def _back(self) -> None:
-        """Return to the last pose when a refused goal ended on its way: that way is known."""
+        """Return to the last pose when a refused goal ended between poses: that path is free."""
         if np.abs(self._drive.joints() - self._at).max() > np.radians(0.3):
             self._go([self._at])
 
@@ -178,7 +178,7 @@ class Wizard:
 
 
 def expected_s(plan: Plan, pace: Pace, purposes: tuple[Purpose, ...] = BOTH) -> float:
-    """Return how long a plan takes, about [s]."""
+    """Return the approximate duration of a plan [s]."""
     route = plan.route
     places = [p for purpose in purposes for p in (plan.fit if purpose == "fit" else plan.verify)]
     stops = [route.q_start, route.hub, *(plan.q[place] for place in places), route.hub]

@@ -1,8 +1,8 @@
-"""Measures a running cell: small steps in free space, a gentle press, a step inside the controller.
+"""Measurement of a running cell: steps in free space, a press, a step inside the controller.
 
-Each is measured again until it repeats, a few times at most; what does not repeat is refused. It is
-a client like any other, so it runs against real processes and in virtual time alike. The arm must
-be armed and free; at the end, and after every refusal, it is where it began.
+Each measurement is repeated until it agrees, a few times at most; otherwise it is refused. The
+code is an ordinary client, so it runs against real processes and in virtual time. The arm must be
+armed and in free space; at the end, and after every refusal, it is at its start.
 """
 
 from collections.abc import Callable
@@ -37,10 +37,10 @@ STILL = (False,) * 6
 STEP_ACCEL_SHARE, STEP_ACCEL_M_S2 = 0.7, 1.5
 STEP_M_S = 0.02
 LISTEN_S, REST_S = 0.001, 0.4
-STEPS_WITHIN_S = 20.0  # for each time that they are gone
-LEAST_REPORTS_HZ, MOST_LAPS = 100.0, 15  # rarer reports: so many times more steps in a round
+STEPS_WITHIN_S = 20.0  # timeout of one lap of steps
+LEAST_REPORTS_HZ, MOST_LAPS = 100.0, 15  # at lower report rates a round has more laps
 NEAR_N, STEADY_S, READ_S = 0.6, 0.4, 0.3
-SHARES = (1 / 3, 2 / 3, 1.0, 2 / 3, 1 / 3)  # of the press force, one place after the other
+SHARES = (1 / 3, 2 / 3, 1.0, 2 / 3, 1 / 3)  # of the press force, in sequence
 MOST_PRESSES = 3
 LEVEL_WITHIN_S = 30.0
 ANSWER_S = 2.5
@@ -49,7 +49,7 @@ BACK_M_S = 0.02
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """How far and how hard it may go."""
+    """Step size and press force of a measurement."""
 
     step_m: float = 0.003
     force_N: float = 12.0
@@ -57,7 +57,7 @@ class Trial:
 
 @dataclass(slots=True)
 class Readings:
-    """Everything that was read: what the picture shows."""
+    """All measured data: input of the figure."""
 
     steps: tuple[Steps, ...] = ()  # of the last round, one for each axis
     rounds: list[Round] = field(default_factory=list)
@@ -70,17 +70,17 @@ class Readings:
 
     @property
     def arm(self) -> Servo:
-        """How late the arm is. Raises DataError before it was measured."""
+        """Delay and lag of the arm. Raises DataError before they were measured."""
         if self.servo is None:
             raise DataError("delay and lag were not measured")
         return self.servo
 
 
 class Measuring:
-    """One measurement of a cell."""
+    """One measurement of a cell, step by step."""
 
     def __init__(self, cell: ConfiguredCell, trial: Trial, tell: Tell = silent) -> None:
-        """Look where the arm is; nothing moves yet. Raises LostError, NotValidError."""
+        """Read the start pose; nothing moves yet. Raises LostError, NotValidError."""
         self._cell, self._trial, self._tell = cell, trial, tell
         self._clock = cell.session.clock
         self._T_flange_tcp = cell.config.tool.T_flange_tcp.pose
@@ -88,21 +88,21 @@ class Measuring:
         self.readings = Readings()
 
     def check(self) -> None:
-        """Raise ForcemeshError, in one sentence, when it should not begin."""
+        """Raise ForcemeshError unless the arm is armed, at rest and in free space."""
         status, touch_N = self._cell.status(), self._cell.config.force.touch_N
         if status.state != "ARMED":
-            text = f"the arbiter is {status.state}: tune begins armed and at rest"
+            text = f"the arbiter is {status.state}: tune starts armed and at rest"
             raise RefusedError("not_armed", text, remedy=FAULTS["not_armed"].remedy)
         found_N = float(np.linalg.norm(self._cell.wrench().force_N))
         if found_N > touch_N:
-            text = f"the tool feels {found_N:.1f} N before it touches anything"
-            raise NotReachedError(f"{text}: move it free, then tare")
+            text = f"{found_N:.1f} N measured before contact, limit {touch_N:g} N"
+            raise NotReachedError(f"{text}: move the tool to free space, then tare")
 
     def steps(self) -> None:
-        """Go rounds of small steps across the tool's axis, in free space, until two are the same.
+        """Execute rounds of small steps across the tool's axis until two rounds agree.
 
         Raises:
-            DataError: The records show no delay, or another one each time.
+            DataError: The records determine no delay, or a different one each time.
             NotReachedError: The steps leave the workspace, or take too long.
         """
         T = self._start * self._T_flange_tcp
@@ -123,9 +123,9 @@ class Measuring:
         self.readings.servo = servo.servo_of(rounds[-servo.LEAST_ROUNDS :])
 
     def press(self) -> None:
-        """Press with some forces, one after the other, until the stiffness repeats.
+        """Press with a sequence of forces until the stiffness repeats.
 
-        Raises DataError where it does not, and as `until`.
+        Raises DataError when it does not, and as `until`.
         """
         feeler, readings = Feeler(self._cell), self.readings
         for press in range(1, MOST_PRESSES + 1):
@@ -141,17 +141,17 @@ class Measuring:
             if found.repeats:
                 return
             if press == MOST_PRESSES and not found.is_known:
-                text = f"{press} presses showed {found.k_N_m:.0f} +- {found.spread_N_m:.0f} N/m"
-                raise DataError(f"{text}: press harder (--force), on something that does not move")
+                text = f"{press} presses showed {found.k_N_m:.0f} +/- {found.spread_N_m:.0f} N/m"
+                raise DataError(f"{text}: press harder (--force), on a surface that does not move")
 
     def controller(self, gain: float) -> None:
-        """Let the controller go from one force to another and back until it is as late each time.
+        """Step the controller's set point up and down until its delay repeats.
 
         Args:
-            gain: Integral gain along the tool's axis that it has [m/(N s)].
+            gain: Present integral gain along the tool's axis [m/(N s)].
 
         Raises:
-            DataError: The force did not follow, or never twice alike.
+            DataError: The force did not follow, or its delay did not repeat.
         """
         answers = self.readings.answers
         levels_N = (SHARES[0] * self._trial.force_N, self._trial.force_N)
@@ -159,16 +159,16 @@ class Measuring:
             if len(answers) == answer.MOST_ANSWERS:
                 seen = ", ".join(f"{1e3 * one.tau_s:.0f}" for one in answers)
                 raise DataError(
-                    f"in the controller the force answers after {seen} ms, never twice alike: "
-                    "`--no-controller` leaves it out"
+                    f"the delay of the controller's force loop was {seen} ms, never twice within "
+                    f"{1e3 * answer.REPEATS_S:g} ms: `--no-controller` skips it"
                 )
             first_N, then_N = levels_N if len(answers) % 2 == 0 else levels_N[::-1]
             answers.append(self._answer(gain, first_N, then_N))
         self.readings.controller = answer.together(answers[-answer.LEAST_ANSWERS :])
 
     def _answer(self, gain: float, first_N: float, then_N: float) -> Answer:
-        """Return how late the controller's force follows one step of its set point."""
-        assert self.readings.spring is not None  # noqa: S101 - it presses before
+        """Return the delay of the controller's force after one set point step."""
+        assert self.readings.spring is not None  # noqa: S101 - measured before
         feeler = Feeler(self._cell)
         self._cell.force.begin(_press(first_N, host="controller"))
         rested = self._place(feeler, first_N, "in the controller")[1]
@@ -190,7 +190,7 @@ class Measuring:
         )
 
     def back(self) -> None:
-        """Go back to where it began. Raises as a move does."""
+        """Return to the start. Raises as a move does."""
         speed_m_s = min(BACK_M_S, self._cell.config.limits.speed_m_s)
         request = MoveRequest(
             kind="pose",
@@ -201,7 +201,7 @@ class Measuring:
         self._cell.move.begin(request).wait()
 
     def _lap(self, p_tcp_m: Array, axes: tuple[Array, Array]) -> tuple[PathRequest, int]:
-        """Return the steps of one round, and how many times they are gone in it."""
+        """Return the path of one round, and its number of laps."""
         reach = [p_tcp_m + self._trial.step_m * axis for axis in axes]
         self._refuse_outside(reach)
         config = self._cell.config
@@ -231,7 +231,7 @@ class Measuring:
                 raise stopped(self._cell.status(), "the arm was stopped")
 
     def _place(self, feeler: Feeler, level_N: float, what: str) -> tuple[float, float]:
-        """Return way along the tool's axis and force, at rest at a level."""
+        """Return travel along the tool's axis and force, at rest at a force level."""
         there = Steady(lambda felt: abs(felt.press_N - level_N) <= NEAR_N, STEADY_S)
         feeler.until(there, within_s=LEVEL_WITHIN_S, what=what, tell=self._tell)
         read = Steady(lambda _: True, READ_S)
@@ -248,11 +248,11 @@ class Measuring:
         low, high = np.array(limits.workspace_min_m), np.array(limits.workspace_max_m)
         if any((point < low).any() or (point > high).any() for point in points):
             step_mm = 1e3 * self._trial.step_m
-            raise NotReachedError(f"steps of {step_mm:g} mm leave the workspace: begin inside it")
+            raise NotReachedError(f"steps of {step_mm:g} mm leave the workspace: start inside it")
 
 
 class Ears:
-    """Notes every command and every pose, as they were stamped."""
+    """Recorder of commands and poses with their stamps."""
 
     def __init__(self, cell: ConfiguredCell, T_flange_tcp: pin.SE3) -> None:
         """Subscribe."""
@@ -264,7 +264,7 @@ class Ears:
         self._seen: list[tuple[float, Array]] = []
 
     def for_s(self, duration_s: float) -> None:
-        """Listen for so long."""
+        """Record for a duration."""
         end_ns = self._clock.now_ns() + round(duration_s * NS_PER_S)
         while self._clock.now_ns() < end_ns:
             self._clock.sleep_s(LISTEN_S)
@@ -272,9 +272,9 @@ class Ears:
             self._hear(self._robot, self._seen, lambda said: said)
 
     def along(self, axis: Array) -> Steps:
-        """Return what was heard along an axis of the base.
+        """Return the recorded motion along an axis of the base.
 
-        A machine that is late hears the newest command alone: those between are put back.
+        A late machine receives only the newest command: those between are interpolated.
         """
         sent_s, sent = (np.array(part) for part in zip(*self._sent, strict=True))
         seen_s, seen = (np.array(part) for part in zip(*self._seen, strict=True))
@@ -294,7 +294,7 @@ class Ears:
         reading = reader.read(self._clock.now_ns())
         if reading.fresh is None or reading.header is None or pose(reading.fresh) is None:
             return
-        # Stamps of another machine are of another clock: there the arrival has to do.
+        # Stamps of another machine use another clock: then the arrival time is used.
         mine = reading.header.boot == self._clock.boot
         at_ns = reading.header.stamp_ns if mine else self._clock.now_ns()
         T = pose_of(pose(reading.fresh)) * self._T_flange_tcp
@@ -310,18 +310,18 @@ def measure(
     with_controller: bool,
     tell: Tell = silent,
 ) -> Readings:
-    """Measure all that is asked for; the arm ends where it began unless somebody stopped it.
+    """Execute the requested measurements; the arm returns to its start unless it was stopped.
 
     Args:
-        cell: An armed cell, its tool in free space, something to press on in front of it.
-        trial: How far and how hard.
-        gain: Integral gain along the tool's axis that is set now [m/(N s)].
+        cell: An armed cell, its tool in free space, a surface in front of it.
+        trial: Step size and press force.
+        gain: Present integral gain along the tool's axis [m/(N s)].
         with_press: Whether to press; without, the stiffness stays unknown.
         with_controller: Whether to press with the controller's own regulator, too.
-        tell: Told how it goes.
+        tell: Progress callback.
 
     Raises:
-        DataError: The records do not tell.
+        DataError: The records do not determine a result.
         NotReachedError: The arm is not free, a step or a force was not reached in time.
         RefusedError, ArmStoppedError, LostError: As the client raises them.
     """
@@ -350,8 +350,8 @@ def _no_repetition(rounds: list[Round]) -> str:
     sums_ms = ", ".join(f"{1e3 * sum_s:.1f}" for sum_s in servo.sums(rounds))
     return (
         f"delay and lag together were {sums_ms} ms in {len(rounds)} rounds, never twice within "
-        f"{1e3 * servo.REPEATS_S:g} ms: free this machine of other work (`forcemesh doctor` looks "
-        "at it and at the link), then tune again"
+        f"{1e3 * servo.REPEATS_S:g} ms: reduce the load of this machine (`forcemesh doctor` checks "
+        "it and the link), then tune again"
     )
 
 

@@ -1,4 +1,4 @@
-"""The picture of a tuning: what was measured, Bode's curves, and what the gains will do."""
+"""Figure of a tuning: measurements, Bode plot, and simulated release."""
 
 from pathlib import Path
 
@@ -17,7 +17,7 @@ SHOWN_TAUS = 25.0
 
 
 def save(path: Path, readings: Readings, advices: list[Advice], title: str) -> None:
-    """Write the picture. Raises DataError when that is not possible."""
+    """Write the figure. Raises DataError when that is not possible."""
     figure = Figure(figsize=(11.0, 8.0), layout="constrained")
     figure.suptitle(title)
     cells = figure.subplots(2, 2)
@@ -35,17 +35,19 @@ def save(path: Path, readings: Readings, advices: list[Advice], title: str) -> N
 def _steps(axes: Axes, readings: Readings) -> None:
     servo, steps = readings.arm, readings.steps[0]
     start_s, place_m = steps.sent_s[0], steps.sent_m[0]
-    axes.step(steps.sent_s - start_s, 1e3 * (steps.sent_m - place_m), where="post", label="told")
-    axes.plot(steps.seen_s - start_s, 1e3 * (steps.seen_m - place_m), label="done")
-    axes.set(xlabel="s", ylabel="mm", title="small steps in free space")
+    axes.step(
+        steps.sent_s - start_s, 1e3 * (steps.sent_m - place_m), where="post", label="commanded"
+    )
+    axes.plot(steps.seen_s - start_s, 1e3 * (steps.seen_m - place_m), label="measured")
+    axes.set(xlabel="time [s]", ylabel="position [mm]", title="Steps in free space")
     give_ms = 1e3 * SIGMAS * servo.deviation_s
-    text = f"delay and lag {1e3 * servo.sum_s:.1f} +- {give_ms:.1f} ms"
+    text = f"delay and lag {1e3 * servo.sum_s:.1f} +/- {give_ms:.1f} ms"
     axes.text(0.98, 0.05, text, transform=axes.transAxes, ha="right")
     axes.legend(loc="upper right")
 
 
 def _press(axes: Axes, readings: Readings) -> None:
-    axes.set(xlabel="way into the surface, mm", ylabel="N", title="gentle press")
+    axes.set(xlabel="penetration [mm]", ylabel="press force [N]", title="Press")
     found = readings.spring
     if found is None:
         axes.text(0.5, 0.5, "not measured", transform=axes.transAxes, ha="center")
@@ -55,7 +57,7 @@ def _press(axes: Axes, readings: Readings) -> None:
     line_m = ways.mean() + (line_N - forces.mean()) / found.k_N_m
     axes.plot(1e3 * (line_m - ways.min()), line_N, color=MODEL)
     axes.plot(1e3 * (ways - ways.min()), forces, "o", color=ADVISED)
-    text = f"{found.k_N_m:.0f} +- {SIGMAS * found.spread_N_m:.0f} N/m"
+    text = f"{found.k_N_m:.0f} +/- {SIGMAS * found.spread_N_m:.0f} N/m"
     axes.text(0.98, 0.05, text, transform=axes.transAxes, ha="right")
 
 
@@ -72,9 +74,9 @@ def _bode(axes: Axes, advices: list[Advice]) -> None:
     tau_s = advices[0].tau_s
     axes.axhline(1.0, color=MODEL, linewidth=0.6)
     phases.axhline(-180.0, color=MODEL, linewidth=0.6, linestyle="--")
-    axes.set(xlim=(0.05 / tau_s, 20.0 / tau_s), ylim=(0.02, 20.0), xlabel="rad/s")
-    axes.set(ylabel="|L|, in colour", title="the force loop: gain and phase")
-    phases.set(ylim=(-360.0, 0.0), ylabel="phase in degrees, grey")
+    axes.set(xlim=(0.05 / tau_s, 20.0 / tau_s), ylim=(0.02, 20.0), xlabel="frequency [rad/s]")
+    axes.set(ylabel="|L| (coloured)", title="Force loop: gain and phase")
+    phases.set(ylim=(-360.0, 0.0), ylabel="phase [degrees] (grey)")
     axes.legend(loc="lower left")
 
 
@@ -84,8 +86,8 @@ def _releases(axes: Axes, advices: list[Advice]) -> None:
             t, force = release(one.loop, SHOWN_TAUS)
             axes.plot(t, force, style, color=colour, label=f"{what}, {advice.host}")
     axes.axhline(0.0, color=MODEL, linewidth=0.6)
-    axes.set(ylim=(-0.6, 1.1), xlabel="s", ylabel="part of the force")
-    axes.set(title="what a release will do, by the model")
+    axes.set(ylim=(-0.6, 1.1), xlabel="time [s]", ylabel="share of the force")
+    axes.set(title="Release, simulated")
     axes.legend(loc="upper right")
 
 

@@ -1,4 +1,4 @@
-"""A tuning in words: a table for people, and a file that a cell file may name."""
+"""Text output of a tuning: a table, and a file that a cell file may include."""
 
 from pathlib import Path
 
@@ -11,33 +11,33 @@ from tuning.advice import Advice, Judged, Measured, refused, remarks
 from tuning.servo import SIGMAS, Servo
 
 HEAD = """\
-# What `forcemesh tune` has measured of this cell: it goes before the cell file's own numbers where
-# that says `tuning: <this file>`. The stiffness is that of what was pressed on: raise it when the
-# tool may touch something stiffer.
+# Measured by `forcemesh tune`: these values override those of a cell file that has the key
+# `tuning: <this file>`. The stiffness is that of the surface pressed on: increase it when the tool
+# may touch a stiffer one.
 """
 
 
 def told(
     cell: Cell, measured: Measured, advices: list[Advice], sections: dict[str, dict[str, float]]
 ) -> list[str]:
-    """Return the lines that a person reads."""
+    """Return the lines of the report."""
     lines = [_late(cell, measured.servo), _split(cell, measured.servo)]
     spring, said = measured.spring, f"(cell file: {cell.contact.stiffness_N_m:.0f})"
     if spring is None:
-        lines.append(f"stiffness not measured {said}: gains are for that")
+        lines.append(f"stiffness not measured {said}: gains are for the cell file's value")
     else:
         give_N_m = SIGMAS * spring.spread_N_m
-        lines.append(f"stiffness {spring.k_N_m:.0f} +- {give_N_m:.0f} N/m {said}")
-        lines.append("tilt stiffness is not measured: the cell file's, in proportion")
+        lines.append(f"stiffness {spring.k_N_m:.0f} +/- {give_N_m:.0f} N/m {said}")
+        lines.append("tilt stiffness not measured: cell file's value, scaled like the stiffness")
     if measured.controller is not None:
         tau_ms, give_ms = (
             1e3 * measured.controller.tau_s,
             1e3 * SIGMAS * measured.controller.deviation_s,
         )
-        lines.append(f"the controller's own loop answers after {tau_ms:.0f} +- {give_ms:.0f} ms")
+        lines.append(f"delay of the controller's own loop {tau_ms:.0f} +/- {give_ms:.0f} ms")
     why_not = refused(cell, measured, advices)
     for advice in advices:
-        lines.append(f"host {advice.host}: tau {1e3 * advice.tau_s:.1f} ms, at most")
+        lines.append(f"loop host {advice.host}: tau at most {1e3 * advice.tau_s:.1f} ms")
         force, torque = (None, None) if why_not else (advice.force, advice.torque)
         lines += _rows("position", "m/(N s)", advice.force_now, force)
         lines += _rows("orientation", "rad/(N m s)", advice.torque_now, torque)
@@ -49,10 +49,10 @@ def told(
 
 
 def _late(cell: Cell, servo: Servo) -> str:
-    found = f"{1e3 * servo.sum_s:.1f} +- {1e3 * SIGMAS * servo.deviation_s:.1f} ms"
+    found = f"{1e3 * servo.sum_s:.1f} +/- {1e3 * SIGMAS * servo.deviation_s:.1f} ms"
     file_ms = 1e3 * (cell.robot.delay_s + cell.robot.lag_s)
     return (
-        f"delay and lag together {found}, from the command to the pose that is seen (cell file: "
+        f"delay and lag together {found}, from the command to the measured pose (cell file: "
         f"{file_ms:.1f} ms)"
     )
 
@@ -61,10 +61,8 @@ def _split(cell: Cell, servo: Servo) -> str:
     least_ms, most_ms = (1e3 * lag_s for lag_s in servo.lags_s)
     said = f"(cell file: {1e3 * cell.robot.lag_s:.1f} ms)"
     if servo.is_split:
-        return f"of it lag: {least_ms:.1f} to {most_ms:.1f} ms {said}"
-    return (
-        f"delay and lag cannot be told apart: the lag is {least_ms:.1f} to {most_ms:.1f} ms {said}"
-    )
+        return f"lag: {least_ms:.1f} to {most_ms:.1f} ms {said}"
+    return f"delay and lag cannot be separated: lag {least_ms:.1f} to {most_ms:.1f} ms {said}"
 
 
 def _rows(what: str, unit: str, now: Judged, then: Judged | None) -> list[str]:
@@ -79,16 +77,16 @@ def _verdict(one: Judged) -> str:
     if not found.stable:
         return "NOT STABLE"
     if found.crossover_rad_s == 0.0:
-        return "does nothing"
-    takes = "never" if will.settling_s is None else f"in {will.settling_s:.2f} s"
+        return "no effect"
+    takes = "not settling" if will.settling_s is None else f"settles in {will.settling_s:.2f} s"
     return (
-        f"settles {takes}, overshoot {will.overshoot_pct:.0f} %; margins {found.phase_deg:.0f} "
+        f"{takes}, overshoot {will.overshoot_pct:.0f} %; margins: phase {found.phase_deg:.0f} "
         f"degrees, gain x {found.gain:.1f}, delay {1e3 * found.delay_s:.0f} ms"
     )
 
 
 def save(path: Path, sections: dict[str, dict[str, float]]) -> None:
-    """Write the file; what was there is kept beside it. Raises DataError."""
+    """Write the file; a previous one is kept as `.before`. Raises DataError."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         keep_before(path)
@@ -98,8 +96,8 @@ def save(path: Path, sections: dict[str, dict[str, float]]) -> None:
 
 
 def advice_for(path: Path) -> str:
-    """Return what to do so that a cell uses the file."""
-    return f"so that the cell uses it, let the cell file say `tuning: {path}`, seen from its folder"
+    """Return how to make a cell use the file."""
+    return f"set `tuning: {path}`, relative to its folder, in the cell file to use it"
 
 
 def _yaml(sections: dict[str, dict[str, float]]) -> str:

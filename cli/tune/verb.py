@@ -1,4 +1,4 @@
-"""`forcemesh tune`: what the loop is made of, what gains it bears, what the present ones do."""
+"""`forcemesh tune`: measure delay and stiffness of a loop, recommend gains, report margins."""
 
 import json
 from pathlib import Path
@@ -18,24 +18,24 @@ if TYPE_CHECKING:
 SMALLEST_STEP_MM, LEAST_N = 0.5, 3.0
 
 Step = Annotated[
-    float, typer.Option(min=SMALLEST_STEP_MM, max=10.0, help="Of the steps in free space [mm].")
+    float, typer.Option(min=SMALLEST_STEP_MM, max=10.0, help="Step size in free space [mm].")
 ]
-Force = Annotated[float, typer.Option(min=LEAST_N, help="To press with at most [N].")]
+Force = Annotated[float, typer.Option(min=LEAST_N, help="Maximum press force [N].")]
 NoPress = Annotated[
-    bool, typer.Option("--no-press", help="Steps alone; stiffness as the cell file says.")
+    bool, typer.Option("--no-press", help="Steps only; stiffness from the cell file.")
 ]
 NoController = Annotated[
-    bool, typer.Option("--no-controller", help="Do not try the controller's own force feedback.")
+    bool, typer.Option("--no-controller", help="Skip the controller's own force feedback.")
 ]
 Apply = Annotated[bool, typer.Option("--apply", help="Set the recommended gains, on a ramp.")]
 ForHost = Annotated[
-    str, typer.Option("--for", metavar="HOST", help="With --apply: gains for pc or controller.")
+    str, typer.Option("--for", metavar="HOST", help="With --apply: loop host, pc or controller.")
 ]
 Write = Annotated[
     Path | None,
-    typer.Option(metavar="FILE", help="Write a file that the cell file may name as `tuning`."),
+    typer.Option(metavar="FILE", help="Write a file for the key `tuning` of the cell file."),
 ]
-Report = Annotated[Path | None, typer.Option("--out", metavar="FILE", help="Picture, a PNG.")]
+Report = Annotated[Path | None, typer.Option("--out", metavar="FILE", help="Write a PNG figure.")]
 
 
 def tune(
@@ -53,8 +53,8 @@ def tune(
 ) -> None:
     """Measure the loop of a running cell and recommend gains with their margins.
 
-    Begin armed, in free space, with something to press on in front of the tool: it makes small
-    steps and presses gently until what it finds repeats, and comes back. Ctrl-C holds the arm.
+    Start armed, in free space, with a surface in front of the tool: the arm makes small steps and
+    presses gently until the results repeat, then returns. Ctrl-C holds the arm.
     """
     with at_work(cell) as (client, tell):
         from cli.tune.measure import Trial, measure
@@ -90,7 +90,7 @@ def _refuse_wrong_options(
     config = client.config
     largest_N = min(config.force.setpoint_max_N, config.limits.force_N)
     if force_N > largest_N:
-        fail(f"--force {force_N:g}: the cell allows {largest_N:g} N", USAGE)
+        fail(f"--force {force_N:g}: the cell allows at most {largest_N:g} N", USAGE)
     if host not in config.robot.hosts:
         fail(f"--for {host}: this cell offers {', '.join(config.robot.hosts)}", USAGE)
     if host != "pc" and not apply:
@@ -98,7 +98,7 @@ def _refuse_wrong_options(
 
 
 def _along(client: "ConfiguredCell", gains: "Gains") -> float:
-    """Return the gain of force along the tool's axis [m/(N s)]."""
+    """Return the force gain along the tool's axis [m/(N s)]."""
     import numpy as np
 
     from common.motion.convert import pose_of
@@ -171,4 +171,4 @@ def _apply(client: "ConfiguredCell", advice: "Advice | None", host: str) -> None
             torque_i_rad_per_Nms=gains.torque_i_rad_per_Nms,
         )
     )
-    typer.echo(f"the gains for host {advice.host} are set until the regulator ends", err=True)
+    typer.echo(f"gains for loop host {advice.host} set until the regulator ends", err=True)

@@ -1,6 +1,7 @@
-"""Where the arm may be while it calibrates: box, walls, tether, floor, joint limits. Pure.
+"""Allowed region of the arm during calibration: box, walls, tether, floor, joint limits. Pure.
 
-Flange, sensor and TCP are judged. Nothing else is known of the cell, which a person must confirm.
+Flange, sensor and TCP are checked. Other obstacles are unknown; the user must confirm that the
+box is free.
 """
 
 from dataclasses import dataclass, replace
@@ -14,8 +15,8 @@ from common.motion.frames import Array, length, rotation_between
 from common.motion.kinematics import ArmKinematics
 from common.motion.limits import Limits
 
-STEP_M = 0.02  # between two samples of a way no point moves farther
-MARGIN_M = 0.012  # so what lies between two samples is inside as well
+STEP_M = 0.02  # largest travel of any point between two samples of a path
+MARGIN_M = 0.012  # keeps the path between two samples inside as well
 JOINT_MARGIN_RAD = np.radians(3.0)
 TURN_MARGIN_RAD = np.radians(2.0)
 POINTS = ("flange", "sensor", "TCP")
@@ -23,10 +24,10 @@ POINTS = ("flange", "sensor", "TCP")
 
 @dataclass(frozen=True, slots=True)
 class Fence:
-    """Box and walls of the cell, tied to where the arm begins.
+    """Box and walls of the cell, with tether and floor relative to the start.
 
     `points_in_flange_m` has shape (3, 3): origins of flange, sensor and TCP. `floor_m` is the
-    least height of any of them: nobody knows what lies below the tool.
+    least height of any of them: obstacles below the tool are unknown.
     """
 
     arm: ArmKinematics
@@ -37,7 +38,7 @@ class Fence:
 
     @classmethod
     def of(cls, cell: Cell, arm: ArmKinematics, q_start: Array) -> "Fence":
-        """Take the limits out of a cell; nothing may go lower than it is at q_start [rad]."""
+        """Return the fence of a cell; its floor is the lowest point at q_start [rad]."""
         T_flange_sensor, T_flange_tcp = (
             cell.sensor.T_flange_sensor.pose,
             cell.tool.T_flange_tcp.pose,
@@ -52,11 +53,11 @@ class Fence:
         return replace(self, floor_m=floor_m)
 
     def points(self, T_flange: pin.SE3) -> Array:
-        """Return flange, sensor and TCP in base [m] with the flange at a pose. Shape (3, 3)."""
+        """Return flange, sensor and TCP in base [m] for a flange pose. Shape (3, 3)."""
         return np.asarray(T_flange.translation + self.points_in_flange_m @ T_flange.rotation.T)
 
     def complaint(self, q: Array, margin_m: float = MARGIN_M) -> str:
-        """Say why the arm must not be at joint angles q [rad]; empty when it may."""
+        """Return why joint angles q [rad] are not allowed; empty when they are."""
         low = (self.limits.joint_min_rad + JOINT_MARGIN_RAD).tolist()
         high = (self.limits.joint_max_rad - JOINT_MARGIN_RAD).tolist()
         for joint, angle in enumerate(q.tolist()):
@@ -66,7 +67,7 @@ class Fence:
         return self._complaint_of(self.points(T), margin_m) or self._tether_complaint(T, margin_m)
 
     def way_complaint(self, q_from: Array, q_to: Array, margin_m: float = MARGIN_M) -> str:
-        """Say why the joints must not go evenly from one to the other; empty when they may."""
+        """Return why the straight joint-space path is not allowed; empty when it is."""
         way = q_to - q_from
         count = max(1, int(np.ceil(self._farthest_m(way) / STEP_M)))
         for k in range(count + 1):
@@ -76,7 +77,7 @@ class Fence:
         return ""
 
     def _farthest_m(self, way: Array) -> float:
-        """Return a length [m] that no point exceeds when the joints turn by `way` [rad]."""
+        """Return an upper bound [m] of the travel of any point for joint changes `way` [rad]."""
         tool_m = float(np.linalg.norm(self.points_in_flange_m, axis=1).max())
         hand_m = float(np.linalg.norm(self.arm.model.jointPlacements[6].translation)) + tool_m
         lever_m = np.array([self.arm.reach_m + hand_m] * 3 + [hand_m] * 2 + [tool_m])
@@ -84,15 +85,15 @@ class Fence:
 
     def _complaint_of(self, points: Array, margin_m: float) -> str:
         limits, places = self.limits, points.tolist()
-        # In plain numbers, of which nine take half the time of an array: a plan asks 15 000 times.
+        # Plain floats: half the time of an array for nine values; a plan calls this 15 000 times.
         low = (limits.workspace_min_m + margin_m).tolist()
         high = (limits.workspace_max_m - margin_m).tolist()
         for point, place in zip(POINTS, places, strict=True):
             for axis, value_m in enumerate(place):
                 if value_m < low[axis] or value_m > high[axis]:
                     return (
-                        f"the {point} would be at {'xyz'[axis]} = {1e3 * value_m:.0f} mm, too near"
-                        " to the wall of the box or beyond it"
+                        f"the {point} would be at {'xyz'[axis]} = {1e3 * value_m:.0f} mm, outside"
+                        " the workspace box or too near to its wall"
                     )
         for number, plane in enumerate(limits.planes, start=1):
             inside_m = (points - plane.point_m) @ plane.normal
@@ -102,13 +103,13 @@ class Fence:
                 )
         lowest = min(range(len(places)), key=lambda point: places[point][2])
         if places[lowest][2] < self.floor_m:
-            return f"the {POINTS[lowest]} would go lower than the tool is now"
+            return f"the {POINTS[lowest]} would be lower than the tool is now"
         return ""
 
     def _tether_complaint(self, T: pin.SE3, margin_m: float) -> str:
         limits = self.limits
         if length(T.translation - self.T_start.translation) > limits.tether_m - margin_m:
-            return "the flange would go farther than limits.tether_m from here"
+            return "the flange would move farther than limits.tether_m from here"
         turn_rad = length(rotation_between(self.T_start.rotation, T.rotation))
         if turn_rad > limits.tether_rad - TURN_MARGIN_RAD:
             return "the flange would turn farther than limits.tether_deg from here"

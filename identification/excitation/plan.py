@@ -1,8 +1,8 @@
-"""The poses of a calibration and the ways between them, computed for this cell and this arm. Pure.
+"""Plan of a calibration: its poses and the paths between them, for this cell and arm. Pure.
 
-From where it begins the tool is lifted to a hub, from which every pose can be reached; nothing goes
-lower than the tool was. Candidates turn the wrist far and the arm a little. The same start gives
-the same plan.
+The tool is first lifted from the start to a hub, from which every pose can be reached; no point
+moves below the start. Candidate poses turn the wrist far and the arm little. The plan is
+reproducible: the same start gives the same plan.
 """
 
 from dataclasses import dataclass, field, replace
@@ -31,31 +31,31 @@ from identification.static_poses import WORST_CONDITIONING
 LEAST_POSES = 6
 LIFTS_M = (0.1, 0.08, 0.06, 0.04, 0.02, 0.0)
 CANDIDATES = 6000
-MOST_CANDIDATES = 400  # that are possible: more would hardly teach more
+MOST_CANDIDATES = 400  # feasible ones; more would add little information
 ARM_TURN_RAD = np.radians([25.0, 35.0, 35.0])  # of joints 1 to 3, at most
-FOLDED_RAD = np.radians(105.0)  # beyond, joint 5 folds the tool back along the forearm
+FOLDED_RAD = np.radians(105.0)  # beyond this, joint 5 folds the tool back along the forearm
 LEAST_SINGULAR_VALUE = 0.05  # of the Jacobian (m, rad): away from singular poses
 ADVICE = (
-    "begin with the tool pointing down and more free room around it (in the middle of the box, "
-    "half a metre in front of the arm, joint 5 bent), allow more (limits.workspace_*, --turn), or "
+    "start with the tool pointing down and more free space around it (in the middle of the box, "
+    "half a metre in front of the arm, joint 5 bent), increase limits.workspace_* or --turn, or "
     "use --manual"
 )
 
 
 @dataclass(frozen=True, slots=True)
 class Options:
-    """What the person asked for."""
+    """Options of the plan."""
 
     poses: int = 10
     verify_poses: int = 4
-    turn_rad: float = float(np.radians(120.0))  # of joints 4 to 6 from where they are, at most
+    turn_rad: float = float(np.radians(120.0))  # largest rotation of joints 4 to 6 from the start
 
 
 @dataclass(frozen=True, slots=True)
 class Plan:
     """Joint goals [rad], each of shape (6,), in the order of the visit.
 
-    `q` has shape (n, 6): all poses that can be reached; `fit` and `verify` are places in it.
+    `q` has shape (n, 6): all reachable poses; `fit` and `verify` are indices into it.
     """
 
     route: Route
@@ -69,14 +69,14 @@ class Plan:
     refused: tuple[int, ...] = field(default=())
 
     def without(self, place: int) -> "Plan":
-        """Return the plan with the next best pose, at the end, in the place of a refused one.
+        """Return the plan with a refused pose replaced by the next best one, at the end.
 
-        Raises CalibrationError when too few poses are left.
+        Raises CalibrationError when too few poses remain.
         """
         refused = (*self.refused, place)
         fit = tuple(p for p in self.fit if p != place)
         verify = tuple(p for p in self.verify if p != place)
-        # Refused ones count as taken, so that nothing beside them is tried again.
+        # Refused poses count as taken, so that no pose near them is tried again.
         taken = (*fit, *verify, *refused)
         if len(fit) < len(self.fit):
             fit += tuple(best_attitudes(self.R_base_sensor, self.payload, 1, taken))
@@ -84,7 +84,7 @@ class Plan:
             verify += tuple(fresh_attitudes(self.R_base_sensor, 1, taken))
         if len(fit) < LEAST_POSES:
             raise CalibrationError(
-                f"only {len(fit)} poses are left, {LEAST_POSES} are the least: {ADVICE}"
+                f"only {len(fit)} poses remain, at least {LEAST_POSES} are needed: {ADVICE}"
             )
         return replace(self, fit=fit, verify=verify, refused=refused)
 
@@ -92,18 +92,16 @@ class Plan:
 def make_plan(cell: Cell, arm: ArmKinematics, q_start: Array, options: Options) -> Plan:
     """Plan a calibration from joint angles q_start [rad], shape (6,).
 
-    Raises CalibrationError, with what to do, when there is no good plan.
+    Raises CalibrationError, with the remedy, when there is no good plan.
     """
     fence = Fence.of(cell, arm, q_start)
     here = fence.complaint(q_start, margin_m=0.0)
     if here:
-        raise CalibrationError(
-            f"the arm stands where nothing can be planned from: {here}; {ADVICE}"
-        )
+        raise CalibrationError(f"no plan is possible from the present pose: {here}; {ADVICE}")
     hub, lift_m = _hub(fence, q_start)
     inner = fence.with_floor(fence.floor_m + 0.5 * lift_m)
     if inner.complaint(hub):
-        raise CalibrationError(f"there is no room to turn in: {inner.complaint(hub)}; {ADVICE}")
+        raise CalibrationError(f"no room to rotate the tool: {inner.complaint(hub)}; {ADVICE}")
     q = _candidates(inner, hub, options.turn_rad)
     T_flange_sensor = cell.sensor.T_flange_sensor.pose
     R = np.array([(arm.flange_pose(row) * T_flange_sensor).rotation for row in q]).reshape(-1, 3, 3)
@@ -111,8 +109,8 @@ def make_plan(cell: Cell, arm: ArmKinematics, q_start: Array, options: Options) 
     fit = best_attitudes(R, payload, options.poses)
     if len(fit) < LEAST_POSES:
         raise CalibrationError(
-            f"only {len(fit)} poses that differ are possible inside the box, {LEAST_POSES} are the "
-            f"least: {ADVICE}"
+            f"only {len(fit)} distinct poses are possible inside the box, at least {LEAST_POSES} "
+            f"are needed: {ADVICE}"
         )
     verify = fresh_attitudes(R, options.verify_poses, tuple(fit))
     found = conditioning(R[fit])
@@ -132,41 +130,41 @@ def make_plan(cell: Cell, arm: ArmKinematics, q_start: Array, options: Options) 
 
 
 def _warnings(fit: int, verify: int, options: Options, condition_number: float) -> tuple[str, ...]:
-    """Say what is poor about a plan. Raises CalibrationError when it is too poor."""
+    """Return the warnings of a plan. Raises CalibrationError when it is too poor."""
     if condition_number > WORST_CONDITIONING:
         raise CalibrationError(
             f"the poses inside the box differ too little (condition number {condition_number:.0f}, "
-            f"at most {WORST_CONDITIONING:.0f}): {ADVICE}"
+            f"limit {WORST_CONDITIONING:.0f}): {ADVICE}"
         )
     warnings = []
     if fit < options.poses:
         warnings.append(f"only {fit} of {options.poses} poses are possible inside the box")
     if verify < options.verify_poses:
-        warnings.append(f"only {verify} of {options.verify_poses} poses are left to verify by")
+        warnings.append(f"only {verify} of {options.verify_poses} poses to verify are possible")
     if condition_number > POOR_CONDITIONING:
-        text = f"condition number {condition_number:.0f} is poor (fair: {POOR_CONDITIONING:.0f})"
+        text = f"condition number {condition_number:.0f} is poor, above {POOR_CONDITIONING:.0f}"
         warnings.append(f"{text}: {ADVICE}")
     return tuple(warnings)
 
 
 def _hub(fence: Fence, q_start: Array) -> tuple[Array, float]:
-    """Return joint angles [rad] straight above the start, as high as goes, and the height [m]."""
+    """Return joint angles [rad] straight above the start, as high as possible, and the lift [m]."""
     T_start = fence.arm.flange_pose(q_start)
     for lift_m in LIFTS_M:
         lifted = pin.SE3(T_start.rotation, T_start.translation + np.array([0.0, 0.0, lift_m]))
         q = fence.arm.solve(lifted, q_start, jump_rad=0.8).q
-        # Between the two the tool bends off the straight line, sidewards, by little.
+        # The joint-space path deviates slightly sideways from the straight line.
         if q is not None and not fence.complaint(q) and not fence.way_complaint(q_start, q, 0.0):
             return q, lift_m
     return q_start, 0.0
 
 
 def _candidates(fence: Fence, hub: Array, turn_rad: float) -> Array:
-    """Return joint angles that can be reached from the hub, and left for it. Shape (n, 6)."""
-    rng = np.random.default_rng(0)  # the same start, the same plan
+    """Return joint angles with a free path from the hub and back. Shape (n, 6)."""
+    rng = np.random.default_rng(0)  # reproducible plan
     most = np.array([*ARM_TURN_RAD, *[turn_rad] * 3])
     offsets = rng.uniform(-1.0, 1.0, (CANDIDATES, 6)) * most
-    offsets[::4, :3] = 0.0  # turns of the wrist alone, wherever they are enough
+    offsets[::4, :3] = 0.0  # a quarter of the candidates turn the wrist only
     folded_rad = max(float(FOLDED_RAD), abs(float(hub[4])))
     good = (
         q
@@ -186,6 +184,6 @@ def _is_regular(arm: ArmKinematics, q: Array) -> bool:
 
 
 def spread_deg(plan: Plan) -> float:
-    """Return how far gravity turns in sensor axes over the poses of the fit [degrees]."""
+    """Return the largest angle between gravity directions in sensor axes, of the fit [degrees]."""
     down = -plan.R_base_sensor[list(plan.fit), 2, :]
     return degrees(float(np.arccos(np.clip((down @ down.T).min(), -1.0, 1.0))))

@@ -1,8 +1,8 @@
-"""Which attitudes teach the most: a D-optimal choice, greedy. Pure.
+"""Choice of attitudes: greedy D-optimal design. Pure.
 
 Each reading in attitude k adds J^T S^-1 J to the information on mass, moment, bias and, with the
-priors of the fit, on tilt, mounting and gain. The next attitude is the one that makes its
-determinant grow most, so the directions of gravity spread over the sphere by themselves.
+priors of the fit, on tilt, mounting and gain. The next attitude is the one that increases the
+determinant of the information most; the directions of gravity then spread over the sphere.
 """
 
 import numpy as np
@@ -17,22 +17,22 @@ from identification.static_poses import angle
 
 FULL = Model(tilt=True, mounting=True, gain=True)
 NOISE_N, NOISE_NM = 0.02, 0.001  # of the mean of a dwell, attitude errors included
-APART_RAD = np.radians(20.0)  # attitudes nearer than this teach hardly anything new
+APART_RAD = np.radians(20.0)  # nearer attitudes add little information
 USUAL_PAYLOAD = Payload(1.0, (0.0, 0.0, 0.05), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
 
 def best_attitudes(
     R_base_sensor: Array, payload: Payload, count: int, taken: tuple[int, ...] = ()
 ) -> list[int]:
-    """Return which attitudes to add to those taken, the most telling one first.
+    """Return the indices of the attitudes to add, the most informative one first.
 
-    Fewer than `count` come back when the others are within 20 degrees of one taken.
+    Fewer than `count` are returned when the others are within 20 degrees of a chosen one.
 
     Args:
         R_base_sensor: Attitudes to choose from. Shape (n, 3, 3).
-        payload: What hangs below the sensor, roughly.
-        count: How many to add.
-        taken: Numbers of those that are taken already.
+        payload: Approximate payload of the sensor.
+        count: Number of attitudes to add.
+        taken: Indices of the attitudes that are chosen already.
     """
     J = _scaled_jacobians(R_base_sensor, payload)
     information = _prior(payload)
@@ -52,7 +52,7 @@ def best_attitudes(
 
 
 def fresh_attitudes(R_base_sensor: Array, count: int, taken: tuple[int, ...]) -> list[int]:
-    """Return attitudes as far as can be from those taken and from each other."""
+    """Return the indices of attitudes farthest from those taken and from each other."""
     chosen: list[int] = []
     nearest = np.full(len(R_base_sensor), np.inf)
     for place in taken:
@@ -65,7 +65,7 @@ def fresh_attitudes(R_base_sensor: Array, count: int, taken: tuple[int, ...]) ->
 
 
 def conditioning(R_base_sensor: Array) -> float:
-    """Return the condition number that the plain fit of these attitudes has. Shape (n, 3, 3)."""
+    """Return the condition number of the linear fit of these attitudes. Shape (n, 3, 3)."""
     zeros = np.zeros((len(R_base_sensor), 3))
     return plain_conditioning(Samples(R_base_sensor, zeros, zeros), np.ones(len(zeros)))
 
@@ -82,7 +82,7 @@ def _scaled_jacobians(R_base_sensor: Array, payload: Payload) -> Array:
 
 
 def _prior(payload: Payload) -> Array:
-    """Return the information before the first reading: what is usual is known, roughly."""
+    """Return the prior information, from the usual sizes of the parameters."""
     mass, com, bias_F, bias_M = (100.0 * size for size in LINEAR_SIZES)
     sizes = np.empty(FULL.size)
     sizes[:LINEAR] = [mass, *[com * payload.mass_kg] * 3, *[bias_F] * 3, *[bias_M] * 3]

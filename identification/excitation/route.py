@@ -1,4 +1,4 @@
-"""The ways of a calibration: from pose to pose, by the hub where the direct way is closed. Pure."""
+"""Paths of a calibration: between poses directly, or by the hub where that is blocked. Pure."""
 
 from dataclasses import dataclass
 from itertools import pairwise
@@ -15,9 +15,9 @@ ROUNDS = 20
 
 @dataclass(frozen=True, slots=True)
 class Route:
-    """What may be gone through, and where it begins and ends.
+    """Allowed regions, start and hub of the paths.
 
-    Between the poses `fence` holds; on the way from the start to the hub, and back, `near_start`.
+    `fence` applies between the poses, `near_start` between the start and the hub.
     """
 
     fence: Fence
@@ -27,42 +27,42 @@ class Route:
 
     @property
     def lift_m(self) -> float:
-        """Height of the hub above the start [m]; between them the tool does not turn."""
+        """Height of the hub above the start [m]; the tool does not rotate between them."""
         arm = self.fence.arm
         hub, start = arm.flange_pose(self.hub), arm.flange_pose(self.q_start)
         return float(hub.translation[2] - start.translation[2])
 
     def way(self, q_from: Array, q_to: Array) -> list[Array]:
-        """Return the joint goals [rad] that lead to a pose, the last one the pose itself."""
+        """Return the joint goals [rad] to a pose; the last one is the pose itself."""
         if not self.fence.way_complaint(q_from, q_to):
             return [q_to]
         return [self.hub, q_to]
 
     def way_out(self, q_from: Array) -> list[Array]:
-        """Return the joint goals that lead from the start to the hub."""
+        """Return the joint goals from the start to the hub."""
         return [] if _are_same(q_from, self.hub) else [self.hub]
 
     def way_home(self, q_from: Array) -> list[Array]:
-        """Return the joint goals that lead back to where the arm began."""
+        """Return the joint goals back to the start."""
         if _are_same(q_from, self.q_start):
             return []
         return [*self.way_out(q_from), self.q_start]
 
     def length_m(self, q_from: Array, q_to: Array) -> float:
-        """Return how far the fastest part of the arm goes from one pose to another [m]."""
+        """Return the travel of the fastest point of the arm between two poses [m]."""
         stops = [q_from, *self.way(q_from, q_to)]
         pairs = pairwise(stops)
         return sum(JointPath(self.fence.arm, a, b).extent_m for a, b in pairs)
 
 
 def shortest_order(route: Route, q: Array, places: list[int], q_from: Array) -> list[int]:
-    """Return the places in an order of short ways: nearest neighbour, then turning parts around.
+    """Return the poses in an order of short travel: nearest neighbour, then 2-opt.
 
     Args:
-        route: Gives the ways.
+        route: Paths between the poses.
         q: Joint angles [rad]. Shape (n, 6).
-        places: Which of them to visit.
-        q_from: Where the visit begins [rad]. Shape (6,).
+        places: Indices of the poses to visit.
+        q_from: Start of the visit [rad]. Shape (6,).
     """
     stops = [q_from, *(q[place] for place in places)]
     n = len(stops)
@@ -84,7 +84,7 @@ def shortest_order(route: Route, q: Array, places: list[int], q_from: Array) -> 
 
 
 def _turned_around(order: list[int], far: Array) -> list[int]:
-    """Return an order with one stretch gone backwards where that is shorter, else the same."""
+    """Return the order with one section reversed where that is shorter, else unchanged (2-opt)."""
     for i in range(1, len(order) - 1):
         for j in range(i + 1, len(order)):
             turned = order[:i] + order[i : j + 1][::-1] + order[j + 1 :]

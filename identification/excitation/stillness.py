@@ -1,4 +1,4 @@
-"""Whether the arm, and what the sensor reads, have come to rest. Pure: fed sample by sample."""
+"""Rest detector for the arm and the sensor readings, over a sliding window. Pure."""
 
 from collections import deque
 from dataclasses import dataclass
@@ -11,14 +11,14 @@ from identification.static_poses import angle
 WINDOW_S = 0.4
 LEAST_SAMPLES = 16
 STILL_M, STILL_RAD = 1e-4, np.radians(0.05)
-# The two halves of the window may differ by so much, or by this many deviations of their means.
+# Allowed difference of the means of both window halves: absolute, or in standard deviations.
 STEADY_N, STEADY_NM = 0.05, 0.003
 DEVIATIONS = 5.0
 
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """One reading of the sensor and where the sensor was: base axes for the pose, sensor axes."""
+    """One sensor reading in sensor axes, with the sensor's pose in base axes."""
 
     at_ns: int
     position_m: Array  # of the sensor in base
@@ -27,15 +27,15 @@ class Sample:
 
 
 class Stillness:
-    """The samples of the last moment, and what still changes in them."""
+    """Sliding window of samples; reports what is not at rest in it."""
 
     def __init__(self, window_s: float = WINDOW_S) -> None:
-        """Begin with nothing seen."""
+        """Create an empty window."""
         self._window_ns = round(1e9 * window_s)
         self._samples: deque[Sample] = deque()
 
     def see(self, sample: Sample) -> None:
-        """Take a newer sample."""
+        """Add a newer sample."""
         self._samples.append(sample)
         while len(self._samples) > 2 and sample.at_ns - self._samples[1].at_ns >= self._window_ns:
             self._samples.popleft()
@@ -46,11 +46,11 @@ class Stillness:
         return self._samples[-1] if self._samples else None
 
     def forget(self) -> None:
-        """Begin anew: after a gap, a fault, a motion."""
+        """Clear the window: after a gap, a fault or a motion."""
         self._samples.clear()
 
     def complaint(self) -> str:
-        """Say what is waited for; empty when all is still."""
+        """Return the condition that is waited for; empty when everything is at rest."""
         samples = self._samples
         if len(samples) < LEAST_SAMPLES or self._lasts_ns() < self._window_ns:
             return "readings"

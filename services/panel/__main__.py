@@ -1,4 +1,4 @@
-"""The panel: a cockpit in the browser, a client of its cell: it asks, and shows the answer."""
+"""Panel: browser interface of a cell; it sends requests as a client and shows the replies."""
 
 import argparse
 import os
@@ -11,17 +11,17 @@ from common.runtime.service import exit_on_error, stop_on_signals
 from services.panel.access import door_of
 from services.panel.encrypted import context_of
 
-NICE = 10  # whatever it draws may come late; what moves the arm may not
+NICE = 10  # drawing may be late, control must not be
 
 
 def main(words: list[str] | None = None) -> None:
     """Serve the page until SIGTERM or SIGINT."""
-    parser = argparse.ArgumentParser(prog="panel", description="The cockpit of a forcemesh cell.")
+    parser = argparse.ArgumentParser(prog="panel", description="Browser panel of a forcemesh cell.")
     parser.add_argument("--cell", required=True, metavar="FILE", type=Path, help="the cell file")
-    parser.add_argument("--host", help="where to listen; without it panel.host of the cell file")
-    parser.add_argument("--port", type=int, help="without it panel.port of the cell file")
-    parser.add_argument("--view-only", action="store_true", help="nobody may act on this page")
-    parser.add_argument("--open", action="store_true", help="open it in this machine's browser")
+    parser.add_argument("--host", help="listen address; default: panel.host of the cell file")
+    parser.add_argument("--port", type=int, help="listen port; default: panel.port of the file")
+    parser.add_argument("--view-only", action="store_true", help="grant no operator rights")
+    parser.add_argument("--open", action="store_true", help="open the page in a browser")
     asked = parser.parse_args(words)
     stop = stop_on_signals()
     with exit_on_error("panel"):
@@ -29,9 +29,9 @@ def main(words: list[str] | None = None) -> None:
         door = door_of(
             cell.panel, os.environ, host=asked.host, port=asked.port, view_only=asked.view_only
         )
-        context_of(cell, door)  # without a certificate it is not to start at all
+        context_of(cell, door)  # fails early when a certificate is missing
         _be_nice()
-        from services.panel.page import Page  # noqa: PLC0415 - seconds of imports, after the checks
+        from services.panel.page import Page  # noqa: PLC0415 - slow imports, after the checks
 
         page = Page(cell, asked.cell, door)
     try:

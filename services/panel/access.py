@@ -1,8 +1,8 @@
-"""Who may open the panel: every request for the page or its websocket is judged here. Pure.
+"""Access control of the panel: checks every request for the page or its websocket. Pure.
 
-A browser sends what any page asks it to: also a page of the internet, to this machine's own
-address. So the door looks at `Host` (a name that was bent to this address is refused), at `Origin`
-(only the panel's own page may talk to the panel), and, where others can reach it, at a token.
+A browser sends requests on behalf of any page, also of a page from the internet to an address of
+this machine. Checked are `Host` (against DNS rebinding), `Origin` (against cross-site requests)
+and, where other machines can reach the panel, a token.
 """
 
 import hmac
@@ -17,33 +17,33 @@ from forcemesh.published_ports import PANEL_PUBLISHED, is_loopback
 from services.panel.sessions import LASTS_S, Rights
 
 TOKEN_VARIABLE = "FORCEMESH_PANEL_TOKEN"  # noqa: S105 - the name of a variable
-ASKED_BY_US = "X-Forcemesh"  # no other page can send this header here: browsers ask first
+ASKED_BY_US = "X-Forcemesh"  # other origins cannot send it: it needs a CORS preflight
 HERE = ("localhost", "127.0.0.1", "::1")
 
 
 @dataclass(frozen=True, slots=True)
 class Door:
-    """Where the panel listens and whom it lets in."""
+    """Listen address of the panel and its tokens."""
 
     host: str
     port: int
     token: str = ""
     view_token: str = ""
     view_only: bool = False
-    published: str = ""  # where others reach it, when it listens in a container
+    published: str = ""  # address on the host, when the panel runs in a container
 
     @property
     def reached_at(self) -> str:
-        """Return the address at which others reach it."""
+        """Return the address at which other machines reach the panel."""
         return self.published or self.host
 
     def __post_init__(self) -> None:
-        """Raise ForcemeshError where others could walk in."""
+        """Raise ForcemeshError when the panel would be open to unauthorised clients."""
         if not self.token and not is_loopback(self.reached_at):
             what = "watch the cell" if self.view_only else "move the arm"
             raise ForcemeshError(
-                f"refused: on {self.reached_at} anybody in reach could {what}: set panel.token in "
-                f"the cell file or {TOKEN_VARIABLE}, or let the panel listen on 127.0.0.1"
+                f"refused: on {self.reached_at} any client on the network could {what}: set "
+                f"panel.token in the cell file or {TOKEN_VARIABLE}, or listen on 127.0.0.1"
             )
         for token in (self.token, self.view_token):
             if why := guessable(token):
@@ -52,48 +52,48 @@ class Door:
             raise ForcemeshError(f"refused: {SAME_TOKEN}")
         if self.view_token and not self.token:
             raise ForcemeshError(
-                "refused: with panel.view_token alone everybody may operate: set panel.token as "
-                f"well, or {TOKEN_VARIABLE}"
+                "refused: with panel.view_token alone every client may operate: set panel.token "
+                f"as well, or {TOKEN_VARIABLE}"
             )
 
     @property
     def is_encrypted(self) -> bool:
-        """Whether it is served by TLS: wherever others reach it."""
+        """Whether the page is served by TLS: wherever other machines reach it."""
         return not is_loopback(self.reached_at)
 
     @property
     def cookie(self) -> str:
-        """Name of the cookie: a browser has one jar for all ports of a machine.
+        """Name of the cookie, with the port: browsers share cookies among all ports of a host.
 
-        The prefix makes a browser take it from this very host and by TLS alone.
+        With the prefix a browser accepts it from this host and by TLS only.
         """
         prefix = "__Host-" if self.is_encrypted else ""
         return f"{prefix}forcemesh_panel_{self.port}"
 
     @property
     def most(self) -> Rights:
-        """What an operator may do here."""
+        """Highest rights that this panel grants."""
         return "view" if self.view_only else "operate"
 
     def rights(self, shown: str) -> Rights | None:
-        """Return what a token opens, None when nothing."""
+        """Return the rights of a token, None for an unknown one."""
         if self.token and same(shown, self.token):
             return self.most
         return "view" if self.view_token and same(shown, self.view_token) else None
 
     def keep(self, number: str) -> str:
-        """Return the header that gives a browser the number of its session."""
+        """Return the Set-Cookie header with the number of a session."""
         kept = f"{self.cookie}={number}; Path=/; Max-Age={round(LASTS_S)}; HttpOnly; "
         return kept + ("SameSite=Strict; Secure" if self.is_encrypted else "SameSite=Strict")
 
     def stranger(self, headers: Mapping[str, str]) -> str:
-        """Say why a request is not of the panel's own page, empty when it is."""
+        """Return why a request is not from the panel's own page, empty when it is."""
         asked = headers.get("Host", "")
         if not self.token and name_of(asked) not in {*HERE, self.reached_at}:
-            return f"this panel is not called {asked!r}: open it by the address that it has printed"
+            return f"unknown host name {asked!r}: open the panel at the address that it printed"
         origin = headers.get("Origin")
         if origin is not None and urlsplit(origin).netloc.lower() != asked.lower():
-            return f"a page of {origin} may not talk to this panel"
+            return f"requests from pages of {origin} are refused"
         return ""
 
 
@@ -105,10 +105,10 @@ def door_of(
     port: int | None = None,
     view_only: bool = False,
 ) -> Door:
-    """Return the door that a cell file asks for; what is named here goes before it.
+    """Return the access settings of a cell file; the arguments override them.
 
     Raises:
-        ForcemeshError: Others could reach it and there is no token.
+        ForcemeshError: Other machines could reach the panel and there is no token.
     """
     return Door(
         host=host or section.host,
@@ -121,7 +121,7 @@ def door_of(
 
 
 def same(shown: str, token: str) -> bool:
-    """Compare without telling by the time it takes how much of it was right."""
+    """Compare in constant time."""
     return hmac.compare_digest(shown.encode(), token.encode())
 
 

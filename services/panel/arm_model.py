@@ -1,6 +1,6 @@
-"""The arm as it is drawn: the RS007L's model with this cell's sensor, tool and simulated plate.
+"""Kinematic model of the drawn arm: RS007L with this cell's sensor, tool and simulated plate.
 
-Nothing here moves the arm, and no physics is stepped: joint angles in, poses of bodies out.
+Forward kinematics only: joint angles in, poses of bodies out; no physics is stepped.
 """
 
 import math
@@ -14,7 +14,7 @@ from common.motion.frames import Array, quaternion_from_R
 
 _ASKED = os.environ.get("MUJOCO_GL")
 os.environ["MUJOCO_GL"] = (
-    "disable"  # the browser draws; MuJoCo looks for a graphics library at once
+    "disable"  # the browser draws; MuJoCo would load a graphics library at import
 )
 import mujoco  # noqa: E402 - the line above must come first
 
@@ -23,10 +23,9 @@ if _ASKED is None:
 else:
     os.environ["MUJOCO_GL"] = _ASKED
 
-# Read as data, not imported: a service knows nothing of the simulation.
 MODEL = Path(__file__).resolve().parents[2] / "arms" / "rs007l" / "rs007l.xml"
 JOINTS = 6
-HOME_DEG = (0.0, 0.0, -90.0, 0.0, -90.0, 0.0)  # where the simulated arm begins, above its plate
+HOME_DEG = (0.0, 0.0, -90.0, 0.0, -90.0, 0.0)  # start of the simulated arm, above its plate
 FLOOR_Z_M = -0.36
 PLATE_HALF_M = (0.08, 0.08, 0.008)
 SENSOR_RADIUS_M = 0.040
@@ -38,17 +37,17 @@ CYLINDER, BOX = mujoco.mjtGeom.mjGEOM_CYLINDER, mujoco.mjtGeom.mjGEOM_BOX
 
 
 def is_known(cell: Cell) -> bool:
-    """Tell whether the cell's arm is the one whose model we have: by its joint limits."""
+    """Return whether the cell's joint limits are those of the RS007L model."""
     joints = mujoco.MjModel.from_xml_path(str(MODEL)).jnt_range[:JOINTS]
     limits = np.radians([cell.robot.joint_min_deg, cell.robot.joint_max_deg]).T
     return bool(np.allclose(limits, joints, atol=LIMIT_SLACK_RAD))
 
 
 class ArmModel:
-    """Where every body is at some joint angles."""
+    """MuJoCo model of arm, sensor and tool, and its body poses at given joint angles."""
 
     def __init__(self, cell: Cell) -> None:
-        """Build the model once."""
+        """Build the model."""
         spec = mujoco.MjSpec.from_file(str(MODEL))
         _add_tool(spec, cell)
         if cell.sim is not None:
@@ -58,13 +57,13 @@ class ArmModel:
         self.move(np.radians(HOME_DEG))
 
     def move(self, joint_rad: Array) -> None:
-        """Put the arm at joint angles [rad]. Shape (6,)."""
+        """Set the joint angles [rad]. Shape (6,)."""
         self.data.qpos[:JOINTS] = joint_rad
         mujoco.mj_kinematics(self.model, self.data)
 
 
 def _tcp_at_home(cell: Cell) -> Array:
-    """Return where the TCP is while the simulated arm is at home, in base [m]. Shape (3,)."""
+    """Return the TCP position of the simulated arm at home, in base [m]. Shape (3,)."""
     model = mujoco.MjModel.from_xml_path(str(MODEL))
     data = mujoco.MjData(model)
     data.qpos[:JOINTS] = np.radians(HOME_DEG)
@@ -75,7 +74,7 @@ def _tcp_at_home(cell: Cell) -> Array:
 
 
 def _add_tool(spec: mujoco.MjSpec, cell: Cell) -> None:
-    """Hang sensor and tool below the flange, as the cell file's frames say."""
+    """Attach sensor and tool to the flange, by the cell file's frames."""
     T_flange_sensor = cell.sensor.T_flange_sensor.pose
     T_sensor_tcp = T_flange_sensor.inverse() * cell.tool.T_flange_tcp.pose
     flange = spec.body("link6")
@@ -83,7 +82,7 @@ def _add_tool(spec: mujoco.MjSpec, cell: Cell) -> None:
     _show(flange, CYLINDER, [SENSOR_RADIUS_M, height / 2, 0], pos=[0, 0, height / 2], rgba=BLUE)
     tool = flange.add_body(name="tool", pos=T_flange_sensor.translation)
     tool.quat = _wxyz(T_flange_sensor.rotation)
-    tool.mass, tool.inertia, tool.explicitinertial = 1.0, [0.01] * 3, True  # nothing is moved by it
+    tool.mass, tool.inertia, tool.explicitinertial = 1.0, [0.01] * 3, True  # required, not used
     length = float(np.linalg.norm(T_sensor_tcp.translation))
     direction = np.asarray(T_sensor_tcp.translation) / max(length, 1e-6)
     radius = 0.025 if cell.sim is None else cell.sim.disc_radius_m
@@ -101,7 +100,7 @@ def _add_tool(spec: mujoco.MjSpec, cell: Cell) -> None:
 
 
 def _add_plate(spec: mujoco.MjSpec, cell: Cell, p_tcp_m: Array) -> None:
-    """Draw the simulated plate below the tool's home, and what it stands on."""
+    """Draw the simulated plate below the tool at home, and its stand."""
     if cell.sim is None:
         return
     tilt = math.radians(cell.sim.tilt_deg)

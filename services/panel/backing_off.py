@@ -1,6 +1,6 @@
-"""The button that frees an arm: one question, and a second one where no force can be followed.
+"""Back-off button: one confirmation, a second one when no force direction is available.
 
-It lasts seconds, so it runs in a thread of its own: a click never waits for it.
+Backing off takes seconds, so it runs in a separate thread: no click blocks.
 """
 
 import threading
@@ -14,17 +14,17 @@ from services.panel.viewer import Viewer
 
 WHAT = "Back off"
 QUESTION = html(
-    "<p>Frees an arm above a ceiling or outside the workspace: <b>it moves up to 20 mm at "
-    "5 mm/s</b>, along the measured force or straight back in, then holds. Is everybody out of "
-    "reach?</p>"
+    "<p>Frees an arm above a force limit or outside the workspace: <b>it moves up to 20 mm at "
+    "5 mm/s</b>, along the measured force or straight back into the workspace, then holds. "
+    "Confirm that the area is clear.</p>"
 )
 
 
 class BackOff:
-    """Asks, backs off, and shows what came of it to the person who clicked."""
+    """Confirms, requests the back-off and shows its result on the page that requested it."""
 
     def __init__(self, viewer: Viewer) -> None:
-        """Put the button below what the form has so far."""
+        """Add the button to the form."""
         self._viewer = viewer
         button = viewer.gui.add_button(WHAT, icon=viser.Icon.ARROW_BACK_UP, color="orange")
         button.on_click(lambda _event: viewer.confirm(WHAT, QUESTION, "Back off now", self._begin))
@@ -53,14 +53,14 @@ class BackOff:
 
     def _ask_again(self, why: str) -> None:
         question = html(
-            "<p>{}</p><p>Without a force to follow <b>the tool goes 5 mm back along its own "
-            "axis</b>, at 5 mm/s, then the arm holds. Look at the tool: is that way free, and "
-            "everybody out of reach?</p>",
+            "<p>{}</p><p>Without a measured force <b>the tool moves 5 mm back along its own "
+            "axis</b>, at 5 mm/s, then the arm holds. Confirm that this path is free and that "
+            "the area is clear.</p>",
             why,
         )
         self._viewer.confirm(
             f"{WHAT} without force",
             question,
-            "Go 5 mm back",
+            "Move 5 mm back",
             lambda: self._begin(without_force=True),
         )

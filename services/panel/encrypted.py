@@ -1,7 +1,7 @@
-"""TLS of the panel's page: beyond this machine there is no other way in.
+"""TLS of the panel's page: required wherever other machines reach the panel.
 
-The certificate is of an authority of its own, `panel-ca`, which a person lets their browser trust.
-Nobody on the bus trusts it, and it can be given to every phone of a lab.
+The certificate is issued by a separate authority, `panel-ca`, which is installed in the browsers.
+The bus does not trust it, so it can be distributed to every phone of a lab.
 """
 
 import ssl
@@ -14,10 +14,10 @@ from services.panel.access import Door
 
 
 def context_of(cell: Cell, door: Door) -> ssl.SSLContext | None:
-    """Return what the panel listens with, None where it is for this machine alone.
+    """Return the TLS context of the panel, None when only this machine reaches it.
 
     Raises:
-        ForcemeshError: Others reach it and there is no certificate, or none that can be used.
+        ForcemeshError: Other machines reach it and the certificate is missing or unusable.
     """
     if not door.is_encrypted:
         return None
@@ -32,11 +32,11 @@ def context_of(cell: Cell, door: Door) -> ssl.SSLContext | None:
 
 
 def refusal(door: Door, folder: Path, error: Exception) -> str:
-    """Say what is missing and how to have it."""
+    """Return the refusal: the missing or unusable certificate, and the remedy."""
     what = "is missing" if isinstance(error, FileNotFoundError) else f"cannot be used ({error})"
     return (
-        f"refused: on {door.reached_at} the token would pass in the clear, and {folder}/{PAGE}.pem "
-        f"or .key {what}: `forcemesh pki issue {PAGE} --host NAME --cell FILE` makes them, where "
-        "`forcemesh pki init` was run; or let the panel listen on 127.0.0.1 and come through SSH "
-        "or a proxy on this machine"
+        f"refused: on {door.reached_at} the token would be sent unencrypted, and "
+        f"{folder}/{PAGE}.pem or .key {what}: run `forcemesh pki issue {PAGE} --host NAME --cell "
+        "FILE` where `forcemesh pki init` was run; or let the panel listen on 127.0.0.1 and use "
+        "SSH or a proxy on this machine"
     )

@@ -1,4 +1,4 @@
-"""What has happened: each new reason why the arm was stopped, with what to do about it. Pure."""
+"""Fault log: each new trip of the arbiter with its remedy. Pure."""
 
 from collections import deque
 from collections.abc import Callable
@@ -12,30 +12,30 @@ KEPT = 50
 
 @dataclass(frozen=True, slots=True)
 class Happened:
-    """One reason, when this panel saw it first."""
+    """Log entry: a trip at the time at which this panel first received it."""
 
-    at: str  # wall clock, for people
+    at: str  # wall clock, as text
     state: str
     trip: Trip
 
     @property
     def remedy(self) -> str:
-        """What a person should do."""
+        """Remedy of the fault code, empty when it has none."""
         row = FAULTS.get(self.trip.code)
         return "" if row is None else row.remedy
 
 
 class FaultLog:
-    """The newest reasons, newest first; kept while the panel runs, for everybody who looks."""
+    """Bounded log of trips, newest first; kept while the panel runs, shared by all pages."""
 
     def __init__(self, now_text: Callable[[], str]) -> None:
-        """Begin empty; `now_text` gives the wall clock."""
+        """Create an empty log; `now_text` returns the wall clock as text."""
         self._now_text = now_text
         self._happened: deque[Happened] = deque(maxlen=KEPT)
         self._known: set[tuple[str, str]] = set()
 
     def saw(self, status: ArbiterStatus | None) -> None:
-        """Note what is new: a reason counts again once it was gone."""
+        """Log the trips that were not present before; a trip that recurs is logged again."""
         if status is None:
             return
         present: set[tuple[str, str]] = {(trip.code, status.state) for trip in status.trips}
@@ -45,5 +45,5 @@ class FaultLog:
         self._known = present
 
     def newest(self) -> tuple[Happened, ...]:
-        """Return all that is kept, newest first."""
+        """Return the entries, newest first."""
         return tuple(self._happened)

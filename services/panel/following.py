@@ -1,4 +1,4 @@
-"""A field of a form that shows a setting of the cell, until the person changes it."""
+"""Form field that shows a setting of the cell until the user edits it."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -8,26 +8,25 @@ from services.panel.viewer import put
 
 @dataclass(slots=True)
 class Followed:
-    """One field: it follows the cell, but never overwrites what a person has put there.
+    """One field: it follows the cell, but does not overwrite an edited value.
 
-    What differs from the value that was shown last is the person's own, until they have sent it or
-    put it back.
+    A value that differs from the one shown last is edited, until it is sent or restored.
     """
 
     handle: Any
     shown: Any = None
 
     def __post_init__(self) -> None:
-        """Begin with what the form shows."""
+        """Start with the value that the form shows."""
         self.shown = self.handle.value
 
     @property
     def is_own(self) -> bool:
-        """Whether a person has changed it."""
+        """Whether the user has edited it."""
         return bool(self.handle.value != self.shown)
 
     def follow(self, setting: object) -> None:
-        """Show the cell's setting where the person has not put another one; None is not known."""
+        """Show the cell's setting unless the field is edited; None is unknown."""
         if setting is None:
             return
         if not self.is_own and self.handle.value != setting:

@@ -1,4 +1,4 @@
-"""The last seconds of what is plotted: fixed memory, fixed number of points. Pure."""
+"""Ring buffer of the plotted values, with fixed memory; and the ranges of the axes. Pure."""
 
 from collections.abc import Mapping
 
@@ -8,15 +8,15 @@ import numpy.typing as npt
 Series = npt.NDArray[np.float64]
 
 WINDOW_S = 20.0
-POINTS = 400  # what a plot is given at most; one each 50 ms
-ROOM = 0.4  # of an axis may stay empty before it shrinks
+POINTS = 400  # most points of a plot; one each 50 ms
+ROOM = 0.4  # share of an axis range below which the range shrinks
 
 
 class History:
-    """A ring of samples of some named numbers; what is not known is a gap."""
+    """Ring buffer of samples of named values; a missing value is a gap (NaN)."""
 
     def __init__(self, names: tuple[str, ...], points: int = POINTS) -> None:
-        """Begin empty."""
+        """Create an empty buffer."""
         self._column = {name: column for column, name in enumerate(names)}
         self._time_s = np.full(points, np.nan)
         self._values = np.full((points, len(names)), np.nan)
@@ -27,7 +27,7 @@ class History:
         return self._count
 
     def add(self, time_s: float, values: Mapping[str, float]) -> None:
-        """Take a sample; the oldest one goes when there is no room. Names it lacks are gaps."""
+        """Add a sample, overwriting the oldest one when full; missing names are gaps."""
         row = self._next
         self._time_s[row] = time_s
         self._values[row] = np.nan
@@ -37,9 +37,9 @@ class History:
         self._count = min(self._count + 1, len(self._time_s))
 
     def series(self, names: tuple[str, ...], now_s: float) -> tuple[Series, ...]:
-        """Return times before now [s], oldest first, and the named numbers; each of one length.
+        """Return times relative to now [s], oldest first, and the named values, of equal length.
 
-        There are two samples at least, since a plot needs two: gaps where there were none.
+        At least two samples are returned, as a plot needs two; absent ones are gaps.
         """
         order = (self._next - self._count + np.arange(self._count)) % len(self._time_s)
         if self._count < 2:
@@ -49,23 +49,23 @@ class History:
         return (self._time_s[order] - now_s, *(values[:, self._column[name]] for name in names))
 
     def clear(self) -> None:
-        """Forget everything: what was before a pause is not what comes after it."""
+        """Remove all samples: data before a pause does not continue after it."""
         self._next = self._count = 0
 
 
 class Span:
-    """The range of a plot's axis: round numbers, which change only when they no longer fit.
+    """Range of a plot axis: round numbers, changed only when the data no longer fits.
 
-    An axis that follows each sample is never still enough to be read.
+    The hysteresis keeps the axis readable.
     """
 
     def __init__(self, least: float, *, signed: bool = True) -> None:
-        """Begin with a range that noise alone does not fill; without a sign it begins at zero."""
+        """Start with a range above the noise; an unsigned range starts at zero."""
         self._least, self._signed = least, signed
         self.low, self.high = -least if signed else 0.0, least
 
     def take(self, lines: tuple[Series, ...]) -> bool:
-        """Make room for these numbers; tell whether the range is another one now."""
+        """Fit the range to these values; return whether it changed."""
         known = np.concatenate([line[np.isfinite(line)] for line in lines] or [np.zeros(1)])
         low, high = (float(known.min()), float(known.max())) if len(known) else (0.0, 0.0)
         wanted = (-self._round(-low) if self._signed or low < 0.0 else 0.0, self._round(high))
@@ -78,7 +78,7 @@ class Span:
         return changed
 
     def _round(self, extent: float) -> float:
-        """Return the next of 1, 2, 5 times a power of ten above an extent."""
+        """Return the smallest of 1, 2, 5 times a power of ten above an extent."""
         extent = max(1.05 * extent, self._least)
         power: float = 10.0 ** np.floor(np.log10(extent))
         return next(step * power for step in (1.0, 2.0, 5.0, 10.0) if step * power >= extent)

@@ -1,4 +1,4 @@
-"""The whole page: scene and plots for all who look, forms for who may operate; and its loop."""
+"""Panel page and its loop: scene and plots for every browser, forms for operators."""
 
 import asyncio
 import threading
@@ -31,25 +31,25 @@ from services.panel.viewer import Answer, Viewer, ask, put
 from services.panel.watch import Snapshot, Watch
 from services.panel.wizard import Wizard
 
-PERIOD_S = 0.05  # of the scene, and of what the plots are made of
+PERIOD_S = 0.05  # of the scene and of the samples in the plots
 FORMS_S = 0.25
-IDLE_S = 0.25  # so often an empty room is looked into
-OLD_S = 0.5  # then a snapshot is taken anew before it is shown
-LEFT_S = 3.0  # a page that is loaded anew is away for a moment
-JOINED_WITHIN_S = 2.0  # of Stop motion: the panel may be off the bus where nobody looked
+IDLE_S = 0.25  # poll period while no page is open
+OLD_S = 0.5  # age above which a snapshot is renewed before it is shown
+LEFT_S = 3.0  # covers the gap while a page is reloaded
+JOINED_WITHIN_S = 2.0  # for Stop motion: without an open page the panel is off the bus
 STOPPED_BY = "Stop motion was pressed in the panel"
 DARK_KEY = "forcemesh dark"
 REMEMBERS_S = 20.0
 
 
 class Page:
-    """The panel of one cell, from its start to its end."""
+    """Panel of one cell: server, scene, plots, forms and their update loop."""
 
     def __init__(self, cell: Cell, cell_file: Path, door: Door) -> None:
-        """Start the server; its page works as soon as this returns.
+        """Start the server; the page is available when this returns.
 
         Raises:
-            ForcemeshError: The port is taken, or the door did not take effect.
+            ForcemeshError: The port is in use, or access control is not effective.
         """
         self._cell, self._wizard = cell, Wizard(cell_file)
         self._watch = Watch(cell)
@@ -72,7 +72,7 @@ class Page:
         gate.ready = True
 
     def run(self, stop: threading.Event) -> None:
-        """Draw while somebody looks; wait while nobody does."""
+        """Update the page while a browser is connected; otherwise wait, off the bus."""
         plots_ns = forms_ns = 0
         heartbeat = heartbeat_of_this_process()
         while not stop.wait(PERIOD_S if self._is_watched() else IDLE_S):
@@ -96,23 +96,23 @@ class Page:
                 self._refresh_forms(heard)
 
     def close(self) -> None:
-        """Leave the bus, then close the page; a calibration that runs ends in a hold."""
+        """Leave the bus, then close the page; a running calibration ends in a hold."""
         self._wizard.close()
         self._watch.leave()
         close_server(self.server)
 
-    # --- what the bar asks ------------------------------------------------------------------------
+    # --- requests of the status bar ---------------------------------------------------------------
 
     async def _state(self, rights: Rights) -> dict[str, Any]:
         self._seen_ns = time.monotonic_ns()
         if self._watch.clock.now_ns() - self._heard.now_ns > OLD_S * NS_PER_S:
-            self._heard = self._watch.look()  # the loop is held up; the bar never shows what was
+            self._heard = self._watch.look()  # the loop is late; the bar must not show old data
         return strip(self._cell, self._heard, rights)
 
     async def _stop(self, rights: Rights) -> dict[str, Any]:
         if not may_stop(self._cell, rights):
-            return {"text": "refused: this page may only look", "answered": True}
-        self._seen_ns = time.monotonic_ns()  # who stops is there, also before the first look
+            return {"text": "refused: this page is view-only", "answered": True}
+        self._seen_ns = time.monotonic_ns()  # a stop request keeps the panel on the bus
         answer = await asyncio.to_thread(self._hold)
         text = stop_text(answer, self._watch.look())
         return {"text": text, "answered": UNANSWERED not in text}
@@ -121,7 +121,7 @@ class Page:
         self._watch.wait(JOINED_WITHIN_S)
         return ask(self._watch, lambda cell: cell.hold(STOPPED_BY).text)
 
-    # --- who looks --------------------------------------------------------------------------------
+    # --- connected browsers -----------------------------------------------------------------------
 
     def _is_watched(self) -> bool:
         if self.server.get_clients():
@@ -129,7 +129,7 @@ class Page:
         return bool(self._seen_ns) and time.monotonic_ns() - self._seen_ns < LEFT_S * NS_PER_S
 
     async def _came(self, client: viser.ClientHandle) -> None:
-        """Give who comes forms of their own, if they may operate."""
+        """Build the forms of a new client that has operator rights."""
         await asyncio.to_thread(self._build, client, RIGHTS.get())
 
     async def _left(self, client: viser.ClientHandle) -> None:
@@ -139,10 +139,10 @@ class Page:
         gui = client.gui
         _let_choose_the_light(client)
         if rights == "view":
-            Prose(gui, paragraphs("This page only looks. Who has the operator's address may act."))
+            Prose(gui, paragraphs("View only: this session has no operator rights."))
             return
         viewer = Viewer(client, self._watch, self._cell, self._wizard, self._log)
-        viewer.keep_answers_in(Prose(gui, paragraphs("What you ask for is answered here.")))
+        viewer.keep_answers_in(Prose(gui, paragraphs("Replies to requests appear here.")))
         refreshes = []
         tabs = gui.add_tab_group()
         for tab in all_tabs():
@@ -158,8 +158,8 @@ class Page:
 
 
 def _let_choose_the_light(client: viser.ClientHandle) -> None:
-    """Add the switch between light and dark, which the browser remembers."""
-    dark = client.gui.add_checkbox("Dark", initial_value=False, order=1000.0)
+    """Add the dark mode switch; the browser stores the setting."""
+    dark = client.gui.add_checkbox("Dark mode", initial_value=False, order=1000.0)
 
     def show(*, remember: bool) -> None:
         client.gui.configure_theme(show_logo=False, show_share_button=False, dark_mode=dark.value)
@@ -169,7 +169,7 @@ def _let_choose_the_light(client: viser.ClientHandle) -> None:
     dark.on_update(lambda _event: show(remember=True))
 
     def remember() -> None:
-        with suppress(TimeoutError):  # a browser that is busy drawing stays light
+        with suppress(TimeoutError):  # a busy browser keeps the light theme
             if client.local_storage.get_item(DARK_KEY, timeout=REMEMBERS_S) == "yes":
                 put(dark, value=True)
                 show(remember=False)

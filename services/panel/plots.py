@@ -1,4 +1,4 @@
-"""The live plots: some times a second, and only while somebody looks."""
+"""Live plots of force, torque, position error and latency; updated while a page is open."""
 
 from dataclasses import dataclass
 from itertools import pairwise
@@ -12,10 +12,10 @@ from services.panel.readout import ERRORS, FORCES, LATENCIES, TORQUES
 
 PERIOD_S = 0.2
 HEIGHT = 118
-BRIDGED_S = 0.5  # the longest gap that a line crosses
-OUTSIDE = -1e6  # of every axis
-TICKS_APART = 16  # at least, up an axis [px]: a plot of this height has room for three or four
-MARGIN = 1.4  # so that the last number of an axis is not cut off
+BRIDGED_S = 0.5  # longest gap that a line bridges
+OUTSIDE = -1e6  # outside the range of every axis
+TICKS_APART = 16  # least distance of two ticks [px]: this plot height fits three or four
+MARGIN = 1.4  # keeps the last tick label inside the plot
 
 # The same hue means the same axis in every plot, and in the scene: x red, y green, z blue.
 RED, GREEN, BLUE, ORANGE, GREY = "#e8590c", "#2f9e44", "#1c7ed6", "#f08c00", "#868e96"
@@ -28,39 +28,39 @@ COLOURS = {
     "Mx": "#e03131",
     "My": "#2f9e44",
     "Mz": "#1c7ed6",
-    "wanted": ORANGE,
+    "target": ORANGE,
     "x": "#e03131",
     "y": "#2f9e44",
     "z": "#1c7ed6",
     "distance": GREY,
     "chain": "#7048e8",
 }
-WIDE, DASHED = {"press", "chain"}, {"set point", "wanted"}
+WIDE, DASHED = {"press", "chain"}, {"set point", "target"}
 
 
 @dataclass(frozen=True, slots=True)
 class Kind:
-    """One plot."""
+    """Title, series and axis range of one plot."""
 
     title: str
     names: tuple[str, ...]
-    least: float  # of the axis, to either side of zero
+    least: float  # smallest half range of the axis
     signed: bool = True
 
 
 KINDS = (
     Kind("Force [N]", FORCES, 5.0),
     Kind("Torque [N m]", TORQUES, 0.5),
-    Kind("Measured from commanded [mm]", ERRORS, 0.5),
-    Kind("Sensor sample to robot [ms]", LATENCIES, 5.0, signed=False),
+    Kind("Position error [mm]", ERRORS, 0.5),
+    Kind("Latency, sensor to robot [ms]", LATENCIES, 5.0, signed=False),
 )
 
 
 class Plots:
-    """All plots of a page, in a panel of their own."""
+    """Plots of a page, in their own panel."""
 
     def __init__(self, server: viser.ViserServer, history: History) -> None:
-        """Add the panel; it is docked at the left, and a section of the sheet on a phone."""
+        """Add the panel, docked at the left; on a phone it is a section of the sheet."""
         self._history = history
         self._panel = server.gui.add_panel()
         self._spans = {kind: Span(kind.least, signed=kind.signed) for kind in KINDS}
@@ -82,7 +82,7 @@ class Plots:
         self._panel.set_width(380)
 
     def draw(self, now_s: float) -> None:
-        """Send what the history holds."""
+        """Send the buffered samples to the plots."""
         for kind, handle in self._handles.items():
             times_s, *lines = self._history.series(kind.names, now_s)
             if self._spans[kind].take(tuple(lines)):
@@ -91,9 +91,9 @@ class Plots:
 
 
 def broken(times_s: Series, line: Series) -> Series:
-    """Return a line that leaves the plot in its gaps: the page would draw straight across them.
+    """Return a line that leaves the plot range in its gaps; uPlot would draw across them.
 
-    A gap of a moment is bridged: not each sample knows each number.
+    Gaps up to BRIDGED_S stay bridged: not every sample has every value.
     """
     shown = line.copy()
     known = np.flatnonzero(np.isfinite(line))
@@ -104,7 +104,7 @@ def broken(times_s: Series, line: Series) -> Series:
 
 
 def scales(span: Span) -> dict[str, uplot.Scale]:
-    """Return both axes; a plot that ranges by itself gives up at the first gap."""
+    """Return the scales of both axes; uPlot's automatic range fails at a gap."""
     return {
         "x": uplot.Scale(time=False, auto=False, range=(-WINDOW_S, 0.0)),
         "y": uplot.Scale(auto=False, range=(MARGIN * span.low, MARGIN * span.high)),
@@ -112,7 +112,7 @@ def scales(span: Span) -> dict[str, uplot.Scale]:
 
 
 def series(name: str) -> uplot.Series:
-    """Return how a line looks."""
+    """Return the line style of a series."""
     if name == "t":
         return uplot.Series(label="t")
     colour = COLOURS[name]
@@ -123,7 +123,7 @@ def series(name: str) -> uplot.Series:
 
 
 def axis(label: str = "") -> uplot.Axis:
-    """Return an axis that can be read on light and on dark."""
+    """Return an axis with colours that suit the light and the dark theme."""
     shown = uplot.Axis(stroke="#8b95a1", grid=uplot.Axis_Grid(stroke="#8b95a133", width=1))
     if not label:
         shown["size"], shown["space"] = 46, TICKS_APART

@@ -1,7 +1,7 @@
-"""Text in the page's forms: what is shown there is `Html`, never Markdown.
+"""Text elements of the page's forms: escaped `Html`, never Markdown.
 
-viser's Markdown renders raw HTML, scripts included, makes links of anything that looks like one and
-reads pictures off this machine's disk; nothing of that is wanted of a text from the bus.
+viser's Markdown renders raw HTML, scripts included, creates links and reads pictures from this
+machine's disk; text from the bus must not do that.
 """
 
 import viser
@@ -12,22 +12,22 @@ NOTHING = html("")
 
 
 class Prose:
-    """A place for text in a form; it is sent to the browser only when it has changed."""
+    """Text element of a form; sent to the browser only when it has changed."""
 
     def __init__(self, gui: viser.GuiApi, shown: Html = NOTHING) -> None:
-        """Put it below what the form has so far."""
+        """Append the element to the form."""
         self._shown = shown
         self._handle = gui.add_html(_framed(shown).source)
 
     def show(self, wanted: Html) -> None:
-        """Show this from now on."""
+        """Replace the shown text."""
         if wanted != self._shown:
             self._shown = wanted
             self._handle.content = _framed(wanted).source
 
 
 def paragraphs(*lines: Html | str) -> Html:
-    """Return lines, each a paragraph; a line of text is foreign."""
+    """Return each line as a paragraph; plain strings are escaped."""
     return joined(html("<p>{}</p>", line) for line in lines)
 
 

@@ -1,4 +1,4 @@
-"""From what was heard to what is plotted: press force, set point, errors, latency. Pure."""
+"""Plotted values, derived from received messages: force, set point, errors, latency. Pure."""
 
 from dataclasses import dataclass
 
@@ -11,7 +11,7 @@ from forcemesh.messages import RobotCommand, RobotState, WrenchAtTcp
 from services.panel.watch import Snapshot
 
 FORCES = ("press", "set point", "Fx", "Fy", "Fz")
-TORQUES = ("Mx", "My", "Mz", "wanted")
+TORQUES = ("Mx", "My", "Mz", "target")
 ERRORS = ("x", "y", "z", "distance")
 LATENCIES = ("chain",)
 NAMES = (*FORCES, *TORQUES, *ERRORS, *LATENCIES)
@@ -19,7 +19,7 @@ NAMES = (*FORCES, *TORQUES, *ERRORS, *LATENCIES)
 
 @dataclass(frozen=True, slots=True)
 class Tool:
-    """Where the tool is and what it feels, in base."""
+    """Pose of the tool and the wrench at it, in base axes."""
 
     p_tcp_m: Array  # shape (3,)
     R_base_tcp: Array  # shape (3, 3)
@@ -28,22 +28,22 @@ class Tool:
 
     @property
     def press_N(self) -> float | None:
-        """Force with which the tool presses along its z axis."""
+        """Press force of the tool along its z axis."""
         return None if self.force_N is None else -float(self.force_N @ self.R_base_tcp[:, 2])
 
 
 class Readout:
-    """Numbers of one cell; remembers the set point over moments in which it cannot be seen."""
+    """Plotted values of one cell; keeps the last set point while it cannot be derived."""
 
     def __init__(self, cell: Cell) -> None:
-        """Take the frames and the deadband out of the cell file."""
+        """Read the frames and the deadband from the cell file."""
         self._T_flange_tcp = cell.tool.T_flange_tcp.pose
         self._deadband_N = cell.force.deadband_N
         self._setpoint_N: float | None = None
         self._taken: tuple[int, int] | None = None
 
     def tool(self, robot: RobotState, wrench: WrenchAtTcp | None) -> Tool:
-        """Return where the tool is and what it feels."""
+        """Return the pose of the tool and the wrench at it."""
         T_base_tcp = pose_of(robot) * self._T_flange_tcp
         return Tool(
             p_tcp_m=np.asarray(T_base_tcp.translation),
@@ -53,7 +53,7 @@ class Readout:
         )
 
     def numbers(self, heard: Snapshot) -> dict[str, float]:
-        """Return what is known now, by the names of `NAMES`; the rest is left out."""
+        """Return the values that are known now, keyed by `NAMES`; unknown ones are left out."""
         found: dict[str, float] = {}
         wrench, robot = heard.wrench.fresh, heard.robot.fresh
         if wrench is not None:
@@ -69,11 +69,11 @@ class Readout:
             if self._setpoint_N is not None:
                 found["set point"] = self._setpoint_N
             if heard.target.fresh is not None and heard.target.fresh.mode != "position":
-                found["wanted"] = 0.0  # moments are always brought to zero
+                found["target"] = 0.0  # torques are always controlled to zero
         return found
 
     def _latency_ms(self, robot: RobotState) -> dict[str, float]:
-        """Return the latency of a command that was not seen before."""
+        """Return the latency of a newly accepted command, else nothing."""
         taken = robot.accepted
         number = None if taken is None else (taken.epoch, taken.seq)
         if number == self._taken:
@@ -82,9 +82,9 @@ class Readout:
         return latency_ms(robot)
 
     def _setpoint(self, heard: Snapshot, tool: Tool) -> float | None:
-        """Return the set point, in force and along the tool, which the regulator's error shows.
+        """Return the force set point along the tool axis, derived from the regulator's error.
 
-        The error is shortened by the deadband, and nought inside of it: there the last one holds.
+        The error is reduced by the deadband and zero inside it; there the last value is kept.
         """
         target = heard.target.fresh
         if target is None or target.mode in (None, "orientation") or tool.force_N is None:
@@ -101,7 +101,7 @@ class Readout:
 
 
 def distance_mm(command: RobotCommand | None, robot: RobotState) -> dict[str, float]:
-    """Return how far the flange is from where it was commanded, in base axes [mm]."""
+    """Return measured minus commanded flange position, in base axes [mm]."""
     if command is None:
         return {}
     goal = command.goal.pose if command.kind == "goal" and command.goal is not None else None
@@ -114,7 +114,7 @@ def distance_mm(command: RobotCommand | None, robot: RobotState) -> dict[str, fl
 
 
 def latency_ms(robot: RobotState) -> dict[str, float]:
-    """Return the time from a sensor's sample to the robot that obeyed it [ms]."""
+    """Return the time from the sensor sample to the robot's acceptance of its command [ms]."""
     taken = robot.accepted
     if taken is None or taken.sensor_stamp_ns is None:
         return {}

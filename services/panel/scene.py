@@ -1,6 +1,6 @@
-"""The 3D view: arm, tool, force and torque, workspace, what is touched. The only user of mjviser.
+"""3D view: arm, tool, force and torque arrows, workspace, contact. The only user of mjviser.
 
-mjviser is young: all that is asked of it is to draw a MuJoCo model and to put its bodies in place.
+mjviser is young: it is used only to draw a MuJoCo model and to place its bodies.
 """
 
 from typing import Any
@@ -17,9 +17,9 @@ from services.panel.readout import Readout, Tool
 from services.panel.watch import Snapshot
 
 M_PER_N, M_PER_NM = 0.0045, 0.2  # length of the arrows
-LABEL_M = np.array([-0.07, 0.07, 0.0])  # beside the tool
-LEAST_N, LEAST_NM = 0.5, 0.05  # shorter ones would be noise
-STILL_RAD = 1e-4  # nothing is sent while the arm moves less than this
+LABEL_M = np.array([-0.07, 0.07, 0.0])  # offset from the arrow
+LEAST_N, LEAST_NM = 0.5, 0.05  # smaller values are noise
+STILL_RAD = 1e-4  # no update is sent for smaller motion
 TOUCHED_RADIUS_M = 0.06
 FORCE_RGB, TORQUE_RGB, BOX_RGB, TOUCH_RGB = (
     (224, 49, 49),
@@ -30,10 +30,10 @@ FORCE_RGB, TORQUE_RGB, BOX_RGB, TOUCH_RGB = (
 
 
 class Scene:
-    """Everything in the 3D view; shared by all who look."""
+    """Contents of the 3D view; shared by all pages."""
 
     def __init__(self, server: viser.ViserServer, cell: Cell) -> None:
-        """Build it."""
+        """Build the scene."""
         self._server = server
         self._readout = Readout(cell)
         self._arm = ArmModel(cell) if is_known(cell) else None
@@ -63,7 +63,7 @@ class Scene:
             handle.visible = False
 
     def draw(self, heard: Snapshot) -> None:
-        """Show what was heard; without the arm's state everything stays where it was."""
+        """Show a snapshot; without a fresh robot state the scene does not change."""
         robot = heard.robot.fresh
         if robot is None:
             return
@@ -105,7 +105,7 @@ class Scene:
             self._torque.points = _arrow(tool.p_tcp_m, M_PER_NM * torque_Nm)
 
     def _draw_touch(self, heard: Snapshot, tool: Tool) -> None:
-        """Show where the surface is that the tool is pressed on, as far as it can be felt."""
+        """Show the contact surface at the tool while the regulator reports contact."""
         target = heard.target.message
         touches = target is not None and target.contact == "contact" and heard.target.fault == ""
         _show(self._touched, touches)
@@ -117,7 +117,7 @@ class Scene:
 def _set_the_stage(server: viser.ViserServer) -> None:
     """Set floor and camera."""
     server.scene.set_up_direction("+z")
-    server.scene.configure_default_lights(cast_shadow=False)  # a PC in a lab may have no GPU
+    server.scene.configure_default_lights(cast_shadow=False)  # a lab PC may have no GPU
     server.scene.add_grid(
         "/floor",
         width=4.0,
@@ -134,7 +134,7 @@ def _set_the_stage(server: viser.ViserServer) -> None:
 
 
 def _add_workspace(server: viser.ViserServer, cell: Cell) -> None:
-    """Draw the edges of the box that the TCP must not leave, and its walls' planes."""
+    """Draw the edges of the workspace box and the limiting planes."""
     low, high = np.array(cell.limits.workspace_min_m), np.array(cell.limits.workspace_max_m)
     server.scene.add_line_segments(
         "/workspace", box_edges(low, high), BOX_RGB, thickness=1.5, thickness_units="screen"

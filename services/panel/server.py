@@ -1,9 +1,9 @@
-"""viser behind the panel's door: one port, one page with our bar in it, nothing from outside.
+"""HTTP and websocket server: viser behind access control, one port, one page with the status bar.
 
-viser itself listens everywhere and asks nobody who he is. It hands each connection to the library
-`websockets`; for the moment in which it does so, that call is ours: we give it a socket that is
-bound already and let the door judge every request first. `refuse_an_open_door` proves at each start
-that this took effect, so that another version of viser cannot quietly come without it.
+viser listens on all addresses without authentication. It passes each connection to the library
+`websockets`; during its start that call is replaced: it receives a bound socket, and the gate
+checks every request first. `refuse_an_open_door` is a self-test at each start, so that another
+version of viser cannot bypass the check unnoticed.
 """
 
 import contextlib
@@ -36,7 +36,7 @@ from services.panel.markup import html
 from services.panel.policy import NONCE, policy, with_nonce_unpacked, with_nonces
 from services.panel.sessions import Rights, Sessions
 
-SHOWN_TOKEN = "X-Forcemesh-Token"  # noqa: S105 - the name of a header: it is in no address and no log
+SHOWN_TOKEN = "X-Forcemesh-Token"  # noqa: S105 - a header name: not part of addresses or logs
 Reply = dict[str, Any]
 Route = Callable[[Rights], Awaitable[Reply]]
 Before = Callable[[ServerConnection, Request], Response | None]
@@ -48,33 +48,33 @@ SELF_TEST_S = 5.0
 
 
 class PanelServer(viser.ViserServer):
-    """viser without the tunnel that would show the panel to the internet."""
+    """viser server without the tunnel that would expose the panel to the internet."""
 
     def request_share_url(self, verbose: bool = True) -> str | None:  # noqa: FBT001, FBT002 - theirs
-        """Never share: any client may ask for it."""
+        """Return None: sharing is disabled, as any client could request it."""
         del verbose
         return None
 
 
 class Gate:
-    """Answers what is not viser's own, and judges all before viser sees it."""
+    """Request filter in front of viser; serves the page and the panel's own routes."""
 
     def __init__(self, door: Door, title: str, clock: Clock | None = None) -> None:
-        """Read the page once; nothing is listened to yet."""
+        """Read the page; no socket is opened."""
         self._door = door
         self._page = page(title)
         self._sessions, self._clock = Sessions(), clock or MonotonicClock()
-        self.routes: dict[str, Route] = {}  # what only our own page asks
+        self.routes: dict[str, Route] = {}  # for requests of the panel's own page
         self.alive: Callable[[], bool] = lambda: True
-        self.ready = False  # until then a page that waits to come back must wait
+        self.ready = False  # until then websockets are refused, also those that reconnect
 
     async def before(self, request: Request) -> Response | None:
-        """Return the answer, None to let viser go on with its websocket."""
+        """Return the response, None to pass a websocket on to viser."""
         path = request.path.partition("?")[0]
-        if path == "/alive":  # says nothing to anybody but that it works
+        if path == "/alive":  # health check; needs no authentication
             alive = self.alive()
             status = HTTPStatus.OK if alive else HTTPStatus.SERVICE_UNAVAILABLE
-            return answer(status, "alive" if alive else "the cell is not heard", "text/plain")
+            return answer(status, "alive" if alive else "no data from the cell", "text/plain")
         if why := self._door.stranger(request.headers):
             return answer(HTTPStatus.FORBIDDEN, why, "text/plain")
         is_socket = request.headers.get("Upgrade", "").lower() == "websocket"
@@ -85,7 +85,7 @@ class Gate:
             return self._closed()
         if is_socket:
             if not self.ready:
-                return answer(HTTPStatus.SERVICE_UNAVAILABLE, "in a moment", "text/plain")
+                return answer(HTTPStatus.SERVICE_UNAVAILABLE, "starting", "text/plain")
             RIGHTS.set(rights)
             return None
         if path in {"/", "/index.html"}:
@@ -94,10 +94,10 @@ class Gate:
         if path in self.routes and request.headers.get(ASKED_BY_US):
             said = await self.routes[path](rights)
             return answer(HTTPStatus.OK, json.dumps(said), "application/json")
-        return answer(HTTPStatus.NOT_FOUND, "there is no such page", "text/plain")
+        return answer(HTTPStatus.NOT_FOUND, "page not found", "text/plain")
 
     def _rights(self, request: Request) -> Rights | None:
-        """Return what whoever asks may do: without a token all, else as the session says."""
+        """Return the rights of a request: without a token all, else those of its session."""
         if not self._door.token:
             return self._door.most
         number = cookie_in(request.headers, self._door.cookie)
@@ -107,10 +107,10 @@ class Gate:
         return answer(HTTPStatus.UNAUTHORIZED, with_nonces(resource("token.html")), "text/html")
 
     def _enter(self, shown: str) -> Response:
-        """Begin a session for a good token, which then stands in no address that people copy.
+        """Start a session for a valid token and remove the token from the address.
 
-        The browser loads the page by itself: a redirect from a link in another page would come
-        without the cookie, which is for this panel's own pages alone.
+        The browser reloads the page itself: a redirect after a link in another page would lack
+        the cookie, which is SameSite=Strict.
         """
         rights = self._door.rights(shown)
         if rights is None:
@@ -122,7 +122,7 @@ class Gate:
     def in_front(
         self, listening: socket.socket, encrypted: ssl.SSLContext | None
     ) -> Iterator[None]:
-        """Let the server that is started meanwhile use this socket and ask us first."""
+        """Make a server that is started meanwhile use this socket and this filter."""
         serve = websockets.asyncio.server.serve
 
         def serving(handler: Any, _host: Any, _port: Any, **options: Any) -> Any:
@@ -140,24 +140,24 @@ class Gate:
 
 
 def listen(host: str, port: int) -> socket.socket:
-    """Return a socket that listens. Raise ForcemeshError when somebody else has the port."""
+    """Return a listening socket. Raise ForcemeshError when the port is in use."""
     try:
         return socket.create_server((host, port), backlog=BACKLOG)
     except OSError as error:
-        what = "panel.host is to be an address of this machine"
+        what = "panel.host must be an address of this machine"
         if error.errno == errno.EADDRINUSE:
-            what = "is the panel there already? panel.port, or --port, chooses another one"
+            what = "is another panel running? Choose another port by panel.port or --port"
         why = os.strerror(error.errno or 0)
         raise ForcemeshError(f"cannot listen on {host}:{port} ({why}): {what}") from None
 
 
 def open_server(gate: Gate, door: Door, encrypted: ssl.SSLContext | None = None) -> PanelServer:
-    """Start the page's server behind the door.
+    """Start the page's server behind access control.
 
     Raises:
-        ForcemeshError: The port is taken, or the door did not take effect.
+        ForcemeshError: The port is in use, or access control is not effective.
     """
-    # A browser that goes away in the middle of a request is no news.
+    # A browser that disconnects during a request is not an error.
     logging.getLogger("websockets.server").setLevel(logging.CRITICAL)
     listening = listen(door.host, door.port)
     with gate.in_front(listening, encrypted), contextlib.redirect_stdout(io.StringIO()):
@@ -171,16 +171,16 @@ def open_server(gate: Gate, door: Door, encrypted: ssl.SSLContext | None = None)
 
 
 def close_server(server: viser.ViserServer) -> None:
-    """Stop it, without its word on standard output."""
+    """Stop the server, without its message on standard output."""
     with contextlib.redirect_stdout(io.StringIO()):
         server.stop()
 
 
 def refuse_an_open_door(host: str, port: int, *, encrypted: bool = False) -> None:
-    """Come as a page of somebody else would; whoever is let in has found no door."""
+    """Self-test: send a cross-site request; raise ForcemeshError unless it is refused."""
     name = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(host, host)  # noqa: S104 - not bound here
     asking = http.client.HTTPConnection(name, port, timeout=SELF_TEST_S)
-    if encrypted:  # whose certificate it is, is for browsers to judge: this is the door alone
+    if encrypted:  # browsers verify the certificate; this tests access control only
         unverified = ssl._create_unverified_context()  # noqa: S323, SLF001
         asking = http.client.HTTPSConnection(name, port, timeout=SELF_TEST_S, context=unverified)
     try:
@@ -192,13 +192,13 @@ def refuse_an_open_door(host: str, port: int, *, encrypted: bool = False) -> Non
         asking.close()
     if status != HTTPStatus.FORBIDDEN:
         raise ForcemeshError(
-            "refused: this version of viser goes round the panel's door; use one that "
-            "pyproject.toml names"
+            "refused: this version of viser bypasses the panel's access control; use a version "
+            "that pyproject.toml names"
         )
 
 
 def answer(status: HTTPStatus, body: str, kind: str, *, asked: str = "", **more: str) -> Response:
-    """Return a whole answer; `asked` is the `Host` under which the page was asked for."""
+    """Return a complete response; `asked` is the `Host` of the request for the page."""
     nonce = secrets.token_urlsafe(16)
     data = body.replace(NONCE, nonce).encode()
     headers = Headers(
@@ -217,13 +217,13 @@ def answer(status: HTTPStatus, body: str, kind: str, *, asked: str = "", **more:
 
 
 def token_of(request: Request) -> str:
-    """Return the token that is shown: typed into our own form, or in an address that was given."""
+    """Return the token of a request: from the panel's form or from the address."""
     typed: str = request.headers.get(SHOWN_TOKEN, "")
     return typed if typed and request.headers.get(ASKED_BY_US) else token_in(request.path)
 
 
 def page(title: str) -> str:
-    """Return viser's page with our title, and our bar at its end."""
+    """Return viser's page with the panel's title and the status bar at its end."""
     client = Path(viser.__file__).parent / "client" / "build" / "index.html"
     text = client.read_text(encoding="utf-8").replace(
         "<title>Viser</title>", html("<title>{}</title>", title).source
@@ -233,5 +233,5 @@ def page(title: str) -> str:
 
 
 def resource(name: str) -> str:
-    """Return a file that lies beside this one."""
+    """Return the text of a file of this package."""
     return files("services.panel").joinpath(name).read_text(encoding="utf-8")

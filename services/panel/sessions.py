@@ -1,7 +1,7 @@
-"""Who has shown a token: a browser keeps a random number instead of it, for a while.
+"""Login sessions of the panel: the browser's cookie holds a random number, never the token.
 
-A cookie can be copied from a disk, a backup or a log. What is copied here opens one panel until it
-is started again or the session ends, and never shows the token of the cell file. Pure.
+A cookie can be copied from a disk, a backup or a log. A copied number opens one panel until that
+panel restarts or the session expires; it does not reveal the token of the cell file. Pure.
 """
 
 import hashlib
@@ -14,31 +14,31 @@ from forcemesh.clock import NS_PER_S
 
 Rights = Literal["operate", "view"]
 
-IDLE_S = 12 * 3600.0  # a working day; an open page asks three times a second
+IDLE_S = 12 * 3600.0  # a working day; an open page polls three times a second
 LASTS_S = 7 * 24 * 3600.0
-MOST = 64  # the one that was not used for longest goes
+MOST = 64  # sessions; the least recently used one is removed
 BYTES = 32
 
 
 @dataclass(slots=True)
 class Session:
-    """Rights, when they began and when they were used last."""
+    """Rights of one session, its start and its last use."""
 
     rights: Rights
     began_ns: int
     used_ns: int
 
     def ended(self, now_ns: int) -> bool:
-        """Tell whether it is too old, or was left alone for too long."""
+        """Return whether the session has exceeded its lifetime or its idle limit."""
         is_old = now_ns - self.began_ns >= LASTS_S * NS_PER_S
         return is_old or now_ns - self.used_ns >= IDLE_S * NS_PER_S
 
 
 class Sessions:
-    """The sessions of one panel, in memory alone; their numbers are kept as hashes."""
+    """Session store of one panel: in memory only, the numbers hashed."""
 
     def __init__(self) -> None:
-        """Begin without any."""
+        """Create an empty store."""
         self._open: OrderedDict[bytes, Session] = OrderedDict()
 
     def __len__(self) -> int:
@@ -54,7 +54,7 @@ class Sessions:
         return number
 
     def rights(self, number: str, now_ns: int) -> Rights | None:
-        """Return what a browser with this number may do, None when there is no such session."""
+        """Return the rights of the session with this number, None when there is none."""
         key = _key(number)
         session = self._open.get(key)
         if session is None:

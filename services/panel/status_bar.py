@@ -1,4 +1,4 @@
-"""What the bar at the top of the page says: state, who commands, each service's rate. Pure."""
+"""Contents of the status bar: state, commander, rate and age of each service. Pure."""
 
 from typing import Any
 
@@ -9,7 +9,7 @@ from forcemesh.messages import ArbiterStatus
 from services.panel.sessions import Rights
 from services.panel.watch import Snapshot, age_text
 
-LOOKS = {  # of the chip with the arbiter's state
+LOOKS = {  # style of the chip with the arbiter's state
     "ARMED": "go",
     "SETTLING": "go",
     "ACTIVE": "go",
@@ -17,7 +17,7 @@ LOOKS = {  # of the chip with the arbiter's state
     "HOLDING": "bad",
     "FAULT": "bad",
 }
-STREAMS = {  # role: the topic by whose age it is judged; its health comes only some times a second
+STREAMS = {  # role: topic whose age is shown; its health topic is published at a low rate
     "robot": "robot",
     "sensor": "sensor",
     "wrench": "wrench",
@@ -27,17 +27,17 @@ STREAMS = {  # role: the topic by whose age it is judged; its health comes only 
 
 
 def mode_of(cell: Cell) -> str:
-    """Return what is at the end of the wire: never leave a person in doubt."""
+    """Return whether the cell is simulated or real."""
     return "SIMULATION" if cell.sim is not None else "REAL"
 
 
 def may_stop(cell: Cell, rights: Rights) -> bool:
-    """Tell whether a page may ask for a hold: one that only looks as a monitor may."""
+    """Return whether a page may request a hold; a view-only page has a monitor's rights."""
     return rights == "operate" or cell.bus.monitor_may_hold
 
 
 def strip(cell: Cell, heard: Snapshot, rights: Rights) -> dict[str, Any]:
-    """Return everything that the bar shows."""
+    """Return the contents of the status bar."""
     state, look, why = state_of(heard)
     return {
         "cell": cell.cell,
@@ -57,24 +57,24 @@ ALONE = {"jog": " for jog", "back_off": " to back off"}
 
 
 def state_of(heard: Snapshot) -> tuple[str, str, str]:
-    """Return the state in a word, how it looks, and why it is so."""
+    """Return the state, the style of its chip and its cause."""
     if heard.hub_fault:
         return "cell not reached", "lost", heard.hub_fault
     status = heard.arbiter.fresh
     if status is None:
-        return "arbiter not heard", "lost", heard.arbiter.fault
+        return "no arbiter status", "lost", heard.arbiter.fault
     what = ALONE.get(status.armed_for, "") if status.goes_on else ""
     return f"{status.state}{what}", LOOKS.get(status.state, ""), why(status)
 
 
 def held_as(heard: Snapshot) -> str:
-    """Return the state in which the arm is held, empty while it may move or is not known."""
+    """Return the state in which the arm is held, empty while it may move or is unknown."""
     status = None if heard.hub_fault else heard.arbiter.fresh
     return "" if status is None or status.may_move else status.state
 
 
 def why(status: ArbiterStatus) -> str:
-    """Return what stopped the arm and what clears it, or what arming would be refused for."""
+    """Return the trips and their remedy, or the reasons that prevent arming."""
     if status.trips:
         text = "; ".join(trip.text for trip in status.trips)
         return f"{text}: {status.clears}" if status.clears else text
@@ -82,16 +82,16 @@ def why(status: ArbiterStatus) -> str:
 
 
 def who(status: ArbiterStatus | None) -> str:
-    """Return who commands the arm."""
+    """Return the active commander of the arm."""
     if status is None or status.commander == "none":
-        return "nobody commands"
-    return f"the {status.commander} commands"
+        return "commander: none"
+    return f"commander: {status.commander}"
 
 
 def services(heard: Snapshot) -> list[dict[str, str]]:
-    """Return each role with its rate, the age of what it says last, and its fault.
+    """Return each role with its rate, the age of its last message, and its fault.
 
-    A helper is shown from when it was first heard: a cell without a recorder lacks nothing.
+    A helper is shown once its first message was received: a recorder is optional.
     """
     rows = []
     heard_helpers = [name for name in topics.HELPERS if has_spoken(heard.health.get(name))]
@@ -99,7 +99,7 @@ def services(heard: Snapshot) -> list[dict[str, str]]:
         reading: Reading[Any] | None = heard.health.get(role)
         stream: Reading[Any] | None = getattr(heard, STREAMS[role]) if role in STREAMS else None
         newest = stream if stream is not None and stream.message is not None else reading
-        age = "never heard" if newest is None else age_text(newest)
+        age = "no message" if newest is None else age_text(newest)
         rows.append(
             {"name": role, "text": f"{rate_text(reading)} · {age}", "fault": fault_of(reading)}
         )
@@ -107,18 +107,18 @@ def services(heard: Snapshot) -> list[dict[str, str]]:
 
 
 def has_spoken(reading: Reading[Any] | None) -> bool:
-    """Tell whether anything was ever heard."""
+    """Return whether any message was received."""
     return reading is not None and reading.message is not None
 
 
 def rate_text(reading: Reading[Any] | None) -> str:
-    """Return the rate of a role's loop."""
+    """Return the loop rate of a role."""
     rate_hz = getattr(reading.message, "rate_hz", None) if reading is not None else None
-    return "–" if rate_hz is None else f"{rate_hz:.0f} Hz"  # a sensor of somebody else's says none
+    return "–" if rate_hz is None else f"{rate_hz:.0f} Hz"  # an external sensor may report none
 
 
 def fault_of(reading: Reading[Any] | None) -> str:
-    """Return what is wrong with a role, empty when nothing is: silence, or its own word."""
+    """Return the fault of a role: a stale topic or its reported fault; empty when none."""
     if reading is None:
-        return "never heard"
+        return "no message"
     return reading.fault or str(getattr(reading.message, "fault", ""))

@@ -1,7 +1,7 @@
-"""The answer to Stop motion: the cell's state is looked at before it is called unanswered. Pure.
+"""Result text of Stop motion: the cell's state is read before a reply counts as missing. Pure.
 
-An answer can be lost or late while the request was obeyed. A bar that says HOLDING beside a line
-that says NO ANSWER teaches people to believe neither.
+A reply can be lost or late although the request was executed. The page must not show HOLDING and
+NO ANSWER at the same time.
 """
 
 from services.panel.status_bar import held_as
@@ -12,11 +12,11 @@ UNANSWERED = "NO ANSWER"
 
 
 def stop_text(answer: Answer, heard: Snapshot) -> str:
-    """Return what a person is told, with what was heard of the cell after the answer."""
+    """Return the text for the operator, from the reply and the state received after it."""
     if answer.word == "done":
         return answer.text
     if answer.word == "no answer" and (state := held_as(heard)):
-        return f"the arm is held, the cell says {state}; its answer was lost"
+        return f"the arm is held (state {state}); the reply was lost"
     if answer.word == "no answer":
         why = f"({answer.text}). Use the emergency stop or the pendant."
         return f"{UNANSWERED} from the cell {why}"

@@ -1,7 +1,7 @@
-"""One person at one browser: what they are asked before the arm moves, and what is answered.
+"""Session of one browser: its forms, confirmations before motion, and replies.
 
-Every form belongs to the one who fills it in: two people at two browsers never change each other's
-numbers, and a question appears only to the one who clicked.
+Forms are per client: two browsers do not change each other's values, and a confirmation appears
+only in the browser that requested it.
 """
 
 import threading
@@ -20,7 +20,7 @@ from services.panel.prose import Prose
 from services.panel.watch import Watch
 from services.panel.wizard import Wizard
 
-Action = Callable[[Cell], str]  # does it, and returns what came of it
+Action = Callable[[Cell], str]  # executes a request and returns its result
 
 CONFIRM_WITHIN_S = 40.0
 SHOWN_S = 7.0
@@ -35,14 +35,14 @@ MARKS = {"done": "✔", "refused": "✖", "stopped": "✖", "no answer": "⚠"}
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """What came of something that was asked for."""
+    """Result of a request: outcome and text."""
 
     word: Literal["done", "refused", "stopped", "no answer"]
     text: str
 
 
 def ask(watch: Watch, action: Action) -> Answer:
-    """Do something as a client of the cell, and put its end into words."""
+    """Execute an action as a client of the cell; return its result as text."""
     try:
         return Answer("done", action(watch.client))
     except RefusedError as error:
@@ -55,7 +55,7 @@ def ask(watch: Watch, action: Action) -> Answer:
 
 @dataclass(slots=True)
 class Viewer:
-    """One connected browser that may operate."""
+    """One connected browser with operator rights."""
 
     client: viser.ClientHandle
     watch: Watch
@@ -68,15 +68,15 @@ class Viewer:
 
     @property
     def gui(self) -> viser.GuiApi:
-        """Where this person's forms are."""
+        """Forms of this client."""
         return self.client.gui
 
     def do(self, what: str, action: Action) -> None:
-        """Ask for something that does not need to be confirmed, and show the answer."""
+        """Execute an action without confirmation and show the reply."""
         self.show(what, ask(self.watch, action))
 
     def show(self, what: str, answer: Answer) -> None:
-        """Show an answer to this person: at once, and in the line that stays."""
+        """Show a reply to this client: as a notification and in the permanent line."""
         text = answer.text or answer.word
         if self._answer is not None:
             self._answer.show(html("<p>{} <b>{}</b>: {}</p>", MARKS[answer.word], what, text))
@@ -88,7 +88,7 @@ class Viewer:
         )
 
     def keep_answers_in(self, line: Prose) -> None:
-        """Name the line that stays."""
+        """Set the permanent line for replies."""
         self._answer = line
 
     def confirm(
@@ -100,16 +100,16 @@ class Viewer:
         *,
         if_not: Callable[[], None] | None = None,
     ) -> None:
-        """Ask this person alone whether the arm may move; do it when they say so.
+        """Ask this client to confirm a motion; execute the action on confirmation.
 
-        The question goes away by itself: a click that comes late was meant for another situation.
+        The dialog expires after CONFIRM_WITHIN_S: a late click was meant for another situation.
 
         Args:
             what: Title.
-            text: What will happen.
-            label: Of the button that lets it happen.
-            action: What that button does.
-            if_not: What is done when they say no, or nothing in time.
+            text: Description of the motion.
+            label: Label of the confirming button.
+            action: Executed on confirmation.
+            if_not: Executed on cancel or expiry.
         """
         self.dismiss()
         modal = self.gui.add_modal(what)
@@ -128,7 +128,7 @@ class Viewer:
         @yes.on_click
         def _(_event: object) -> None:
             timer.cancel()
-            if self._close(modal):  # a second click on the way must not do it twice
+            if self._close(modal):  # a second click must not execute it twice
                 action()
 
         @no.on_click
@@ -141,16 +141,16 @@ class Viewer:
         timer.start()
 
     def confirm_and_do(self, what: str, text: Html, label: str, action: Action) -> None:
-        """Ask first, then ask the cell, and show the answer."""
+        """Ask for confirmation, then execute the action and show the reply."""
         self.confirm(what, text, label, lambda: self.do(what, action))
 
     def dismiss(self) -> None:
-        """Take an open question away."""
+        """Close an open confirmation."""
         if self._confirming is not None:
             self._close(self._confirming)
 
     def _close(self, modal: Any) -> bool:
-        """Close a question; tell whether it was still open."""
+        """Close a confirmation; return whether it was still open."""
         with self._lock:
             if self._confirming is not modal:
                 return False
@@ -160,5 +160,5 @@ class Viewer:
 
 
 def put(handle: Any, value: object) -> None:
-    """Put a value into a form's field."""
+    """Set the value of a form field."""
     handle.value = value

@@ -1,4 +1,4 @@
-"""What the panel hears of its cell. While nobody looks it hears nothing, and costs nothing."""
+"""Bus client of the panel: connected only while a page is open."""
 
 import threading
 from dataclasses import dataclass, field
@@ -24,20 +24,20 @@ from forcemesh.topics import Topic
 
 M = TypeVar("M", bound=Message)
 
-AGAIN_S = 1.0  # between two tries to find the hub
+AGAIN_S = 1.0  # between two attempts to reach the hub
 
 
 def unheard(topic: Topic[M]) -> Reading[M]:
-    """Return what is known of a topic that nobody listens to."""
+    """Return the reading of a topic without subscription: missing."""
     return Reading(None, None, float("inf"), f"{topic.key} missing", silent=True, code="missing")
 
 
 @dataclass(frozen=True, slots=True)
 class Snapshot:
-    """The newest of every topic, judged at one moment."""
+    """Newest message of every topic, evaluated at one time."""
 
     now_ns: int = 0
-    hub_fault: str = "nobody has looked yet"
+    hub_fault: str = "not connected: no page was open"
     robot: Reading[RobotState] = field(default_factory=lambda: unheard(topics.ROBOT_STATE))
     wrench: Reading[WrenchAtTcp] = field(default_factory=lambda: unheard(topics.WRENCH))
     sensor: Reading[SensorWrench] = field(default_factory=lambda: unheard(topics.SENSOR_WRENCH))
@@ -50,7 +50,7 @@ class Snapshot:
 
 
 class Watch:
-    """A client of the cell while one is wanted; one thread joins and leaves, any may ask."""
+    """Client of the cell; one thread joins and leaves, every thread may read."""
 
     def __init__(self, cell: CellFile, clock: Clock | None = None) -> None:
         """Prepare; no session is opened."""
@@ -63,12 +63,12 @@ class Watch:
         self._fault = Snapshot().hub_fault
 
     def join(self) -> None:
-        """Be on the bus, or try again to get there."""
+        """Join the bus unless joined; retry after AGAIN_S."""
         if self._client is None and self.clock.now_ns() >= self._try_at_ns:
             self._open()
 
     def wait(self, within_s: float) -> None:
-        """Wait until the thread that joins has done so, at most so long."""
+        """Wait until the bus is joined, at most this long."""
         self._joined.wait(within_s)
 
     def leave(self) -> None:
@@ -80,7 +80,7 @@ class Watch:
             client.close()
 
     def look(self) -> Snapshot:
-        """Return the newest of everything."""
+        """Return the newest message of every topic."""
         now_ns, client = self.clock.now_ns(), self._client
         if client is None:
             return Snapshot(now_ns=now_ns, hub_fault=self._fault)
@@ -100,7 +100,7 @@ class Watch:
 
     @property
     def client(self) -> ConfiguredCell:
-        """The cell to ask. Raises BusError when it is not reached."""
+        """Client for requests. Raises BusError when the cell is not reached."""
         client = self._client
         if client is None:
             raise BusError(self._fault)
@@ -119,8 +119,8 @@ class Watch:
 
 
 def age_text(reading: Reading[Any]) -> str:
-    """Return the age of a message in words as short as they can be."""
+    """Return the age of a message as short text."""
     if reading.message is None:
-        return "never heard"
+        return "no message"
     age_ms = 1e3 * reading.age_s
     return f"{age_ms:.0f} ms" if age_ms < 1000 else f"{reading.age_s:.1f} s"

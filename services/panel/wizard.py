@@ -1,4 +1,4 @@
-"""The calibration wizard as the panel sees it: a child process that says where it is."""
+"""Calibration wizard of the panel: a child process that reports its progress as JSON lines."""
 
 import json
 import subprocess
@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-# Named, not imported: a service knows nothing of the command line.
+# Named, not imported: a service does not depend on the command line.
 MODULE = "cli.calibration.panel_wizard"
 ROOT = Path(__file__).resolve().parents[2]
 ENDS_WITHIN_S = 5.0
@@ -19,7 +19,7 @@ NOTES = 40
 
 @dataclass(slots=True)
 class Progress:
-    """What the child has said so far."""
+    """Progress of the child process so far."""
 
     phase: str = "idle"  # idle, planning, asking, running, done, failed
     plan: str = ""
@@ -29,7 +29,7 @@ class Progress:
     notes: deque[str] = field(default_factory=lambda: deque(maxlen=NOTES))
 
     def heard(self, said: dict[str, Any]) -> None:
-        """Take one line of the child."""
+        """Update from one decoded line of the child."""
         if "plan" in said:
             self.phase, self.plan = "asking", str(said["plan"])
         if "progress" in said:
@@ -46,10 +46,10 @@ class Progress:
 
 
 class Wizard:
-    """At most one calibration of a cell at a time, whoever started it; everybody may watch it."""
+    """Runner of at most one calibration at a time; every page shows its progress."""
 
     def __init__(self, cell_file: Path) -> None:
-        """Start nothing."""
+        """Prepare; no process is started."""
         self.progress = Progress()
         self._cell_file = cell_file
         self._child: subprocess.Popen[str] | None = None
@@ -57,10 +57,10 @@ class Wizard:
         self._lock = threading.Lock()
 
     def plan(self, *, poses: int, verify_poses: int, speed_mm_s: float) -> str:
-        """Start the child, which plans and then waits for `go`; return why not, if not."""
+        """Start the child, which plans, then waits for `go`; return the refusal, else empty."""
         with self._lock:
             if self._child is not None and self._child.poll() is None:
-                return "a calibration runs already"
+                return "a calibration is already running"
             self.progress = Progress(phase="planning")
             options = ("--poses", poses, "--verify-poses", verify_poses, "--speed", speed_mm_s)
             words = ("-m", MODULE, "--cell", self._cell_file.resolve(), *options)
@@ -78,23 +78,23 @@ class Wizard:
         return ""
 
     def go(self) -> None:
-        """Let the arm move."""
+        """Confirm the plan: the arm may move."""
         self._write("go\n")
 
     def cancel(self) -> None:
-        """Let the child end: before `go` nothing was moved, after it the arm holds."""
+        """Terminate the child: before `go` nothing has moved, after it the arm holds."""
         with self._lock:
             child = self._child
         if child is not None and child.poll() is None:
             child.terminate()
 
     def wait(self, timeout_s: float) -> None:
-        """Wait until the child has ended and all of its words are heard."""
+        """Wait until the child has ended and its output is read."""
         if self._listener is not None:
             self._listener.join(timeout_s)
 
     def close(self) -> None:
-        """End the child, and give it the time to ask for a hold."""
+        """Terminate the child; allow it time to request a hold."""
         self.cancel()
         self.wait(ENDS_WITHIN_S)
         child = self._child
@@ -104,7 +104,7 @@ class Wizard:
     def _write(self, text: str) -> None:
         child = self._child
         if child is not None and child.stdin is not None and child.poll() is None:
-            with suppress(OSError, ValueError):  # it may end this very moment
+            with suppress(OSError, ValueError):  # the child may be ending
                 child.stdin.write(text)
                 child.stdin.flush()
 
@@ -114,7 +114,7 @@ class Wizard:
             try:
                 progress.heard(json.loads(line))
             except (ValueError, TypeError):
-                progress.notes.append(line.rstrip())  # a traceback, say
+                progress.notes.append(line.rstrip())  # for example a traceback
         child.wait()
         for pipe in (child.stdin, child.stdout):
             if pipe is not None:

@@ -50,7 +50,7 @@ class Cockpit:
     def open(self, address: str) -> "Cockpit":
         """Load the page, and wait for this person's own forms."""
         self.page.goto(address)
-        self.page.get_by_text("What you ask for is answered here.").wait_for()
+        self.page.get_by_text("Replies to requests appear here.").wait_for()
         return self
 
     def button(self, label: str) -> Locator:

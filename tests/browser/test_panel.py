@@ -120,10 +120,10 @@ def test_an_arm_without_a_wrench_backs_off_by_5_mm_after_a_second_question(
         page.click("Back off")
         page.click("Back off now")
         page.until_said("no force can be followed")
-        page.button("Go 5 mm back").wait_for()
+        page.button("Move 5 mm back").wait_for()
         assert abs(1e3 * ready.state().position_m[2] - z_mm) < 0.1
         page.picture("panel-back-off")
-        page.click("Go 5 mm back")
+        page.click("Move 5 mm back")
         page.until_said("full travel used: 5.0 mm")
     finally:
         os.kill(wrench.pid, signal.SIGCONT)
@@ -174,7 +174,7 @@ def test_from_nothing_to_a_calibrated_press_in_eight_clicks(ready, cell_file, ad
     page = cockpit(1280, 900).open(address)
     page.tab("Calibrate")
     page.fill("Poses", 6)
-    page.fill("Fresh poses", 1)
+    page.fill("Verification poses", 1)
     page.fill("Speed [mm/s]", 800)
     page.click("Calibrate")
     page.click("Move now")
@@ -182,7 +182,7 @@ def test_from_nothing_to_a_calibrated_press_in_eight_clicks(ready, cell_file, ad
     wait_until((cell_file.parent / "made.yaml").exists, 2.0 * PATIENCE_S)
     page.until_said("the cell uses the new calibration")
     assert load_cell(cell_file).calibration is not None
-    assert page.page.get_by_text("Force left at each pose").is_visible()
+    assert page.page.get_by_text("Residual force at each pose").is_visible()
     assert page.page.get_by_text("mass (kg)").is_visible()
     page.picture("panel-calibrate")
     page.tab("Force")
@@ -203,14 +203,14 @@ def test_who_may_only_look_sees_everything_and_can_do_nothing(ready, cell_file, 
         page.page.goto(f"http://127.0.0.1:{port}/")
         page.page.locator("input[type=password]").fill(SECRET)
         hit(page.page.get_by_role("button", name="Open"))
-        page.page.get_by_text("This page only looks.").wait_for()
+        page.page.get_by_text("View only: this session has no operator rights.").wait_for()
         page.until_state("IDLE")
         assert SECRET not in page.page.url
         assert page.page.locator("#fm-mode").inner_text() == "SIMULATION · view only"
         assert page.page.locator("#fm-stop").is_hidden()
         assert page.page.get_by_role("tab", name="Force").count() == 0
         ask = "fetch('/stop', {headers: {'X-Forcemesh': '1'}}).then(said => said.json())"
-        said = {"text": "refused: this page may only look", "answered": True}
+        said = {"text": "refused: this page is view-only", "answered": True}
         assert page.page.evaluate(ask) == said
         assert ready.status().state == "IDLE"
 

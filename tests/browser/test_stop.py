@@ -48,7 +48,7 @@ def test_an_answer_that_is_lost_is_not_called_missing_where_the_arm_is_held(monk
         page = cockpit().open(address)
         page.until_state("HOLDING")
         page.page.keyboard.press("Shift+S")
-        page.page.get_by_text("the arm is held, the cell says HOLDING").wait_for()
+        page.page.get_by_text("the arm is held (state HOLDING)").wait_for()
         assert "NO ANSWER" not in said(page)
 
 
@@ -61,7 +61,7 @@ def test_what_was_called_unanswered_is_taken_back_when_the_arm_is_held(monkeypat
         page.page.keyboard.press("Shift+S")
         page.page.get_by_text("NO ANSWER from the cell").wait_for()
         watch.state = "HOLDING"
-        page.page.get_by_text("taken back: the arm is held, the cell says HOLDING").wait_for()
+        page.page.get_by_text("corrected: the arm is held (state HOLDING)").wait_for()
         assert "NO ANSWER" not in said(page)
 
 
@@ -79,7 +79,7 @@ def test_a_panel_that_is_slow_to_answer_is_judged_by_the_state(monkeypatch, cock
         page.until_state(state)
         page.page.keyboard.press("Shift+S")
         if state == "HOLDING":
-            page.page.get_by_text("the arm is held, the cell says HOLDING").wait_for()
+            page.page.get_by_text("the arm is held (state HOLDING)").wait_for()
             answered.set()
         else:
             page.page.get_by_text("NO ANSWER from the panel").wait_for()

@@ -125,9 +125,9 @@ def test_a_pose_can_be_taken_back_and_a_near_one_is_told(lab):
     assert watch(watcher, lab.notes) == INTERRUPTED
     assert watcher.dwells == []
     text = "\n".join(lab.notes.lines)
-    assert "only 0 degrees from one before" in text
-    assert "taken back: 0 poses are left" in text
-    assert "there is no pose to take back" in text
+    assert "only 0 degrees from an earlier one" in text
+    assert "removed: 0 poses remain" in text
+    assert "there is no pose to remove" in text
 
 
 def test_too_few_poses_do_not_end_it(lab):
@@ -136,7 +136,7 @@ def test_too_few_poses_do_not_end_it(lab):
     watcher = watched(lab, ["", *way, "", "q", INTERRUPT])
     assert watch(watcher, lab.notes) == INTERRUPTED
     assert len(watcher.dwells) == 2
-    assert any("cannot carry a fit" in line for line in lab.notes.lines)
+    assert any("do not determine a fit" in line for line in lab.notes.lines)
 
 
 @pytest.mark.long
@@ -156,7 +156,7 @@ def test_nobody_who_takes_a_pose_is_told(lab):
     """After q at once there is nothing to calibrate from."""
     watcher = watched(lab, ["q"])
     assert watch(watcher, lab.notes) == 1
-    assert lab.notes.lines[-1] == "no pose was taken"
+    assert lab.notes.lines[-1] == "no pose was recorded"
 
 
 def test_a_sensor_fault_is_shown_and_outlived(lab):

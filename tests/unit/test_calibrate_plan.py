@@ -222,7 +222,7 @@ def test_a_refused_pose_is_replaced_by_another_one(plan):
 
 def test_when_every_pose_is_refused_it_ends_with_advice(plan):
     """There is no endless search: below six poses it says what to do."""
-    ended = r"only 5 poses are left, 6 are the least: .*--manual"
+    ended = r"only 5 poses remain, at least 6 are needed: .*--manual"
     with pytest.raises(CalibrationError, match=ended):
         refuse_all(plan)
 
@@ -232,10 +232,10 @@ def test_when_every_pose_is_refused_it_ends_with_advice(plan):
     [
         ({"workspace_min_m": [-0.4, 0.2, 0.3]}, "TCP would be at z = 217 mm"),
         ({"workspace_max_m": [0.4, 0.8, 0.3]}, "flange would be at z = 377 mm"),
-        ({"workspace_max_m": [0.4, 0.8, 0.38]}, "no room to turn in"),
+        ({"workspace_max_m": [0.4, 0.8, 0.38]}, "no room to rotate the tool"),
         (
             {"workspace_min_m": [-0.05, 0.425, 0.2], "workspace_max_m": [0.05, 0.525, 0.5]},
-            f"poses that differ are possible inside the box, {LEAST_POSES} are the least",
+            f"distinct poses are possible inside the box, at least {LEAST_POSES} are needed",
         ),
         ({"planes": [{"point_m": [0, 0.4, 0], "normal": [0, -1, 0]}]}, "behind or near plane 1"),
         ({"tether_m": 0.011}, "tether"),

@@ -240,7 +240,7 @@ def test_a_cell_that_names_no_file_is_told_what_to_write(tmp_path, quiet_cell, m
     result = run("--from", write_recording(tmp_path / "a.csv", seed=1), "--cell", quiet_cell)
     assert result.exit_code == 0, result.stderr
     assert (tmp_path / "calibration" / "demo.yaml").exists()
-    assert "say `calibration: calibration/demo.yaml`" in result.stdout
+    assert "set `calibration: calibration/demo.yaml` in" in result.stdout
 
 
 @pytest.mark.parametrize(("mass_kg", "code", "word"), [(1.5, 0, "PASS"), (1.7, 1, "FAIL")])

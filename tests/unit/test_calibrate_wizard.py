@@ -77,7 +77,7 @@ def test_a_clean_run_finds_the_payload_and_comes_home(tmp_path):
     assert status_of(lab).state == "IDLE"
     assert lab.notes.shares == sorted(lab.notes.shares)
     assert lab.notes.shares[-1] > 0.95
-    assert lab.notes.lines == ["armed, lease 1", "the arm is back where it began"]
+    assert lab.notes.lines == ["armed, lease 1", "the arm has returned to its start"]
 
 
 @pytest.mark.long
@@ -104,7 +104,7 @@ def test_a_contact_that_no_calibration_shows_is_found_by_lifting():
     wizard, ended = driven(lab)
     assert ended == 1
     assert wizard.dwells == []
-    assert "the tool was in contact where it began: 10." in lab.notes.lines[-1]
+    assert "the tool was in contact at the start: 10." in lab.notes.lines[-1]
     assert "it stays above" in lab.notes.lines[-1]
     assert status_of(lab).state == "IDLE"
     lift_m = (
@@ -192,7 +192,7 @@ def test_verification_fails_when_something_has_changed(tmp_path):
         lab.cell, evidence_of("arm", wizard.dwells, source=tmp_path / "a.csv"), Bounds()
     )
     assert found.verdict.passed is False
-    assert found.verdict.text.startswith("FAIL: at 1 fresh pose 1.0")
+    assert found.verdict.text.startswith("FAIL: at 1 fresh pose the residual is 1.0")
 
 
 def test_ctrl_c_holds_the_arm_and_keeps_the_rows():
@@ -233,7 +233,7 @@ def test_a_pose_that_the_robot_refuses_is_replaced(monkeypatch):
     assert len(of_purpose(wizard.dwells, "fit")) == 6
     assert plan.fit[1] not in wizard.plan.fit
     assert any(
-        "pose 2 of 6 is left out, another one is taken: joint 4 would hit its cable" in line
+        "pose 2 of 6 is skipped, another pose is used: joint 4 would hit its cable" in line
         for line in lab.notes.lines
     )
 

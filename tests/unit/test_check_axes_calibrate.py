@@ -41,7 +41,7 @@ def test_all_47_wrong_wirings_end_a_calibration_before_its_fit(tmp_path) -> None
     """The one right wiring goes on; each other one is refused with what to write."""
     refuse_wrong_axes(job(tmp_path), dwells(SIGNED[0], TRUTH))
     for wiring in SIGNED[1:]:
-        with pytest.raises(CalibrationError, match="no calibration is made of that"):
+        with pytest.raises(CalibrationError, match="no calibration is made"):
             refuse_wrong_axes(job(tmp_path), dwells(wiring, TRUTH))
 
 
@@ -68,5 +68,5 @@ def test_a_recording_of_a_wrong_sensor_is_not_calibrated_from(tmp_path, number) 
     words = ["calibrate", "--from", str(path), "--out", str(out), "--cell", "cells/demo.yaml"]
     result = CliRunner().invoke(app, words)
     assert result.exit_code == 1
-    assert "no calibration is made of that" in result.stderr
+    assert "no calibration is made" in result.stderr
     assert not out.exists()

@@ -73,7 +73,7 @@ def test_without_a_force_to_follow_a_second_question_is_asked() -> None:
     """With the reason in it, letter by letter; only then the tool goes back by itself."""
     person = Person(NO_DIRECTION, tripped("back_off", "5.0 mm back"))
     person.click()
-    assert person.asked[::2] == ["Back off now", "Go 5 mm back"]
+    assert person.asked[::2] == ["Back off now", "Move 5 mm back"]
     assert "no force can be followed: &lt;b&gt;" in person.asked[3]
     assert person.without_force == [False, True]
     assert [word for word, _ in person.answers] == ["refused", "done"]

@@ -199,10 +199,10 @@ def test_the_bar_says_what_is_the_matter():
     assert (said["state"], said["look"], said["why"]) == ("HOLDING", "bad", "61 N: arm")
     assert said["mode"] == "SIMULATION"
     moving = ArbiterStatus(state="ACTIVE", commander="regulator", armed_for="jog")
-    assert strip(CELL, all_heard(moving), "operate")["who"] == "the regulator commands"
+    assert strip(CELL, all_heard(moving), "operate")["who"] == "commander: regulator"
     assert strip(CELL, all_heard(moving), "operate")["state"] == "ACTIVE for jog"
     assert strip(CELL, Snapshot(), "operate")["state"] == "cell not reached"
-    assert strip(CELL, Snapshot(hub_fault=""), "operate")["state"] == "arbiter not heard"
+    assert strip(CELL, Snapshot(hub_fault=""), "operate")["state"] == "no arbiter status"
 
 
 def test_the_bar_names_each_service_and_what_is_wrong_with_it():
@@ -264,8 +264,8 @@ def test_a_cell_with_an_arm_is_called_real():
     [
         ("done", "ACTIVE", "text"),
         ("refused", "HOLDING", "refused: text"),
-        ("no answer", "HOLDING", "the arm is held, the cell says HOLDING; its answer was lost"),
-        ("no answer", "FAULT", "the arm is held, the cell says FAULT; its answer was lost"),
+        ("no answer", "HOLDING", "the arm is held (state HOLDING); the reply was lost"),
+        ("no answer", "FAULT", "the arm is held (state FAULT); the reply was lost"),
         ("no answer", "STOPPING", f"{UNANSWERED} from the cell (text). Use the emergency stop"),
         ("no answer", "ACTIVE", f"{UNANSWERED} from the cell (text). Use the emergency stop"),
         ("no answer", None, f"{UNANSWERED} from the cell (text). Use the emergency stop"),
@@ -348,7 +348,9 @@ def test_the_wizard_of_a_cell_that_is_not_up_says_so(tmp_path):
     path.write_text(text.replace("7447", "7399"), encoding="utf-8")
     wizard = Wizard(path)
     assert wizard.plan(poses=6, verify_poses=1, speed_mm_s=100.0) == ""
-    assert wizard.plan(poses=6, verify_poses=1, speed_mm_s=100.0) == "a calibration runs already"
+    assert (
+        wizard.plan(poses=6, verify_poses=1, speed_mm_s=100.0) == "a calibration is already running"
+    )
     wizard.wait(60.0)
     assert wizard.progress.phase == "failed"
     assert "no hub" in " ".join(wizard.progress.notes)
@@ -358,7 +360,7 @@ def test_the_wizard_of_a_cell_that_is_not_up_says_so(tmp_path):
 def test_the_question_before_guiding_speaks_of_a_hand_and_the_one_before_pressing_of_the_force():
     """What a person agrees to is what happens."""
     guide = start_question(ForceStartRequest(law="admittance", mode="position"), 0.05)
-    assert "gives way to a hand" in guide.source
+    assert "Hand guiding" in guide.source
     assert "presses" not in guide.source
     press = start_question(ForceStartRequest(mode="position", setpoint_N=15.0), 0.05)
     assert "<b>15 N</b>" in press.source

@@ -12,11 +12,11 @@ FILE = "/somewhere/demo-20261122T080000Z-01.mcap"
 @pytest.mark.parametrize(
     ("status", "said"),
     [
-        (None, "no recorder is heard"),
+        (None, "no data from the recorder"),
         (RecorderStatus(memory_s=61.0), "not recording"),
-        (RecorderStatus(memory_s=61.0), "Memory reaches back 61 s"),
+        (RecorderStatus(memory_s=61.0), "Ring buffer: 61 s"),
         (RecorderStatus(recording=True, cause="asked", recorded_s=7.0), "● recording</b> for 7 s"),
-        (RecorderStatus(recording=True, cause="force"), "begun by <code>force</code>"),
+        (RecorderStatus(recording=True, cause="force"), "started by <code>force</code>"),
         (
             RecorderStatus(file=FILE, messages=5, lost=2),
             "<code>demo-20261122T080000Z-01.mcap</code>: 5 messages",

@@ -102,10 +102,10 @@ def test_a_gain_that_does_not_bear_what_was_found_is_called_so() -> None:
     one = advised(found, force_now=10.0 * advised(found).force.gain, torque_now=0.0)
     lines = words.told(CELL, found, [one], advice.lines(CELL, found, [one]))
     assert any("now" in line and "NOT STABLE" in line for line in lines)
-    assert any("does nothing" in line for line in lines)
-    assert any("20000 +- 200 N/m" in line for line in lines)
-    assert any("together 30.0 +- 1.0 ms" in line and "20.7 ms)" in line for line in lines)
-    assert any("told apart: the lag is 5.0 to 12.0 ms (cell file: 10.7" in line for line in lines)
+    assert any("no effect" in line for line in lines)
+    assert any("20000 +/- 200 N/m" in line for line in lines)
+    assert any("together 30.0 +/- 1.0 ms" in line and "20.7 ms)" in line for line in lines)
+    assert any("be separated: lag 5.0 to 12.0 ms (cell file: 10.7" in line for line in lines)
     blind = Measured(found.servo, None)
     lines = words.told(CELL, blind, [advised(blind)], advice.lines(CELL, blind, [advised(blind)]))
     assert any("stiffness not measured (cell file: 20000)" in line for line in lines)
@@ -126,7 +126,7 @@ def test_the_slower_host_decides_what_the_cell_file_says() -> None:
     longer_s = 0.124 - both[0].tau_s
     assert robot["delay_s"] + robot["lag_s"] == pytest.approx(SERVO.bound_s + longer_s, abs=1.5e-3)
     lines = words.told(CELL, found, both, advice.lines(CELL, found, both))
-    assert any("answers after 120 +- 4 ms" in line for line in lines)
+    assert any("own loop 120 +/- 4 ms" in line for line in lines)
 
 
 def test_the_gains_are_for_the_worst_split_and_for_two_deviations_more_delay() -> None:
@@ -193,7 +193,7 @@ def test_what_the_adaptive_law_does_not_bear_is_remarked() -> None:
     assert advice.remarks(CELL, found, sections) == []
     said = advice.remarks(CELL.model_copy(update=adaptive), found, sections)
     assert len(said) == 1
-    assert "too long" in said[0]
+    assert "overestimated" in said[0]
     slow = at_hz(15.0).model_copy(update=adaptive)
     said = advice.remarks(slow, found, sections)
     assert "valid from 2000 N/m upwards" in said[0]
@@ -239,6 +239,6 @@ def test_a_file_that_was_there_is_kept_beside_the_new_one(tmp_path: Path) -> Non
     assert yaml.safe_load(path.read_text()) == {"robot": {"delay_s": 0.02}}
     kept = path.with_name("tuning.before.yaml").read_text()
     assert yaml.safe_load(kept) == {"robot": {"delay_s": 0.01}}
-    assert path.read_text().startswith("# What `forcemesh tune` has measured")
+    assert path.read_text().startswith("# Measured by `forcemesh tune`")
     with pytest.raises(DataError, match="cannot be written"):
         words.save(tmp_path, {})

@@ -177,16 +177,16 @@ def test_what_the_records_do_not_tell_is_refused_in_one_sentence() -> None:
     """An arm that stands, that does something else, a press that changes nothing, a mirage."""
     good = record(0.01, 0.01)
     stood = Steps(good.sent_s, good.sent_m, good.seen_s, np.zeros_like(good.seen_m))
-    with pytest.raises(DataError, match="did not go the small steps"):
+    with pytest.raises(DataError, match="did not execute the small steps"):
         identify(stood)
     wild = Steps(good.sent_s, good.sent_m, good.seen_s, good.seen_m[::-1] * 2.0)
-    with pytest.raises(DataError, match="did not do what it was told"):
+    with pytest.raises(DataError, match="does not match the commanded one"):
         identify(wild)
-    with pytest.raises(DataError, match="too little was heard"):
+    with pytest.raises(DataError, match="too few commands and poses"):
         identify(Steps(good.sent_s[:5], good.sent_m[:5], good.seen_s, good.seen_m))
     with pytest.raises(DataError, match="did not change the force enough"):
         spring(np.array([0.0, 1e-4]), np.array([5.0, 5.1]))
-    with pytest.raises(DataError, match="does not rise with the way"):
+    with pytest.raises(DataError, match="does not increase with the penetration"):
         spring(np.array([1e-4, 0.0]), np.array([5.0, 10.0]))
     last_s = good.seen_s[-1]
     late = Steps(

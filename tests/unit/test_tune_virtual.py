@@ -146,7 +146,7 @@ def test_it_begins_armed_free_and_inside_the_workspace() -> None:
     trial = Trial(step_m=0.01)
     cell.world.arm.data.xfrc_applied[cell.world.arm.model.body("tool").id][:3] = (0.0, 0.0, 8.0)
     cell.world.advance(0.3)
-    with pytest.raises(NotReachedError, match=r"feels [78]\.\d N before it touches"):
+    with pytest.raises(NotReachedError, match=r"[78]\.\d N measured before contact"):
         run(cell, trial)
     cell.world.arm.data.xfrc_applied[:] = 0.0
     cell.world.advance(0.3)
@@ -159,7 +159,7 @@ def test_it_begins_armed_free_and_inside_the_workspace() -> None:
     cell.client.config = wide
     cell.client.hold()
     cell.world.advance(0.1)
-    with pytest.raises(RefusedError, match="the arbiter is HOLDING: tune begins armed"):
+    with pytest.raises(RefusedError, match="the arbiter is HOLDING: tune starts armed"):
         run(cell, trial)
     assert cell.p() == pytest.approx(start, abs=1e-4)
 
@@ -205,7 +205,7 @@ def test_the_verb_writes_and_sets_nothing_that_the_law_does_not_bear(
     done = said(monkeypatch, cell.client, silent, *words)
     assert done.exit_code == 1
     assert done.stderr.startswith("nothing is recommended, written or set: too stiff: 3e+05 N/m")
-    assert "together 30.0 +- 1.0 ms" in done.stdout
+    assert "together 30.0 +/- 1.0 ms" in done.stdout
     found.spring = Spring(2e4, 100.0)
     done = said(monkeypatch, cell.client, silent, "tune", "--apply", "--for", "controller")
     assert done.exit_code == 2

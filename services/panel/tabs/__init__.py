@@ -1,6 +1,6 @@
-"""The tabs of the panel: each module here is one. To add one, add a file with `TAB` in it.
+"""Tabs of the panel: each module with a `TAB` in this folder is one.
 
-`build` fills the tab for one person and may return what refreshes it, called some times a second.
+`build` fills the tab for one client and may return a refresh function, called four times a second.
 """
 
 import pkgutil
@@ -17,7 +17,7 @@ Refresh = Callable[[Snapshot], None]
 
 
 class Tab(NamedTuple):
-    """One tab: where it stands, what it is called, what fills it."""
+    """One tab: its order, label, icon and build function."""
 
     order: int
     label: str
@@ -26,7 +26,7 @@ class Tab(NamedTuple):
 
 
 def all_tabs() -> list[Tab]:
-    """Return the tabs of all modules of this folder, in order."""
+    """Return the tabs of all modules of this folder, sorted by order."""
     names = (module.name for module in pkgutil.iter_modules(__path__))
     found: list[Tab] = [import_module(f"{__name__}.{name}").TAB for name in names]
     return sorted(found, key=lambda tab: tab.order)

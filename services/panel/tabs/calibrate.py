@@ -1,4 +1,4 @@
-"""The calibration wizard: plan, one question, progress, what is left at each pose."""
+"""Calibrate tab: plan, one confirmation, progress, residuals at each pose."""
 
 from typing import Any
 
@@ -15,12 +15,12 @@ from services.panel.wizard import Progress
 
 HEIGHT = 150
 WORDS: dict[str, Html | str] = {
-    "idle": "Payload and sensor bias, by moving the tool through poses inside its workspace.",
+    "idle": "Identifies payload and sensor bias: the arm visits poses inside the workspace.",
     "planning": "planning …",
-    "asking": "waiting for an answer to the question",
+    "asking": "waiting for confirmation",
     "running": "running",
-    "done": html("✔ <b>done</b>: the cell uses the new calibration"),
-    "failed": html("✖ <b>ended: the cell uses no new calibration</b>; the notes say why"),
+    "done": html("✔ <b>completed</b>: the cell uses the new calibration"),
+    "failed": html("✖ <b>ended: the cell uses no new calibration</b>; see the notes"),
 }
 
 
@@ -30,16 +30,16 @@ def build(viewer: Viewer) -> Refresh:
     most_mm_s = 1e3 * viewer.cell.limits.speed_m_s
     state = Prose(gui, paragraphs(WORDS["idle"]))
     poses = gui.add_slider("Poses", min=6, max=40, step=1, initial_value=10)
-    fresh = gui.add_slider("Fresh poses", min=1, max=20, step=1, initial_value=4)
+    fresh = gui.add_slider("Verification poses", min=1, max=20, step=1, initial_value=4)
     speed = gui.add_slider(
         "Speed [mm/s]", min=10.0, max=most_mm_s, step=10.0, initial_value=min(100.0, most_mm_s)
     )
     start = gui.add_button("Calibrate", icon=viser.Icon.WAND, color="orange")
-    stop = gui.add_button("Stop calibrating", icon=viser.Icon.PLAYER_STOP, visible=False)
+    stop = gui.add_button("Stop calibration", icon=viser.Icon.PLAYER_STOP, visible=False)
     bar = gui.add_progress_bar(0.0, visible=False)
     plot = _LeftPlot(gui)
     notes = Prose(gui)
-    asked = False  # whether this person is the one who is to be asked
+    asked = False  # whether this page requested the calibration and shows the confirmation
 
     @start.on_click
     def _(_event: object) -> None:
@@ -73,16 +73,16 @@ def build(viewer: Viewer) -> Refresh:
 
 
 class _LeftPlot:
-    """What the fit leaves unexplained at each pose, and at the fresh ones that judge it."""
+    """Plot of the residual force at each fitted pose and at each verification pose."""
 
     def __init__(self, gui: viser.GuiApi) -> None:
         self._gui = gui
-        self._place = gui.add_folder("What is left", visible=False)
+        self._place = gui.add_folder("Residuals", visible=False)
         self._shown: Progress | None = None
         self._handle: viser.GuiUplotHandle | None = None
 
     def show(self, now: Progress) -> None:
-        """Draw it once it is there."""
+        """Draw the residuals once they are available."""
         if now is self._shown or not now.left:
             return
         self._shown = now
@@ -91,7 +91,7 @@ class _LeftPlot:
         count = len(fit) + len(fresh)
         x = np.arange(1, count + 1, dtype=float)
         lines = (
-            np.array(fit + [-1.0] * len(fresh)),  # out of sight
+            np.array(fit + [-1.0] * len(fresh)),  # below the axis range: not visible
             np.array([-1.0] * len(fit) + fresh),
             np.full(count, limit),
         )
@@ -110,10 +110,10 @@ class _LeftPlot:
             (
                 uplot.Series(label="pose"),
                 uplot.Series(label="fitted", stroke="#1c7ed6", width=0, points=dots),
-                uplot.Series(label="fresh", stroke="#2f9e44", width=0, points=dots),
+                uplot.Series(label="verification", stroke="#2f9e44", width=0, points=dots),
                 uplot.Series(label="limit", stroke="#e03131", dash=(6, 4), width=1),
             ),
-            title="Force left at each pose [N]",
+            title="Residual force at each pose [N]",
             scales={
                 "x": uplot.Scale(time=False, auto=False, range=(0.5, count + 0.5)),
                 "y": uplot.Scale(auto=False, range=(0.0, top)),
@@ -125,7 +125,7 @@ class _LeftPlot:
 
 
 def runs_now(now: Progress) -> bool:
-    """Tell whether the arm is being moved from pose to pose."""
+    """Return whether the arm is visiting the poses."""
     return now.phase == "running"
 
 
@@ -134,12 +134,12 @@ def _question(now: Progress) -> Html:
 
 
 def notes_of(now: Progress) -> Html:
-    """Return the verdict, what was found, and what was said besides."""
+    """Return the verdict, the identified parameters and the notes."""
     notes = paragraphs(*(html("<code>{}</code>", note) for note in now.notes))
     if not now.left:
         return notes
     rows = joined(_row(row) for row in now.left["found"])
-    head = html("<tr><th>found</th><th></th><th>±</th></tr>")
+    head = html("<tr><th>parameter</th><th>value</th><th>±</th></tr>")
     return html("<p><b>{}</b></p><table>{}{}</table>{}", now.left["verdict"], head, rows, notes)
 
 

@@ -1,4 +1,4 @@
-"""What stopped the arm, what to do about it, and `clear`."""
+"""Faults tab: present trips with their remedies, `clear`, and the fault history."""
 
 import viser
 
@@ -13,16 +13,16 @@ from services.panel.viewer import Viewer
 from services.panel.watch import Snapshot
 
 SHOWN = 12
-NOTHING = paragraphs("nothing since somebody looks at this panel; recordings have what was before")
+NOTHING = paragraphs("no faults while this panel was open; recordings contain earlier ones")
 
 
 def build(viewer: Viewer) -> Refresh:
     """Fill the tab."""
     gui = viewer.gui
     now = Prose(gui, paragraphs("…"))
-    clear = gui.add_button("Clear", icon=viser.Icon.CHECK, hint="Acknowledge; arming comes after.")
+    clear = gui.add_button("Clear", icon=viser.Icon.CHECK, hint="Acknowledges; does not arm.")
     clear.on_click(lambda _event: viewer.do("Clear", lambda cell: cell.clear().text))
-    with gui.add_folder("What happened"):
+    with gui.add_folder("History"):
         before = Prose(gui, NOTHING)
 
     def refresh(heard: Snapshot) -> None:
@@ -36,7 +36,7 @@ def build(viewer: Viewer) -> Refresh:
 
 
 def now_text(heard: Snapshot) -> Html:
-    """Return what stops the arm now, with the remedy of each reason."""
+    """Return the present trips, with the remedy of each."""
     if heard.hub_fault:
         return paragraphs(f"⚠ {heard.hub_fault}")
     status = heard.arbiter.fresh
@@ -53,7 +53,7 @@ def _reasons(status: ArbiterStatus) -> list[Html | str]:
         for trip in status.trips
     ]
     lines += [f"not ready: {text}" for text in status.not_ready]
-    return lines or ["nothing stops the arm"]
+    return lines or ["no fault"]
 
 
 def _remedy(code: str) -> Html:
@@ -66,7 +66,7 @@ def _todo(remedy: str) -> Html:
 
 
 def log_text(happened: tuple[Happened, ...]) -> Html:
-    """Return the newest of what has happened."""
+    """Return the newest entries of the fault log."""
     if not happened:
         return NOTHING
     row = "<p>{} <b>{}</b> <code>{}</code> {}{}</p>"

@@ -1,4 +1,4 @@
-"""Force feedback: arm, tare, press with a set point, gains while it runs."""
+"""Force tab: arm, tare, press with a set point, gains."""
 
 import threading
 from contextlib import suppress
@@ -18,15 +18,16 @@ from services.panel.tabs import Refresh, Tab
 from services.panel.viewer import Viewer, put
 from services.panel.watch import Snapshot
 
-READ_S = 5.0  # between two readings of the regulator's gains, which no topic carries
-GAIN_ROWS = (  # field, label, what one of the form's units is in SI
+READ_S = 5.0  # between two requests for the regulator's gains, which no topic carries
+GAIN_ROWS = (  # field, label, SI value of one unit of the form
     ("force_p_m_per_N", "force P [µm/N]", 1e-6),
     ("force_i_m_per_Ns", "force I [mm/(N s)]", 1e-3),
     ("torque_p_rad_per_Nm", "torque P [mrad/(N m)]", 1e-3),
     ("torque_i_rad_per_Nms", "torque I [rad/(N m s)]", 1.0),
 )
 ARM_TEXT = paragraphs(
-    "The motors obey from now on. Is everybody out of reach, and a hand at the emergency stop?"
+    "The arm executes commands once armed. Confirm that the area is clear and a hand is at the "
+    "emergency stop."
 )
 
 
@@ -36,7 +37,7 @@ def build(viewer: Viewer) -> Refresh:
     now = Prose(gui, paragraphs("…"))
     arm = gui.add_button("Arm", icon=viser.Icon.POWER, color="orange")
     tare = gui.add_button(
-        "Tare", icon=viser.Icon.SCALE, hint="Take the present reading as zero; nothing may touch."
+        "Tare", icon=viser.Icon.SCALE, hint="Sets the present reading to zero; needs free space."
     )
 
     @arm.on_click
@@ -65,7 +66,7 @@ def build(viewer: Viewer) -> Refresh:
 
 
 class _PressForm:
-    """What to press with; the same button starts and changes."""
+    """Form of the press: set point, mode, loop host and control law."""
 
     def __init__(self, viewer: Viewer) -> None:
         gui, self._viewer, config = viewer.gui, viewer, viewer.cell
@@ -74,8 +75,10 @@ class _PressForm:
             "Set point [N]", min=0.0, max=most_N, step=0.5, initial_value=min(15.0, most_N)
         )
         self._mode = gui.add_dropdown("Mode", get_args(Mode))
-        self._host = gui.add_dropdown("Host", config.robot.hosts, hint="Where the regulator runs.")
-        self._law = gui.add_dropdown("Law", get_args(StartLaw), initial_value=config.force.law)
+        self._host = gui.add_dropdown("Loop host", config.robot.hosts, hint="Runs the regulator.")
+        self._law = gui.add_dropdown(
+            "Control law", get_args(StartLaw), initial_value=config.force.law
+        )
         self._start = gui.add_button("Start pressing", icon=viser.Icon.PLAYER_PLAY, color="orange")
         self._change = gui.add_button(
             "Change set point", icon=viser.Icon.ADJUSTMENTS, visible=False
@@ -96,7 +99,7 @@ class _PressForm:
         )
 
     def refresh(self, heard: Snapshot) -> None:
-        """Offer what makes sense now; what the cell presses with is what every form shows."""
+        """Show the settings of the running press and the buttons that apply."""
         target = heard.target.fresh
         for name, field in self._followed.items():
             field.follow(getattr(target, name, None))
@@ -125,16 +128,17 @@ class _PressForm:
 
 
 def start_question(wanted: ForceStartRequest, search_m: float) -> Html:
-    """Return what is going to happen, for the person who is to let it happen."""
+    """Return the confirmation text of a start request."""
     if wanted.law == "admittance":
         return html(
-            "<p>The tool gives way to a hand: <b>it moves wherever it is pushed</b> (mode {}). Is "
-            "there nothing but air around it, and nobody in reach but the one who guides?</p>",
+            "<p>Hand guiding: <b>the tool moves in the direction in which it is pushed</b> (mode "
+            "{}). Confirm that the space around it is free and that only the guiding person is "
+            "within reach.</p>",
             wanted.mode,
         )
     return html(
-        "<p>The tool moves along its own z axis until it touches, then presses with "
-        "<b>{} N</b> (mode {}, on the {}). It gives up after {} mm without contact.</p>",
+        "<p>The tool moves along its z axis until contact, then presses with <b>{} N</b> "
+        "(mode {}, loop host {}). The search ends after {} mm without contact.</p>",
         f"{wanted.setpoint_N:g}",
         wanted.mode,
         wanted.host,
@@ -143,19 +147,19 @@ def start_question(wanted: ForceStartRequest, search_m: float) -> Html:
 
 
 class _GainsForm:
-    """The regulator's gains; it ramps to new ones by itself, also while it presses."""
+    """Form of the regulator's gains; the regulator ramps to new ones, also while pressing."""
 
     def __init__(self, viewer: Viewer) -> None:
         gui, self._viewer = viewer.gui, viewer
         preset = gui.add_button_group(
-            "Preset", get_args(Preset), hint="Of the gain rule for this cell's stiffest contact."
+            "Preset", get_args(Preset), hint="Gain rule for this cell's stiffest contact."
         )
         self._rows = {
             field: gui.add_vector3(label, (0.0, 0.0, 0.0), min=(0.0, 0.0, 0.0), step=0.001)
             for field, label, _ in GAIN_ROWS
         }
         read = gui.add_button("Read", icon=viser.Icon.REFRESH, color="gray")
-        apply = gui.add_button("Apply", icon=viser.Icon.CHECK, hint="About base x, y, z.")
+        apply = gui.add_button("Apply", icon=viser.Icon.CHECK, hint="Gains of base x, y, z.")
         self._followed = {field: Followed(handle) for field, handle in self._rows.items()}
         self._are_read, self._read_at_ns = False, 0
         preset.on_click(
@@ -167,7 +171,7 @@ class _GainsForm:
         apply.on_click(lambda _event: viewer.do("Gains", self._apply))
 
     def refresh(self, heard: Snapshot) -> None:
-        """Show the regulator's gains, whoever has set them; they are asked for now and then."""
+        """Request the regulator's gains every READ_S and show them."""
         if heard.target.silent or heard.now_ns - self._read_at_ns < READ_S * NS_PER_S:
             return
         self._read_at_ns = heard.now_ns
@@ -182,10 +186,10 @@ class _GainsForm:
 
     def _read(self, cell: Cell) -> str:
         self._show(cell.force.gains())
-        return "these are the regulator's gains"
+        return "gains read from the regulator"
 
     def _apply(self, cell: Cell) -> str:
-        if not self._are_read:  # the form's zeros are nobody's wish
+        if not self._are_read:  # the zeros of an unread form must not be applied
             return f"{self._read(cell)}: change them, then apply"
         wanted = {
             field: tuple(float(part) * unit for part in self._rows[field].value)
@@ -198,7 +202,7 @@ class _GainsForm:
         if reply.gains is not None:
             self._show(reply.gains)
         warning = f"\n⚠ {reply.text}" if reply.text else ""
-        return f"set; the regulator ramps to them{warning}"
+        return f"set; the regulator ramps to the new gains{warning}"
 
     def _show(self, gains: Gains) -> None:
         for field, shown in in_rows(gains).items():
@@ -217,7 +221,7 @@ def in_rows(gains: Gains) -> dict[str, Vec3]:
 
 
 def now_text(heard: Snapshot) -> Html:
-    """Return what runs now, and what is in the way."""
+    """Return the present force, the running press and what prevents one."""
     target, wrench, status = heard.target.message, heard.wrench.fresh, heard.arbiter.fresh
     if wrench is None:
         return paragraphs(f"⚠ no wrench: {heard.hub_fault or heard.wrench.fault}")

@@ -1,4 +1,4 @@
-"""Moves: jog in base or tool axes, joints, go to a pose, speed; each is confirmed or unlocked."""
+"""Move tab: jog in base or tool axes, joint moves, pose moves, speed; confirmed or unlocked."""
 
 import math
 import threading
@@ -25,11 +25,11 @@ UNLOCKED_S = 60.0
 USUAL_MM_S = 50.0
 ARROWS = ("−x", "+x", "−y", "+y", "−z", "+z")
 JOG_TEXT = html(
-    "<p>For a minute after the last jog, <b>each click moves the arm at once</b>, without asking "
-    "again. Is everybody out of reach, and a hand at the emergency stop?</p>"
+    "<p>Until one minute after the last jog, <b>each click moves the arm at once</b>, without a "
+    "question. Confirm that the area is clear and a hand is at the emergency stop.</p>"
 )
 ARM_TEXT = paragraphs(
-    "Arm for moves alone: also without calibration and in contact. Nothing presses."
+    "Arms for moves only, also without calibration and in contact. Force feedback stays off."
 )
 
 
@@ -53,7 +53,7 @@ def build(viewer: Viewer) -> Refresh:
         jog = _Jog(viewer, mover)
     with gui.add_folder("Joints", expand_by_default=False):
         _Joints(viewer, mover)
-    with gui.add_folder("Go to a pose", expand_by_default=False):
+    with gui.add_folder("Flange pose", expand_by_default=False):
         _GoTo(viewer, mover)
 
     def refresh(heard: Snapshot) -> None:
@@ -64,20 +64,20 @@ def build(viewer: Viewer) -> Refresh:
 
 
 class Mover:
-    """Asks for a move, says that it was taken, and later what became of it."""
+    """Requests a move and shows its acceptance, then its result."""
 
     def __init__(self, viewer: Viewer, speed_m_s: Callable[[], float]) -> None:
         self._viewer = viewer
         self._speed_m_s = speed_m_s
 
     def begin(self, what: str, request: Callable[[Cell], MoveRequest]) -> None:
-        """Ask; the rest is followed by a thread of its own, so that a click never waits for it."""
+        """Request the move; a separate thread waits for its end, so that no click blocks."""
         watch, found = self._viewer.watch, []
 
         def begin(cell: Cell) -> str:
             wanted = request(cell).model_copy(update={"speed_m_s": self._speed_m_s()})
             found.append(cell.move.begin(wanted))
-            return "on its way"
+            return "started"
 
         answer = ask(watch, begin)
         if not found:
@@ -91,23 +91,23 @@ class Mover:
         threading.Thread(target=follow, daemon=True).start()
 
     def state(self) -> RobotState | None:
-        """Return where the arm is."""
+        """Return the state of the arm, None when it is not fresh."""
         return self._viewer.watch.look().robot.fresh
 
 
 class _Jog:
-    """Steps along axes. One question shows the buttons for a while, to this person alone."""
+    """Jog steps along axes; one confirmation unlocks the buttons of this page for a while."""
 
     def __init__(self, viewer: Viewer, mover: Mover) -> None:
         gui, self._viewer, self._mover = viewer.gui, viewer, mover
         self._until_ns = 0
         self._unlock = gui.add_button("Unlock jogging", icon=viser.Icon.LOCK, color="orange")
-        self._axes = gui.add_dropdown("Axes of", ("base", "tool"))
-        self._step = gui.add_dropdown("Step [mm, degrees]", STEPS_MM, initial_value="5")
-        self._shift = gui.add_button_group("Shift", ARROWS, visible=False)
-        self._turn = gui.add_button_group("Turn", ARROWS, visible=False)
+        self._axes = gui.add_dropdown("Reference frame", ("base", "tool"))
+        self._step = gui.add_dropdown("Step [mm or deg]", STEPS_MM, initial_value="5")
+        self._shift = gui.add_button_group("Translation", ARROWS, visible=False)
+        self._turn = gui.add_button_group("Rotation", ARROWS, visible=False)
         self._joint = gui.add_dropdown("Joint", tuple(f"J{n}" for n in range(1, 7)))
-        self._by = gui.add_button_group("Joint by", ("−", "+"), visible=False)
+        self._by = gui.add_button_group("Joint step", ("−", "+"), visible=False)
         self._unlock.on_click(
             lambda _event: viewer.confirm("Unlock jogging", JOG_TEXT, "Unlock", self._open)
         )
@@ -116,7 +116,7 @@ class _Jog:
         self._by.on_click(lambda _event: self._jog_joint())
 
     def refresh(self) -> None:
-        """Lock again when nobody has jogged for a while."""
+        """Lock again UNLOCKED_S after the last jog."""
         if self._until_ns and not self._is_open():
             self._set_open(open_=False)
 
@@ -162,7 +162,7 @@ class _Jog:
 
 
 class _Joints:
-    """All six joints to angles."""
+    """Joint move to six angles."""
 
     def __init__(self, viewer: Viewer, mover: Mover) -> None:
         gui, self._viewer, self._mover = viewer.gui, viewer, mover
@@ -171,7 +171,7 @@ class _Joints:
             gui.add_number(f"J{n + 1} [deg]", 0.0, min=low[n], max=high[n], step=0.1)
             for n in range(6)
         ]
-        take = gui.add_button("Take the present ones", color="gray")
+        take = gui.add_button("Copy current angles", color="gray")
         go = gui.add_button("Move the joints", icon=viser.Icon.PLAYER_PLAY, color="orange")
         take.on_click(lambda _event: self._take())
         go.on_click(lambda _event: self._go())
@@ -195,14 +195,14 @@ class _Joints:
 
 
 class _GoTo:
-    """The flange to a pose, as on the pendant."""
+    """Move of the flange to a pose, in the pendant's convention."""
 
     def __init__(self, viewer: Viewer, mover: Mover) -> None:
         gui, self._viewer, self._mover = viewer.gui, viewer, mover
         self._place = gui.add_vector3("X, Y, Z [mm]", (0.0, 0.0, 0.0), step=0.1)
         self._oat = gui.add_vector3("O, A, T [deg]", (0.0, 0.0, 0.0), step=0.1)
-        take = gui.add_button("Take the present one", color="gray")
-        go = gui.add_button("Move there", icon=viser.Icon.PLAYER_PLAY, color="orange")
+        take = gui.add_button("Copy current pose", color="gray")
+        go = gui.add_button("Move to pose", icon=viser.Icon.PLAYER_PLAY, color="orange")
         take.on_click(lambda _event: self._take())
         go.on_click(lambda _event: self._go())
 
@@ -221,7 +221,7 @@ class _GoTo:
         R = R_from_oat(Oat(*(math.radians(angle) for angle in angles)))
         request = MoveRequest(kind="pose", pose=record_of(pose(position_m, R)))
         x, y, z = place
-        text = f"The flange moves to {x:g}, {y:g}, {z:g} mm, on the way that the controller takes."
+        text = f"The flange moves to {x:g}, {y:g}, {z:g} mm on the path of the controller."
         self._viewer.confirm(
             "Move to a pose",
             paragraphs(text),
@@ -237,7 +237,7 @@ def vector(axis: int, amount: float) -> Vec3:
 
 
 def where_text(heard: Snapshot) -> Html:
-    """Return where the flange is, as on the pendant."""
+    """Return the flange pose as shown on the pendant."""
     robot = heard.robot.fresh
     if robot is None:
         return paragraphs(f"⚠ {heard.hub_fault or heard.robot.fault}")
@@ -252,7 +252,7 @@ def where_text(heard: Snapshot) -> Html:
 
 def _arrived(state: RobotState) -> str:
     x, y, z = (1e3 * part for part in state.position_m)
-    return f"there: flange at {x:z.1f}, {y:z.1f}, {z:z.1f} mm"
+    return f"reached: flange at {x:z.1f}, {y:z.1f}, {z:z.1f} mm"
 
 
 TAB = Tab(20, "Move", viser.Icon.ARROWS_MOVE, build)

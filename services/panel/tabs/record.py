@@ -1,4 +1,4 @@
-"""Record every topic: start, stop, and what the recorder says of itself."""
+"""Record tab: start and stop a recording, status of the recorder."""
 
 import viser
 
@@ -12,16 +12,16 @@ from services.panel.tabs import Refresh, Tab
 from services.panel.viewer import Viewer
 from services.panel.watch import Snapshot
 
-ANSWER_S = 15.0  # the recorder first writes what waits
-NOBODY = "⚠ no recorder is heard: it comes with `forcemesh up`; `forcemesh status` says more"
+ANSWER_S = 15.0  # the recorder writes pending data before it replies
+NOBODY = "⚠ no data from the recorder: `forcemesh up` starts it; `forcemesh status` shows more"
 
 
 def build(viewer: Viewer) -> Refresh:
     """Fill the tab."""
     gui = viewer.gui
     now = Prose(gui, paragraphs("…"))
-    label = gui.add_text("Name", "", hint="Goes into the name of the file.")
-    past = gui.add_checkbox("With the last minutes", initial_value=False)
+    label = gui.add_text("Label", "", hint="Part of the file name.")
+    past = gui.add_checkbox("Include ring buffer", initial_value=False)
     start = gui.add_button("Start recording", icon=viser.Icon.PLAYER_RECORD)
     stop = gui.add_button("Stop recording", icon=viser.Icon.PLAYER_STOP, disabled=True)
 
@@ -55,7 +55,7 @@ def build(viewer: Viewer) -> Refresh:
 
 
 def heard_of_it(viewer: Viewer) -> RecorderStatus | None:
-    """Return what the recorder says, None while it says nothing."""
+    """Return the recorder's status, None while none is received."""
     try:
         reading = viewer.watch.client.feed(topics.RECORDER_STATUS).reading()
     except BusError:
@@ -64,14 +64,14 @@ def heard_of_it(viewer: Viewer) -> RecorderStatus | None:
 
 
 def words(status: RecorderStatus | None) -> Html:
-    """Return what the recorder says, for people."""
+    """Return the recorder's status as text."""
     if status is None:
         return paragraphs(NOBODY)
     lines: list[Html | str] = [f"⚠ {status.reason}"] if status.reason else []
     file = status.file.rpartition("/")[2]
     if status.recording:
         asked = status.cause == "asked"
-        why = html("") if asked else html(", begun by <code>{}</code>", status.cause)
+        why = html("") if asked else html(", started by <code>{}</code>", status.cause)
         lines.append(html("<b>● recording</b> for {} s{}", f"{status.recorded_s:.0f}", why))
     else:
         lines.append("not recording")
@@ -80,8 +80,8 @@ def words(status: RecorderStatus | None) -> Html:
             html("<code>{}</code>: {} messages, {} lost", file, status.messages, status.lost)
         )
     lines.append(
-        f"Memory reaches back {status.memory_s:.0f} s: a stop of the arm writes it out by itself. "
-        f"{status.free_bytes / 1e9:.1f} GB are free."
+        f"Ring buffer: {status.memory_s:.0f} s, written to a file when the arm is stopped. "
+        f"Free disk space: {status.free_bytes / 1e9:.1f} GB."
     )
     return paragraphs(*lines)
 

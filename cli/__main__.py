@@ -1,4 +1,4 @@
-"""The command line `forcemesh`: thin verbs, each of which imports what it needs when it runs."""
+"""Command line `forcemesh`: thin verbs that import their dependencies at run time."""
 
 import os
 import sys
@@ -43,8 +43,8 @@ app = typer.Typer(
     help="Open force control for Kawasaki arms. This is not a safety function.",
 )
 
-RUN, LOOK, MOVE, FORCE = "Run a cell", "Look", "Move", "Force"
-RECORD = "Record"
+RUN, LOOK, MOVE, FORCE = "Cell", "Status", "Motion", "Force"
+RECORD = "Recordings"
 
 app.command(rich_help_panel=RUN)(demo)
 app.command(rich_help_panel=RUN)(verbs_run.up)
@@ -89,7 +89,9 @@ def _print_version(wanted: bool) -> None:
 def _options(
     version: Annotated[
         bool,
-        typer.Option("--version", callback=_print_version, is_eager=True, help="Print it and end."),
+        typer.Option(
+            "--version", callback=_print_version, is_eager=True, help="Print it and exit."
+        ),
     ] = False,
 ) -> None:
     del version
@@ -98,20 +100,20 @@ def _options(
 def _tell_in_one_line(
     kind: type[BaseException], error: BaseException, trace: TracebackType | None
 ) -> None:
-    """Say what went wrong in forcemesh itself without a page of code, unless that is asked for."""
+    """Report an internal error in one line, with a traceback only if FORCEMESH_TRACEBACK is set."""
     if os.environ.get("FORCEMESH_TRACEBACK"):
         sys.__excepthook__(kind, error, trace)
         return
     sys.stderr.write(
-        f"forcemesh: {kind.__name__}: {error}; a mistake in forcemesh itself: please report it "
-        "with what FORCEMESH_TRACEBACK=1 shows\n"
+        f"forcemesh: {kind.__name__}: {error}; internal error of forcemesh: please report it "
+        "with the traceback that FORCEMESH_TRACEBACK=1 prints\n"
     )
 
 
 def main() -> None:
     """Entry of the console script."""
     sys.excepthook = _tell_in_one_line
-    typer.main.get_command(app)(prog_name="forcemesh")  # `app(...)` would bring typer's own hook
+    typer.main.get_command(app)(prog_name="forcemesh")  # `app(...)` would set typer's own hook
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""The table of topics and requests with one cell's rates put in."""
+"""Table of topics and requests with the rates of one cell."""
 
 from typing import Any
 
@@ -7,7 +7,7 @@ from forcemesh.topics import REQUESTS, TOPICS
 
 
 def bus_table(cell: Cell) -> dict[str, Any]:
-    """Return the table as one object."""
+    """Return the table as a dict for JSON."""
     return {
         "cell": cell.cell,
         "topics": [
@@ -38,12 +38,12 @@ def bus_table(cell: Cell) -> dict[str, Any]:
 
 
 def print_bus_table(cell: Cell) -> None:
-    """Print the table for people."""
+    """Print the table on the terminal."""
     from rich.console import Console
     from rich.table import Table
 
     table = bus_table(cell)
-    topics = Table("topic", "writer", "readers", "rate", "stale", "what", title="topics")
+    topics = Table("topic", "writer", "readers", "rate", "stale after", "summary", title="topics")
     for row in table["topics"]:
         topics.add_row(
             row["topic"],
@@ -53,10 +53,10 @@ def print_bus_table(cell: Cell) -> None:
             f"{1e3 * row['stale_after_s']:.0f} ms",
             row["summary"],
         )
-    requests = Table("request", "server", "what", title="requests")
+    requests = Table("request", "server", "summary", title="requests")
     for row in table["requests"]:
         requests.add_row(row["request"], row["server"], row["summary"])
     console = Console()
-    console.print(f"every key is put behind [bold]{cell.cell}/[/bold]")
+    console.print(f"every key has the prefix [bold]{cell.cell}/[/bold]")
     console.print(topics)
     console.print(requests)

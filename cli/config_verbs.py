@@ -1,4 +1,4 @@
-"""Verbs about cell files: config check, config show, config init."""
+"""Verbs for cell files: config check, config show, config init."""
 
 import json
 import re
@@ -23,7 +23,7 @@ def check(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="The cell file.")],
     as_json: JsonOption = False,
 ) -> None:
-    """Check a cell file: all its mistakes at once, each with its path."""
+    """Check a cell file: report all errors at once, each with its path."""
     with one_line_errors():
         from common.config.load import cell_hash, load_cell
         from forcemesh.errors import ConfigError
@@ -41,13 +41,13 @@ def check(
         return
     typer.echo(
         f"{file}: cell {cell.cell}, robot {cell.roles.robot}, sensor {cell.roles.sensor}, "
-        f"configuration {cell_hash(cell)}: no mistakes"
+        f"configuration {cell_hash(cell)}: no errors"
     )
 
 
 @config.command("show")
 def show(as_json: JsonOption = False, cell: CellOption = None) -> None:
-    """Show what a cell file comes to: every value, and which of them are defaults."""
+    """Show every value of a cell file and whether it is a default."""
     with one_line_errors():
         from common.config.load import load_cell
 
@@ -60,7 +60,7 @@ def show(as_json: JsonOption = False, cell: CellOption = None) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    table = Table("value of", "is", "from", title=f"cell {loaded.cell} ({path})")
+    table = Table("key", "value", "source", title=f"cell {loaded.cell} ({path})")
     for name, row in rows.items():
         table.add_row(name, json.dumps(row["value"]), row["from"])
     Console(highlight=False).print(table)
@@ -71,28 +71,26 @@ def init(
     out: Annotated[Path, typer.Argument(metavar="FILE", help="The cell file to write.")],
     kind: Annotated[
         Literal["sim", "tcp", "real"],
-        typer.Option(
-            help="sim: a simulated arm; tcp: the same behind an emulated controller; real: RS007L."
-        ),
+        typer.Option(help="sim: simulated arm; tcp: with emulated controller; real: RS007L."),
     ] = "real",
 ) -> None:
-    """Write a new cell file with comments, to be filled in; never over another file."""
+    """Write a commented template of a cell file; an existing file is not overwritten."""
     from forcemesh.patterns import CELL_NAME, WORDS
 
     name = out.stem.lower()
     if re.match(CELL_NAME, name) is None:
-        fail(f"the cell would be called {name!r}: a cell's name {WORDS[CELL_NAME]}", USAGE)
+        fail(f"{name!r} from FILE is not a cell name: a cell's name {WORDS[CELL_NAME]}", USAGE)
     if out.exists():
-        fail(f"{out} is there already: choose another name", USAGE)
+        fail(f"{out} exists already: choose another name", USAGE)
     try:
         out.write_text(_filled_in(name, kind), encoding="utf-8")
     except OSError as error:
         fail(f"{error.filename}: {error.strerror}", USAGE)
-    typer.echo(f"{out} is written: fill it in, then `forcemesh config check {out}`")
+    typer.echo(f"{out} written: fill it in, then `forcemesh config check {out}`")
 
 
 def _filled_in(name: str, kind: str) -> str:
-    """Return a template with the cell's name in its places."""
+    """Return a template with the cell's name filled in."""
     text = (FOLDER / TEMPLATES[kind]).read_text(encoding="utf-8")
     text = re.sub(r"^cell:.*$", f"cell: {name}", text, flags=re.MULTILINE)
     return re.sub(
@@ -101,7 +99,7 @@ def _filled_in(name: str, kind: str) -> str:
 
 
 def _rows(cell: "Cell") -> dict[str, dict[str, Any]]:
-    """Return every value by its dotted path, with where it comes from."""
+    """Return every value by its dotted path, with its source."""
     rows: dict[str, dict[str, Any]] = {}
 
     def walk(section: Any, path: str, inherited: str) -> None:
@@ -120,7 +118,7 @@ def _rows(cell: "Cell") -> dict[str, dict[str, Any]]:
 
 
 def _below(section: str, source: str) -> str:
-    """Return where all values of a section come from; empty when each one says for itself."""
+    """Return the common source of all values of a section; empty when they differ."""
     if section == "calibration":
         return "calibration file"
     return "default" if source == "default" else ""

@@ -1,4 +1,4 @@
-"""What every verb needs: its cell, the way onto the bus, one line and an exit code for trouble."""
+"""Common parts of the verbs: cell file, bus connection, errors as one line and an exit code."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -45,16 +45,16 @@ __all__ = (
 EXIT_CODES = f"Exit codes: {'; '.join(f'{code} {meaning}' for code, meaning in EXITS.items())}."
 CELL_VARIABLE = "FORCEMESH_CELL"
 DEFAULT_CELL = Path("cells/demo.yaml")
-NEXT_STEP = "`forcemesh up` starts it, `forcemesh status` says what is missing."
+NEXT_STEP = "`forcemesh up` starts it, `forcemesh status` shows what is missing."
 PART_STEP = (
-    "the cell is up, and a part of it is dead or stands still. `forcemesh status` says which; "
-    "end `forcemesh up` and start it anew."
+    "the cell is up, but a process of it is dead or does not respond. `forcemesh status` shows "
+    "which; restart `forcemesh up`."
 )
 UNHEARD_STEP = (
-    "a request goes unheard where this PC's certificate may only look (a monitor's), and where a "
-    "helper is missing: `forcemesh status` shows every process."
+    "requests get no reply with a read-only certificate (monitor), or while a sidecar process is "
+    "missing: `forcemesh status` shows every process."
 )
-PATIENCE_S = 1.0  # with the hub: a cell that is up answers at once
+PATIENCE_S = 1.0  # connection timeout; a running hub replies at once
 
 CellOption = Annotated[
     Path | None,
@@ -62,26 +62,26 @@ CellOption = Annotated[
         "--cell",
         envvar=CELL_VARIABLE,
         metavar="FILE",
-        help="Cell file; without it the cell that is up, else cells/demo.yaml.",
+        help="Cell file; default: the running cell, else cells/demo.yaml.",
         show_default=False,
     ),
 ]
-JsonOption = Annotated[bool, typer.Option("--json", help="For programs: JSON on standard output.")]
+JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON on standard output.")]
 
 
 def default_cell_file() -> Path:
-    """Return cells/demo.yaml, here or in the project's folder."""
+    """Return cells/demo.yaml of the working directory, else of the project folder."""
     if DEFAULT_CELL.exists():
         return DEFAULT_CELL
     return Path(__file__).resolve().parent.parent / DEFAULT_CELL
 
 
 def find_cell_file(named: Path | None, *, ended: bool = False) -> Path:
-    """Return the cell file that a verb is about: the named one, else that of the cell that is up.
+    """Return the cell file of a verb: the named one, else that of the running cell.
 
     Args:
-        named: What the user named, if anything.
-        ended: Whether a cell whose run has ended with a death may be meant, too.
+        named: File named by the user, if any.
+        ended: Whether a cell that has ended with the death of a process counts.
     """
     if named is not None:
         return named
@@ -97,17 +97,17 @@ def find_cell_file(named: Path | None, *, ended: bool = False) -> Path:
 
 
 def live_cell(named: Path | None, *, ended: bool = False) -> "CellFile":
-    """Return the cell that a verb is to talk to, whatever is being done to its file meanwhile.
+    """Return the cell of a verb, unaffected by edits of its file while it is up.
 
-    A cell that is up here is as `up` has read it: a hold must not wait for a text editor. One that
-    is up elsewhere can be told to hold without its calibration, should only that be wrong.
+    A cell that is up on this PC is as `up` has read it: a hold must not fail because of an edit.
+    A cell on another PC is loaded without its calibration if only that is invalid.
 
     Args:
         named: As `find_cell_file`.
         ended: As `find_cell_file`.
 
     Raises:
-        ConfigError: The file is wrong, and the cell is not up here.
+        ConfigError: The file is invalid, and the cell is not up on this PC.
     """
     from pydantic import ValidationError
 
@@ -119,21 +119,21 @@ def live_cell(named: Path | None, *, ended: bool = False) -> "CellFile":
     path = find_cell_file(named, ended=ended)
     for run in read_runs():
         if run.live and run.cell_file == str(path.resolve()):
-            with suppress(ValidationError):  # of another version, which keeps cells in another form
+            with suppress(ValidationError):  # written by another version in another format
                 return Cell.model_validate_json(run.as_started)
     try:
         return load_cell(path)
     except ConfigError as error:
         with suppress(ConfigError):
             cell = load_cell(path, {"calibration": None})
-            typer.echo(f"{error}\nthe cell is taken without its calibration", err=True)
+            typer.echo(f"{error}\ncontinuing without the calibration", err=True)
             return cell
         raise
 
 
 @contextmanager
 def one_line_errors() -> Iterator[None]:
-    """Turn every error that forcemesh raises on purpose into one line and an exit code."""
+    """Convert every error that forcemesh raises on purpose to one line and an exit code."""
     from pydantic import ValidationError
 
     from forcemesh.errors import ForcemeshError, first_mistake
@@ -147,7 +147,7 @@ def one_line_errors() -> Iterator[None]:
 
 
 def sentence_of(error: "ForcemeshError") -> str:
-    """Return what a person is told of an error, with the next step where it is always the same."""
+    """Return the text of an error, with the remedy where it is always the same."""
     from forcemesh.errors import BusError, LostError, RefusedError
 
     if isinstance(error, RefusedError):
@@ -161,25 +161,25 @@ def sentence_of(error: "ForcemeshError") -> str:
 
 
 def answers_yes(question: str) -> bool:
-    """Ask a person yes or no on the terminal; the end of input is no answer, and so a no."""
+    """Ask for confirmation on the terminal; end of input counts as no."""
     try:
         return typer.confirm(question, err=True)
     except typer.Abort as error:
         if isinstance(error.__context__, KeyboardInterrupt):
             fail("\ninterrupted: nothing was moved", INTERRUPTED)
-        typer.echo("\nno answer on standard input; --yes answers beforehand", err=True)
+        typer.echo("\nno reply on standard input; --yes confirms without a question", err=True)
         return False
 
 
 def fail(text: str, code: int) -> NoReturn:
-    """Say what is wrong on standard error and end with an exit code."""
+    """Print an error on standard error and end with an exit code."""
     typer.echo(text, err=True)
     raise typer.Exit(code)
 
 
 @contextmanager
 def cell_of(named: Path | None) -> "Iterator[ConfiguredCell]":
-    """Connect a person to the cell that a verb is about; an error becomes one line and a code."""
+    """Connect to the cell of a verb as operator; convert errors to one line and an exit code."""
     from common.bus.configured_cell import ConfiguredCell
 
     with (
@@ -190,24 +190,24 @@ def cell_of(named: Path | None) -> "Iterator[ConfiguredCell]":
 
 
 def confirmed(question: str, *, yes: bool) -> None:
-    """Ask a person whether something may be done; end the verb when it may not.
+    """Ask for confirmation; end the verb without it.
 
     Args:
         question: What will happen.
-        yes: Whether the answer was given with the verb.
+        yes: Whether it was confirmed by an option.
     """
     if not yes and not answers_yes(question):
-        fail("not done: it was not confirmed (--yes confirms it without a question)", REFUSED)
+        fail("cancelled: not confirmed (--yes confirms without a question)", REFUSED)
 
 
 def tell(reply: "Reply") -> None:
-    """Print what a service answered."""
+    """Print the reply of a service."""
     typer.echo(reply.text or "accepted")
 
 
 @contextmanager
 def waiting(text: str) -> "Iterator[Status]":
-    """Show on standard error, where it is a terminal, that something takes its time."""
+    """Show a status line on standard error, if it is a terminal, while an operation runs."""
     from rich.console import Console
 
     with Console(stderr=True).status(text) as live:
@@ -216,13 +216,13 @@ def waiting(text: str) -> "Iterator[Status]":
 
 @contextmanager
 def client_of(named: Path | None) -> "Iterator[tuple[CellFile, Bus]]":
-    """Connect as `cell_of` does; for verbs that speak to the bus itself."""
+    """Connect as `cell_of` does, for verbs that use the bus directly."""
     with cell_of(named) as cell:
         yield cell.config, cell.session.bus
 
 
 def ask(bus: "Bus", request: "Request[Q]", message: Q) -> "Reply":
-    """Send a request and print the answer. Raise RefusedError when it is refused."""
+    """Send a request and print the reply. Raise RefusedError when it is refused."""
     from forcemesh.client.ask import ask as ask_once
 
     reply = ask_once(bus, request, message)

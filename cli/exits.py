@@ -11,12 +11,12 @@ from forcemesh.errors import (
 
 OK, NOT_WELL, USAGE, REFUSED, NO_ANSWER, INTERRUPTED = 0, 1, 2, 3, 4, 130
 EXITS = {
-    OK: "done and well",
-    NOT_WELL: "not well: a process died, a role is silent, a move did not get there",
-    USAGE: "wrong usage, or a file that cannot be used, certificates among them",
+    OK: "success",
+    NOT_WELL: "failure: a process died, a role is silent, a move did not reach its target",
+    USAGE: "wrong usage, or an invalid file or certificate",
     REFUSED: "refused, with the reason",
-    NO_ANSWER: "no answer: the cell is not up, or does not say what was waited for",
-    INTERRUPTED: "interrupted; what moved was asked to hold",
+    NO_ANSWER: "no reply: the cell is not up, or an expected message did not arrive",
+    INTERRUPTED: "interrupted; a hold was requested for a moving arm",
 }
 TABLE: tuple[tuple[type[BaseException], int], ...] = (  # the first row that fits counts
     (ConfigError, USAGE),

@@ -1,4 +1,4 @@
-"""The verb `export`: a recording as CSV or Parquet, by topic or for learning."""
+"""Verb `export`: a recording as CSV or Parquet, by topic or in the layout of LeRobot."""
 
 import json
 from pathlib import Path
@@ -22,7 +22,7 @@ NO_PYARROW = (
 def export(
     file: RecordingArgument,
     *,
-    csv: Annotated[bool, typer.Option("--csv", help="CSV; what is done without a choice.")] = False,
+    csv: Annotated[bool, typer.Option("--csv", help="CSV; the default.")] = False,
     parquet: Annotated[
         bool, typer.Option("--parquet", help="Parquet; needs the extra `parquet`.")
     ] = False,
@@ -30,18 +30,22 @@ def export(
         bool,
         typer.Option(
             "--lerobot",
-            help="One table with LeRobot's columns and the wrench instead of one for each topic.",
+            help="One table with LeRobot's columns and the wrench instead of one per topic.",
         ),
     ] = False,
     only: OnlyOption = None,
     out: Annotated[
         Path | None,
         typer.Option(
-            "--out", "-o", metavar="FOLDER", help="Where to; else beside FILE.", show_default=False
+            "--out",
+            "-o",
+            metavar="FOLDER",
+            help="Output folder; default: next to FILE.",
+            show_default=False,
         ),
     ] = None,
 ) -> None:
-    """Write what is in a recording as tables; every number has its unit in its name."""
+    """Export a recording as tables; the column names carry the units."""
     if csv and parquet:
         fail("choose one of --csv and --parquet", USAGE)
     with one_line_errors():
@@ -63,7 +67,7 @@ def export(
     for path, rows in written:
         typer.echo(f"{path}: {rows} rows")
     if not read.is_whole:
-        typer.echo("the recording breaks off: its recorder was killed", err=True)
+        typer.echo("the recording is truncated: its recorder was killed", err=True)
 
 
 def _topics(

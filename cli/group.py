@@ -1,6 +1,6 @@
-"""The command line's last resort: however a verb ends, one sentence and a code of the table.
+"""Root of the command line: a verb that fails ends with one sentence and an exit code.
 
-Typer frames wrong usage in a box and quotes its validator; here it is the sentence of a cell file.
+Typer prints usage errors in a box with its validator's text; here they read like cell file errors.
 """
 
 import sys
@@ -17,7 +17,7 @@ from forcemesh.errors import ForcemeshError, first_mistake
 
 
 class OneSentence(TyperGroup):
-    """The root of the command line."""
+    """Root of the command line; prints at most one sentence for an error."""
 
     def main(  # noqa: PLR0917 -- the signature is the base class's
         self,
@@ -40,7 +40,7 @@ class OneSentence(TyperGroup):
             _say(_usage(error))
             sys.exit(error.exit_code)
         except typer.Abort:
-            _say("interrupted: nothing was done")
+            _say("interrupted: nothing was executed")
             sys.exit(INTERRUPTED)
         except ForcemeshError as error:
             _say(str(error))
@@ -54,7 +54,7 @@ class OneSentence(TyperGroup):
 
 
 def _usage(error: TyperException) -> str:
-    """Return what was typed wrongly, in the words of the other mistakes, and where help is."""
+    """Return the text of a usage error, in the style of the other errors, with a help command."""
     from pydantic import ValidationError
 
     if isinstance(error.__cause__, ValidationError):
@@ -64,7 +64,7 @@ def _usage(error: TyperException) -> str:
     if context is None or "Usage:" in text:
         return text
     end = "" if text.endswith("?") else ";"
-    return f"{text}{end} `{context.command_path} --help` says more"
+    return f"{text}{end} see `{context.command_path} --help`"
 
 
 def _say(text: str) -> None:

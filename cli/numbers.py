@@ -1,17 +1,17 @@
-"""Numbers as a person types them: commas between, millimetres and degrees."""
+"""Parser of typed numbers: separated by commas, in millimetres and degrees."""
 
 import math
 from dataclasses import dataclass
 
 import typer
 
-# A vector may begin with a minus sign; without this it would be taken for an option.
+# A vector may begin with a minus sign; without this it would be parsed as an option.
 NEGATIVE_NUMBERS = {"ignore_unknown_options": True}
 
 
 @dataclass(frozen=True, slots=True)
 class Names:
-    """What the numbers of a vector are called, and their unit."""
+    """Names and unit of the numbers of a vector."""
 
     names: tuple[str, ...]
     unit: str
@@ -21,7 +21,7 @@ class Names:
 
 
 POSE = Names(("X", "Y", "Z", "O", "A", "T"), "mm and degrees")
-MOST_DEG = 5000.0  # a request takes 100 rad
+MOST_DEG = 5000.0  # a request accepts 100 rad
 JOINTS = Names(("J1", "J2", "J3", "J4", "J5", "J6"), "degrees")
 
 
@@ -37,7 +37,7 @@ def parse_vector(text: str, names: Names) -> tuple[float, ...]:
 
 
 def parse_gain(text: str | None, unit: str) -> tuple[float, float, float] | None:
-    """Return three gains; one number counts for all three axes. None stays None."""
+    """Return three gains; one number applies to all three axes. None stays None."""
     if text is None:
         return None
     if "," not in text:
@@ -60,6 +60,6 @@ def parse_number(text: str, name: str) -> float:
 
 
 def check_angle(angle_deg: float, name: str) -> None:
-    """Raise typer.BadParameter for an angle that no joint of an arm turns by [degrees]."""
+    """Raise typer.BadParameter for an angle outside the range of any joint [degrees]."""
     if abs(angle_deg) > MOST_DEG:
         raise typer.BadParameter(f"{name} must be within {MOST_DEG:g} degrees, found {angle_deg:g}")

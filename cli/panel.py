@@ -1,4 +1,4 @@
-"""The verb `panel`, and the panel that `up` and `demo` start beside a cell."""
+"""Verb `panel`, and the panel that `up` and `demo` start as a sidecar of a cell."""
 
 from contextlib import AbstractContextManager
 from typing import TYPE_CHECKING, Annotated
@@ -15,30 +15,28 @@ WITHOUT_VARIABLE = "FORCEMESH_NO_PANEL"
 
 NoPanel = Annotated[
     bool,
-    typer.Option(
-        "--no-panel", envvar=WITHOUT_VARIABLE, help="Start no panel in the browser beside it."
-    ),
+    typer.Option("--no-panel", envvar=WITHOUT_VARIABLE, help="Do not start the browser panel."),
 ]
 
 
 def panel(
     *,
     view_only: Annotated[
-        bool, typer.Option("--view-only", help="Nobody may act on the page.")
+        bool, typer.Option("--view-only", help="Read-only page: no actions.")
     ] = False,
     open_: Annotated[
         bool, typer.Option("--open", help="Open it in this machine's browser.")
     ] = False,
     host: Annotated[
-        str | None, typer.Option(help="Where to listen; anything but this machine wants a token.")
+        str | None, typer.Option(help="Listen address; any but this machine requires a token.")
     ] = None,
-    port: Annotated[int | None, typer.Option(min=1, max=65535, help="On which port.")] = None,
+    port: Annotated[int | None, typer.Option(min=1, max=65535, help="Listen port.")] = None,
     cell: CellOption = None,
 ) -> None:
-    """Serve the cockpit of a cell in the browser: arm, plots, force, moves, calibration, faults."""
+    """Serve the panel of a cell in the browser: arm, plots, force, moves, calibration, faults."""
     path = find_cell_file(cell)
     with client_of(path):
-        pass  # a cell that is not up is told of at once; a page would only wait for it
+        pass  # reports a cell that is not up at once; a page would only wait for it
     words = ["--cell", str(path)]
     for name, value in (("--host", host), ("--port", port)):
         words += [name, str(value)] if value is not None else []
@@ -51,5 +49,5 @@ def panel(
 
 
 def panel_beside(supervisor: "Supervisor", *, wanted: bool = True) -> AbstractContextManager[None]:
-    """Serve the panel of a cell that is up, for as long as this lasts."""
+    """Serve the panel of a running cell while the context is open."""
     return beside("services.panel", "panel", supervisor, wanted=wanted)

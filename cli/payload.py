@@ -1,4 +1,4 @@
-"""`forcemesh payload`: fit what hangs below the sensor from a recording, and check a recording."""
+"""Verbs `payload fit` and `payload check`: identification of the payload from a recording."""
 
 import json
 from collections.abc import Iterator
@@ -16,7 +16,7 @@ app = typer.Typer(no_args_is_help=True, help="Payload and sensor bias from recor
 
 
 class AxesOption(StrEnum):
-    """Axes in which a recording holds its wrench."""
+    """Axes of the wrench in a recording."""
 
     AUTO = "auto"
     SENSOR = "sensor"
@@ -31,7 +31,7 @@ RecordingArgument = Annotated[
         show_default=False,
     ),
 ]
-Axes = Annotated[AxesOption, typer.Option(help="Axes of the recorded wrench; auto: find out.")]
+Axes = Annotated[AxesOption, typer.Option(help="Axes of the recorded wrench; auto: detect.")]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]
 
 
@@ -55,7 +55,7 @@ def fit(
         data = read_recording(recording)
         axes, found, reason = identify_recording(data, named_axes(wrench_axes))
         report = fit_report(data, axes, found)
-        # Some wrong axes have a payload that explains them: the residual alone does not tell.
+        # A payload can explain some wrong axes: the residual alone does not reveal them.
         if (complaint := judge_recording(data, axes, Belief())[1].complaint) is not None:
             report["warnings"].append(complaint)
         if out is not None:
@@ -102,7 +102,7 @@ def check(
 
 
 def named_axes(option: AxesOption) -> "WrenchAxes | None":
-    """Return the axes that an option names; None: find out."""
+    """Return the axes that an option names; None: detect them."""
     if option is AxesOption.AUTO:
         return None
     return "sensor" if option is AxesOption.SENSOR else "base"
@@ -110,7 +110,7 @@ def named_axes(option: AxesOption) -> "WrenchAxes | None":
 
 @contextmanager
 def _one_line_errors() -> Iterator[None]:
-    """Turn an error of the user's data into one line on standard error and exit code 2."""
+    """Convert an error in the user's data to one line on standard error and exit code 2."""
     from forcemesh.errors import DataError
 
     try:
@@ -125,7 +125,7 @@ def _say(text: str) -> None:
 
 
 def _warn_of_other_axes(taken: dict[str, Any], other: dict[str, Any]) -> None:
-    """Say so when the axes that were not taken explain the recording far better."""
+    """Warn when the axes that were not used explain the recording far better."""
     keys = ("residual_force_N_mean", "residual_torque_Nm_mean")
     if all(taken[key] > 2.0 * other[key] for key in keys):
         _say(

@@ -1,4 +1,4 @@
-"""Tables of a fit: what `payload fit` and `calibrate` print."""
+"""Tables of a fit for `payload fit` and `calibrate`."""
 
 from typing import Any
 
@@ -6,12 +6,12 @@ from rich.console import Console
 from rich.table import Table
 
 Vector = list[float]
-MODELS_SHOWN = 6  # beside the plain one
-WORTH = 0.97  # a pose that leaves more of the deviation than this is not worth going to
+MODELS_SHOWN = 6  # besides the plain one
+WORTH = 0.97  # a pose that reduces the deviation less than this is not recommended
 
 
 def print_fit(report: dict[str, Any]) -> None:
-    """Print what `fit_report` returns, for people."""
+    """Print a report of `fit_report` on the terminal."""
     console = Console()
     title = (
         f"{report['recording']}: {report['poses']} poses, wrench in {report['wrench_axes']} axes"
@@ -27,7 +27,7 @@ def print_fit(report: dict[str, Any]) -> None:
 
 
 def found_parameters(report: dict[str, Any]) -> list[tuple[str, str, str]]:
-    """Return what was found: name with unit, value, standard deviation where there is one."""
+    """Return the identified parameters: name with unit, value, standard deviation if known."""
     rows = [("mass (kg)", f"{report['mass_kg']:.4f}", f"{report['mass_std_kg']:.4f}")]
     for label, key, std_key, scale, digits in (
         ("centre of mass (mm)", "com_m", "com_std_m", 1e3, 2),
@@ -53,30 +53,30 @@ def found_parameters(report: dict[str, Any]) -> list[tuple[str, str, str]]:
 
 
 def remarks(report: dict[str, Any]) -> list[str]:
-    """Return what is left to say: what was left out, what is unsure, and what to record next."""
-    lines = [f"left out {len(r['lines'])} rows: {r['reason']}" for r in report["rejected"]]
-    lines += [f"hardly told by these poses: {line}" for line in report["unsure"]]
-    lines += [f"not told by this recording: {line}" for line in report["untold"]]
+    """Return remarks: rejected rows, uncertain parameters, and the best next pose."""
+    lines = [f"rejected {len(r['lines'])} rows: {r['reason']}" for r in report["rejected"]]
+    lines += [f"poorly determined by these poses: {line}" for line in report["unsure"]]
+    lines += [f"not determined by this recording: {line}" for line in report["untold"]]
     advice = report["next_pose"]
     if is_worth_it(advice):
         lines.append(
             "record next: gravity along "
             f"({_joined(advice['down_in_sensor'], 1.0, 2)}) in sensor axes; "
-            f"{advice['parameter']} would be sure to {advice['std_after']:.2g} "
+            f"standard deviation of {advice['parameter']} {advice['std_after']:.2g} "
             f"instead of {advice['std_before']:.2g}"
         )
     return lines
 
 
 def is_worth_it(advice: dict[str, Any]) -> bool:
-    """Tell whether the best next pose would make any parameter surer in a way one notices."""
+    """Return whether the best next pose would reduce a standard deviation noticeably."""
     return bool(advice["std_after"] <= WORTH * advice["std_before"])
 
 
 def _pose_table(report: dict[str, Any]) -> Table:
     shown = report["residuals"]
     title = "residual of each pose"
-    if len(shown) > 20:  # a long recording: the worst are what one looks for
+    if len(shown) > 20:  # a long recording: only the worst are of interest
         shown = sorted(shown, key=lambda row: row["force_N"], reverse=True)[:20]
         title = f"residual of the 20 worst of {report['poses']} poses"
     table = Table("line", "force (N)", "torque (N m)", title=title)
@@ -91,7 +91,7 @@ def _pose_table(report: dict[str, Any]) -> Table:
 
 def _model_table(report: dict[str, Any]) -> Table:
     table = Table("model", "rms N", "N m", "left out N", "N m", "cond.", "verdict")
-    table.title = "models tried: rms residual, and rms on poses left out of the fit"
+    table.title = "models: rms residual, and rms of leave-one-out cross-validation"
     plain, *richer = report["models"]
     best = sorted(richer, key=lambda model: model["evidence"], reverse=True)
     for model in (plain, *best[:MODELS_SHOWN]):

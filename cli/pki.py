@@ -1,4 +1,4 @@
-"""Verbs about certificates: make them, issue one, say what is wrong with them."""
+"""Verbs for certificates: create all, issue one, check them."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from common.config.cell import Cell
     from common.security.pki import Pair
 
-app = typer.Typer(no_args_is_help=True, help="Certificates of a bus that leaves this machine.")
+app = typer.Typer(no_args_is_help=True, help="Certificates for a bus that other machines use.")
 
 IMAGE_USER = 10001  # as in the Dockerfile
 DAYS = 365
@@ -30,7 +30,7 @@ FolderOption = Annotated[
         "--folder",
         envvar="FORCEMESH_PKI",
         metavar="DIR",
-        help="Where they are; without it ~/.config/forcemesh/pki/<cell>.",
+        help="Folder; default: ~/.config/forcemesh/pki/<cell>.",
         show_default=False,
     ),
 ]
@@ -39,11 +39,11 @@ HostOption = Annotated[
     typer.Option(
         "--host",
         metavar="NAME",
-        help="A name or address of this machine for others; again.",
+        help="Name or address of this machine for others; repeatable.",
     ),
 ]
-DaysOption = Annotated[int, typer.Option(min=1, max=3650, help="How long they are good for.")]
-AgainOption = Annotated[bool, typer.Option("--again", help="Replace what is there.")]
+DaysOption = Annotated[int, typer.Option(min=1, max=3650, help="Validity [days].")]
+AgainOption = Annotated[bool, typer.Option("--again", help="Replace existing files.")]
 
 
 @app.command()
@@ -54,16 +54,16 @@ def init(
     again: AgainOption = False,
     authority: Annotated[
         Path | None,
-        typer.Option(metavar="DIR", help="Use the authority of this folder: cells that meet."),
+        typer.Option(metavar="DIR", help="Use the authority of this folder: shared by cells."),
     ] = None,
     env: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="Write there what docker compose must know (.env)."),
+        typer.Option(metavar="FILE", help="Write the settings for docker compose to FILE (.env)."),
     ] = None,
     folder: FolderOption = None,
     cell: CellOption = None,
 ) -> None:
-    """Make the authority and a certificate for every role and person of a cell."""
+    """Create the authority and a certificate for every role and person of a cell."""
     from common.security.pki import make_authority, read_authority, write_pair
     from forcemesh.identity import AUTHORITY, NAMES
     from services.panel.access import TOKEN_VARIABLE
@@ -72,8 +72,8 @@ def init(
         loaded, where = _cell_and_folder(cell, folder)
         if (where / f"{AUTHORITY}.pem").exists() and not again:
             fail(
-                f"{where} has an authority already: `forcemesh pki issue NAME` adds to it, "
-                "--again makes a new one, after which every old certificate is refused",
+                f"{where} already has an authority: `forcemesh pki issue NAME` adds a certificate, "
+                "--again creates a new authority, after which all old certificates are refused",
                 USAGE,
             )
         if authority is None:
@@ -101,7 +101,7 @@ def init(
 def issue(
     name: Annotated[
         str,
-        typer.Argument(help="A role, operator, monitor, panel; panel-page for browsers."),
+        typer.Argument(help="A role, operator, monitor, panel; panel-page for browsers (HTTPS)."),
     ],
     *,
     host: HostOption = None,
@@ -109,24 +109,24 @@ def issue(
     again: AgainOption = False,
     to: Annotated[
         Path | None,
-        typer.Option(metavar="DIR", help="Write there, with the authority's certificate."),
+        typer.Option(metavar="DIR", help="Write to DIR, with the authority's certificate."),
     ] = None,
     folder: FolderOption = None,
     cell: CellOption = None,
 ) -> None:
-    """Make one certificate: a new one before the old one expires, or one for another machine."""
+    """Issue one certificate: before the old one expires, or for another machine."""
     from common.security.pki import read_authority
     from forcemesh.identity import HUB, NAMES, PAGE
 
     with one_line_errors():
         loaded, where = _cell_and_folder(cell, folder)
         if name not in (*NAMES, PAGE):
-            fail(f"nobody is called {name!r}: there are {', '.join((*NAMES, PAGE))}", USAGE)
+            fail(f"unknown name {name!r}: choose from {', '.join((*NAMES, PAGE))}", USAGE)
         if host and name not in (HUB, PAGE):
-            fail(f"--host is for hub and {PAGE}: nobody connects to {name}", USAGE)
+            fail(f"--host is for hub and {PAGE} only: {name} accepts no connections", USAGE)
         target = where if to is None else to.expanduser()
         if (target / f"{name}.pem").exists() and not again:
-            fail(f"{target / name}.pem is there already: --again replaces it", USAGE)
+            fail(f"{target / name}.pem exists already: --again replaces it", USAGE)
         if name == PAGE:
             _issue_page(loaded, where, hosts=host or [], days=days, target=target)
         else:
@@ -138,7 +138,7 @@ def issue(
 
 @app.command()
 def check(folder: FolderOption = None, cell: CellOption = None) -> None:
-    """Say of every certificate whether it is good, and what to do when it is not."""
+    """Check every certificate; print a remedy for each that is not valid."""
     from common.security.pki_check import check_folder
 
     with one_line_errors():
@@ -181,7 +181,7 @@ def _issue_page(
     target: Path | None = None,
     again: bool = False,
 ) -> None:
-    """Make the certificate of the panel's page, and its authority where there is none yet."""
+    """Create the certificate of the panel's page, and its authority if there is none."""
     from common.security.pki import (
         make_page_authority,
         make_page_certificate,
@@ -199,7 +199,7 @@ def _issue_page(
 
 
 def _copy_authority(source: Path, target: Path) -> None:
-    """Put the authority's certificate, never its key, beside others."""
+    """Copy the authority's certificate, never its key, to another folder."""
     from common.security.pki import copy_certificate
     from forcemesh.identity import AUTHORITY
 
@@ -207,7 +207,7 @@ def _copy_authority(source: Path, target: Path) -> None:
 
 
 def _make_folders(beside: Path) -> None:
-    """Make the folders into which containers write, theirs where root would own them otherwise."""
+    """Create the folders into which containers write, with the image's user as owner."""
     for name in WRITTEN:
         folder = beside / name
         folder.mkdir(exist_ok=True)
@@ -216,7 +216,7 @@ def _make_folders(beside: Path) -> None:
 
 
 def _owner() -> tuple[int, int] | None:
-    """Return whose the files become: root makes them for the user of the image."""
+    """Return the owner of the files: root creates them for the user of the image."""
     return (IMAGE_USER, IMAGE_USER) if os.geteuid() == 0 else None
 
 
@@ -225,9 +225,9 @@ def _user() -> str:
 
 
 def _write_env(path: Path, lines: list[str]) -> None:
-    """Put lines into a file of settings, in place of older ones of the same names.
+    """Write lines into a settings file, replacing older ones of the same names.
 
-    It holds the panel's token: only whose folder it is may read it, also while it is written.
+    It holds the panel's token: only the owner of the folder can read it, also during the write.
     """
     names = tuple(line.partition("=")[0] + "=" for line in lines)
     old = path.read_text(encoding="utf-8").splitlines() if path.exists() else []

@@ -1,4 +1,4 @@
-"""The verb `record`, and the recorder that `up` and `demo` start beside a cell."""
+"""Verbs `record ...`, and the recorder that `up` and `demo` start as a sidecar of a cell."""
 
 from contextlib import AbstractContextManager
 from typing import TYPE_CHECKING, Annotated
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from launch.processes import Supervisor
 
 WITHOUT_VARIABLE = "FORCEMESH_NO_RECORDER"
-ANSWER_S = 15.0  # it first writes what waits, on a busy machine
+ANSWER_S = 15.0  # it first writes its buffer, on a busy machine
 
 record = typer.Typer(
     no_args_is_help=True, help="Record every topic of a cell that is up, as an MCAP file."
@@ -21,27 +21,27 @@ record = typer.Typer(
 
 NoRecorder = Annotated[
     bool,
-    typer.Option("--no-recorder", envvar=WITHOUT_VARIABLE, help="Start no recorder beside it."),
+    typer.Option("--no-recorder", envvar=WITHOUT_VARIABLE, help="Do not start the recorder."),
 ]
 
 
 def recorder_beside(
     supervisor: "Supervisor", *, wanted: bool = True
 ) -> AbstractContextManager[None]:
-    """Keep the last minutes of a cell that is up, and record it, for as long as this lasts."""
+    """Run the recorder of a cell, with a ring buffer of the last minutes, during the context."""
     return beside("services.recorder", "recorder", supervisor, wanted=wanted)
 
 
 @record.command("start")
 def record_start(
-    label: Annotated[str, typer.Argument(help="Goes into the name of the file.")] = "",
+    label: Annotated[str, typer.Argument(help="Part of the file name.")] = "",
     *,
     past: Annotated[
-        bool, typer.Option("--past", help="Begin with the minutes that the recorder remembers.")
+        bool, typer.Option("--past", help="Include the minutes in the recorder's ring buffer.")
     ] = False,
     cell: CellOption = None,
 ) -> None:
-    """Record until `record stop`; a file that is long enough is followed by the next one."""
+    """Record until `record stop`; a file at its size limit is followed by the next one."""
     from forcemesh import topics
     from forcemesh.requests import RecordRequest
 
@@ -52,7 +52,7 @@ def record_start(
 
 @record.command("stop")
 def record_stop(cell: CellOption = None) -> None:
-    """End the recording; say what is in it and what was lost."""
+    """End the recording; print its content and the lost messages."""
     from forcemesh import topics
     from forcemesh.requests import Empty
 
@@ -62,7 +62,7 @@ def record_stop(cell: CellOption = None) -> None:
 
 @record.command("status")
 def record_status(as_json: JsonOption = False, cell: CellOption = None) -> None:
-    """Show what is recorded, how much was lost, and how far back memory reaches."""
+    """Show the recording, the lost messages, and the length of the ring buffer."""
     from forcemesh import topics
     from forcemesh.errors import NotValidError
 
@@ -77,7 +77,7 @@ def record_status(as_json: JsonOption = False, cell: CellOption = None) -> None:
 
 
 def in_words(status: "RecorderStatus") -> str:
-    """Return what the recorder says of itself in a few lines."""
+    """Return the recorder's status as a few lines of text."""
     lines = [f"fault: {status.reason}"] if status.reason else []
     if status.recording:
         why = "" if status.cause == "asked" else f" because of {status.cause}"
@@ -89,6 +89,6 @@ def in_words(status: "RecorderStatus") -> str:
         lines.append(f"{status.messages} messages, {status.lost} lost, file of {size_MB:.1f} MB")
     memory_MB, free_GB = status.memory_bytes / 1e6, status.free_bytes / 1e9
     lines.append(
-        f"memory reaches back {status.memory_s:.0f} s ({memory_MB:.1f} MB); {free_GB:.1f} GB free"
+        f"ring buffer: {status.memory_s:.0f} s ({memory_MB:.1f} MB); {free_GB:.1f} GB free"
     )
     return "\n".join(lines)

@@ -1,4 +1,4 @@
-"""A recording as tables: one for each topic with a column for each number or text in it."""
+"""Tables of a recording: one per topic, with a column for each number or text in it."""
 
 from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING, Any
@@ -20,7 +20,7 @@ DONE = "next.done"
 
 
 def flat(fields: Any, path: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield every value that is no container, with its path in dots."""
+    """Yield every scalar value with its dotted path."""
     if isinstance(fields, dict):
         for name, value in fields.items():
             yield from flat(value, f"{path}.{name}" if path else name)
@@ -32,10 +32,10 @@ def flat(fields: Any, path: str = "") -> Iterator[tuple[str, Any]]:
 
 
 def first_ns(read: "RecordedFile") -> int:
-    """Return when a recording begins. Raise DataError when there is nothing in it."""
+    """Return when a recording begins. Raise DataError when it is empty."""
     begin = min((said.at_ns for said in read.said()), default=None)
     if begin is None:
-        raise DataError(f"{read.path}: there is no message in it")
+        raise DataError(f"{read.path}: the recording contains no message")
     return begin
 
 
@@ -49,11 +49,11 @@ def table_of(said: "Iterable[Said]", begin_ns: int) -> tuple[list[str], list[Row
 
 
 def learning_rows(read: "RecordedFile") -> list[Row]:
-    """Return one row for each robot/state as learning from demonstration wants it.
+    """Return one row per robot/state, in the form for learning from demonstration.
 
-    The state is the joints, the wrench the newest at that time, the action the flange pose that was
-    commanded then; while none is, it is the pose where the arm is. What comes before the first
-    wrench is left out.
+    The state is the joint angles, the wrench is the newest at that time, the action is the flange
+    pose commanded at that time, or without a command the measured pose. Rows before the first
+    wrench are left out.
     """
     rows: list[Row] = []
     wrench: list[float] | None = None
@@ -82,7 +82,7 @@ def learning_rows(read: "RecordedFile") -> list[Row]:
                 }
             )
     if not rows:
-        raise DataError(f"{read.path}: robot/state and wrench are needed, and are not in it")
+        raise DataError(f"{read.path}: the recording lacks robot/state or wrench")
     rows[-1][DONE] = True
     return rows
 

@@ -1,4 +1,4 @@
-"""The verb `replay`: says again what a recording holds, to the byte and in its own time."""
+"""Verb `replay`: publishes a recording again with the same bytes and timing."""
 
 import os
 from collections.abc import Iterator
@@ -27,7 +27,7 @@ OnlyOption = Annotated[
     typer.Option(
         "--only",
         metavar="TOPIC",
-        help="Just this topic; may be given several times.",
+        help="Only this topic; repeatable.",
         show_default=False,
     ),
 ]
@@ -38,35 +38,34 @@ def replay(
     *,
     only: OnlyOption = None,
     speed: Annotated[
-        float, typer.Option(min=0.01, max=100.0, help="Times the original speed.")
+        float, typer.Option(min=0.01, max=100.0, help="Factor of the original speed.")
     ] = 1.0,
     port: Annotated[
         int | None,
-        typer.Option(min=1, max=65535, help="Of its own hub; without it a free one."),
+        typer.Option(min=1, max=65535, help="Port of its own hub; default: a free port."),
     ] = None,
     onto: Annotated[
         Path | None,
-        typer.Option(
-            metavar="CELL", help="Use the hub of this cell file instead of one of its own."
-        ),
+        typer.Option(metavar="CELL", help="Use the hub of this cell file instead of its own hub."),
     ] = None,
     name: Annotated[
-        str | None, typer.Option("--as", metavar="NAME", help="Say it as another cell's.")
+        str | None, typer.Option("--as", metavar="NAME", help="Publish under another cell name.")
     ] = None,
     wait: Annotated[
-        float, typer.Option(min=0.0, max=3600.0, help="Begin so late [s]: time to connect.")
+        float,
+        typer.Option(min=0.0, max=3600.0, help="Delay before the start [s]: time to connect."),
     ] = 0.0,
     to_service: Annotated[
         str | None,
         typer.Option(
             metavar="ROLE",
-            help="Feed this service alone, in this process, and compare what it says.",
+            help="Feed only this service, in this process, and compare its output.",
         ),
     ] = None,
 ) -> None:
-    """Say a recording again: the same bytes in the same order and time.
+    """Replay a recording: publish the same bytes in the same order and time.
 
-    It starts a hub of its own and never speaks to a cell that is alive.
+    It starts its own hub and never publishes to a running cell.
     """
     with one_line_errors():
         from services.recorder.reading import RecordedFile
@@ -89,14 +88,14 @@ def replay(
 
 
 def chosen_topics(only: list[str] | None) -> frozenset[str]:
-    """Return the topics that are named; an unknown one ends the verb."""
+    """Return the named topics; an unknown one ends the verb."""
     from cli.verbs_watch import find_topic
 
     return frozenset(find_topic(topic).key for topic in only or ())
 
 
 def cell_in(read: "RecordedFile") -> "Cell":
-    """Return the cell that a recording is of."""
+    """Return the cell of a recording."""
     if read.cell is None:
         what = f"recorded by version {read.about.get('version', 'unknown')}"
         fail(f"{read.path}: this version cannot read the cell file in it: {what}", USAGE)
@@ -113,7 +112,7 @@ def _called(cell: "Cell", name: str) -> "Cell":
 def _bus_of(
     cell: "Cell", *, port: int | None, onto: Path | None, topics: frozenset[str]
 ) -> "Iterator[Bus]":
-    """Open a hub of one's own, or one that somebody else runs, if nobody is alive there."""
+    """Open an own hub, or connect to another one if no cell is running there."""
     import typer
 
     from common.bus.cell_bus import open_bus, open_hub
@@ -138,14 +137,14 @@ def _bus_of(
     write_whole(path, dump_cell(host))
     try:
         with open_hub(host) as bus:
-            typer.echo(f"hub at {endpoint}; listen with --cell {path}", err=True)
+            typer.echo(f"hub at {endpoint}; connect with --cell {path}", err=True)
             yield bus
     finally:
         path.unlink(missing_ok=True)
 
 
 def _refuse_if_alive(bus: "Bus", topics: frozenset[str]) -> None:
-    """End the verb when anybody says what is about to be said: two writers are a fault."""
+    """End the verb when a topic already has a publisher: two writers are a fault."""
     import time
 
     from forcemesh.topics import TOPICS
@@ -157,8 +156,8 @@ def _refuse_if_alive(bus: "Bus", topics: frozenset[str]) -> None:
     while time.monotonic() < give_up_s:
         heard = [key for key, tap in taps.items() if tap.take() is not None]
         if heard:
-            text = f"refused: a cell {bus.cell} is alive there, it says {', '.join(heard)}"
-            fail(f"{text}; choose another name with --as, or leave --onto away", REFUSED)
+            text = f"refused: a cell {bus.cell} is running there and publishes {', '.join(heard)}"
+            fail(f"{text}; choose another name with --as, or omit --onto", REFUSED)
         time.sleep(TICK_S)
 
 
@@ -178,12 +177,12 @@ def _play(
 
         def shown(count: int, at_s: float) -> None:
             if count % 500 == 0:
-                bar.update(task, description=f"{at_s:.1f} s into it, {count} messages")
+                bar.update(task, description=f"{at_s:.1f} s replayed, {count} messages")
 
         heard = chosen(read.heard(), topics)
         count = play(heard, bus.transport, bus.cell, clock=bus.clock, speed=speed, shown=shown)
-    left = "" if read.is_whole else "; the file breaks off: its recorder was killed"
-    typer.echo(f"{count} messages said again{left}", err=True)
+    left = "" if read.is_whole else "; the file is truncated: its recorder was killed"
+    typer.echo(f"{count} messages replayed{left}", err=True)
 
 
 def _free_port() -> int:

@@ -1,7 +1,7 @@
-"""Feeds one service with what it heard in a recording, and compares what it says with what it said.
+"""Regression replay of one service: recorded inputs go in, its outputs are compared.
 
-The service runs in this process on the clock of the recording. Requests are not recorded: what a
-service was asked for meanwhile shows as a difference.
+The service runs in this process on the clock of the recording. Requests are not recorded: their
+effect shows as a difference.
 """
 
 from collections.abc import Callable
@@ -23,46 +23,46 @@ if TYPE_CHECKING:
     from services.recorder.reading import Heard, RecordedFile
 
 TICK_NS = 1_000_000
-SETTLES_NS = NS_PER_S  # filters begin with nothing
+SETTLES_NS = NS_PER_S  # filters start empty
 ROOM = 1_000_000
 Spoken = list[tuple[Header, Message]]
 
 
 class RecordedClock(ManualClock):
-    """The clock of the machine that recorded."""
+    """Clock of the machine that made the recording."""
 
     def __init__(self, boot: str, start_ns: int) -> None:
-        """Begin with the recording."""
+        """Start at the start of the recording."""
         super().__init__(start_ns)
         self._recorded_boot = boot
 
     @property
     def boot(self) -> str:
-        """Its identity, so that the stamps in the messages can be judged."""
+        """Identity of the clock, to which the stamps in the messages refer."""
         return self._recorded_boot
 
 
 def replay_to_service(read: "RecordedFile", cell: "Cell", role: str) -> None:
-    """Feed a service and print how what it says differs."""
+    """Feed a service and print the differences of its output."""
     make = _makers().get(role)
     if make is None:
         fail(f"--to-service {role}: it must be one of {', '.join(_makers())}", USAGE)
     with waiting(f"feeding {role}"):
         heard = list(read.heard())
         if not heard:
-            fail(f"{read.path}: there is no message in it", USAGE)
+            fail(f"{read.path}: the recording contains no message", USAGE)
         said = feed(heard, cell, role, make=make, about=read.about)
     for topic in written_by(role):
         recorded = _decoded([each.data for each in heard if each.topic == topic.key], topic)
         pairs = pair(recorded, said[topic.key])
-        print(f"{topic.key}: {len(said[topic.key])} said, {len(recorded)} recorded")
+        print(f"{topic.key}: {len(said[topic.key])} published, {len(recorded)} recorded")
         print(f"  {len(pairs)} compared, without the first second")
         for name, worst in differences(pairs).items():
             print(f"  {name}: {worst}")
 
 
 def written_by(role: str) -> list[Topic[Any]]:
-    """Return the streams of a role; its health is about the process, not about the work."""
+    """Return the streams of a role, without its health, which describes the process."""
     return [topic for topic in TOPICS if topic.writer == role and not topic.key.endswith("health")]
 
 
@@ -74,9 +74,9 @@ def feed(
     make: Callable[[Bus, Any], Service],
     about: dict[str, str],
 ) -> dict[str, Spoken]:
-    """Return what a service says, by topic, when it hears the messages in their time.
+    """Return the output of a service by topic when it receives the messages in their time.
 
-    It begins with the first word that it said in the recording, so that it keeps the same step.
+    It starts at its first message in the recording, so that its cycles are in phase.
     """
     offset_ns = int(about["wall_minus_monotonic_ns"])
     own = {topic.key for topic in written_by(role)}
@@ -107,7 +107,7 @@ def feed(
 
 
 def pair(recorded: Spoken, said: Spoken) -> list[tuple[Message, Message]]:
-    """Return messages about the same sensor sample, or else those written nearest in time."""
+    """Return pairs of messages about the same sensor sample, else those nearest in time."""
     if not recorded or not said:
         return []
     begin_ns = said[0][0].stamp_ns + SETTLES_NS
@@ -124,7 +124,7 @@ def pair(recorded: Spoken, said: Spoken) -> list[tuple[Message, Message]]:
 
 
 def differences(pairs: list[tuple[Message, Message]]) -> dict[str, str]:
-    """Return for each field that differs by how much, or in how many messages."""
+    """Return for each differing field the largest difference, or the number of messages."""
     numbers: dict[str, float] = {}
     others: dict[str, int] = {}
     for one, other in pairs:
@@ -135,7 +135,7 @@ def differences(pairs: list[tuple[Message, Message]]) -> dict[str, str]:
                 numbers[name] = max(numbers.get(name, 0.0), abs(a - b))
             elif a != b:
                 others[name] = others.get(name, 0) + 1
-    found = {name: f"differs by {worst:.3g} at most" for name, worst in numbers.items() if worst}
+    found = {name: f"differs by at most {worst:.3g}" for name, worst in numbers.items() if worst}
     found |= {name: f"differs in {count} messages" for name, count in others.items()}
     return found or {"all fields": "equal"}
 

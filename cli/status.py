@@ -1,4 +1,4 @@
-"""How a cell is: what the bus says, put together with what its supervisor's run file says."""
+"""Status of a cell, from its bus and from the run file of its supervisor."""
 
 import time
 from datetime import UTC, datetime
@@ -20,7 +20,7 @@ CONNECT_WITHIN_S = 0.5
 
 
 class ServiceStatus(TypedDict):
-    """One role of the cell."""
+    """Status of one role."""
 
     name: str
     pid: int | None
@@ -28,11 +28,11 @@ class ServiceStatus(TypedDict):
     rate_hz: float | None
     age_s: float | None
     fault: str
-    numbers: dict[str, float]  # what the role measures, as its health says it
+    numbers: dict[str, float]  # measured by the role, from its health
 
 
 class Restart(TypedDict):
-    """What died since the cell was started, and was started again."""
+    """Process that has died since the start of the cell and was restarted."""
 
     name: str
     times: int
@@ -41,7 +41,7 @@ class Restart(TypedDict):
 
 
 class CellStatus(TypedDict):
-    """What `forcemesh status --json` prints."""
+    """Output of `forcemesh status --json`."""
 
     cell: str
     state: str
@@ -55,12 +55,12 @@ class CellStatus(TypedDict):
 
 
 def cell_status(cell: Cell, run: Run | None, only: str | None = None) -> CellStatus:
-    """Return how a cell is; needs no hub to answer.
+    """Return the status of a cell, also when no hub responds.
 
     Args:
         cell: The cell.
-        run: What its supervisor wrote, if it has one.
-        only: The one role to wait for; otherwise all of them.
+        run: Run file of its supervisor, if there is one.
+        only: The only role to wait for; default: all.
     """
     expected = {only} if only else {role for role in topics.ROLES if not _died(role, run)}
     try:
@@ -78,13 +78,13 @@ def cell_status(cell: Cell, run: Run | None, only: str | None = None) -> CellSta
 
 
 def died_text(restart: Restart) -> str:
-    """Return for people what died and was started again."""
-    times = f", {restart['times']} times by now" if restart["times"] > 1 else ""
-    return f"{restart['name']}: {restart['how']} at {restart['at']}{times}; started again"
+    """Return the text for a process that was restarted."""
+    times = f", {restart['times']} times so far" if restart["times"] > 1 else ""
+    return f"{restart['name']}: {restart['how']} at {restart['at']}{times}; restarted"
 
 
 def in_words(name: str, number: float) -> str:
-    """Return a number of a health message for people, in the unit that its name ends with."""
+    """Return a number of a health message as text, in the unit that its name ends with."""
     for ending, scale, unit in (
         ("_s", 1e3, "ms"),
         ("_h", 1.0, "h"),
@@ -98,14 +98,14 @@ def in_words(name: str, number: float) -> str:
 
 
 def is_well(status: CellStatus) -> bool:
-    """Tell whether everything is alive and nothing complains; a hold that was asked for is well."""
+    """Return whether all roles are alive and without fault; a requested hold is no fault."""
     stopped = status["state"] in STOPPED and any(t["code"] != ASKED for t in status["trips"])
     bad = stopped or status["state"] in (DOWN, "FAULT")
     return not bad and all(row["alive"] and not row["fault"] for row in status["services"])
 
 
 def exit_code(status: CellStatus) -> int:
-    """Return how `status` ends: well, not well, or nothing of the cell was heard."""
+    """Return the exit code of `status`: without faults, with faults, or cell not up."""
     if is_well(status):
         return OK
     is_away = status["state"] == DOWN and not any(row["alive"] for row in status["services"])
@@ -113,7 +113,7 @@ def exit_code(status: CellStatus) -> int:
 
 
 def _is_heard(view: CellView, expected: set[str]) -> bool:
-    """Tell whether all that can be expected has come; the arbiter brings the state as well."""
+    """Return whether all expected health was received, and the arbiter's state."""
     state_is_there = expected != set(topics.ROLES) or view.arbiter().fresh is not None
     return state_is_there and all(view.health(role).message is not None for role in expected)
 
@@ -140,7 +140,7 @@ def _judge(
 
 
 def _name_certificates(cell: Cell, silent: list[ServiceStatus]) -> None:
-    """Add what is wrong with the certificate of who is not heard, where it is on this machine."""
+    """Add certificate errors of silent roles, for certificates on this machine."""
     if not silent or not is_encrypted(cell.bus.endpoint):
         return
     from common.security.pki_check import check_folder
@@ -156,7 +156,7 @@ def _name_certificates(cell: Cell, silent: list[ServiceStatus]) -> None:
 
 
 def restarts_of(run: Run | None) -> list[Restart]:
-    """Return what a supervisor that is there has started again."""
+    """Return the restarts by a supervisor that still runs."""
     entries = run.processes if run is not None and run.live else []
     return [
         Restart(
@@ -171,7 +171,7 @@ def restarts_of(run: Run | None) -> list[Restart]:
 
 
 def helpers_of(view: CellView | None, run: Run | None) -> tuple[str, ...]:
-    """Return the helpers that are heard, or should be: a supervisor that is there started them."""
+    """Return the sidecars that publish health, or that a running supervisor has started."""
     started = run if run is not None and run.live else None
     heard = _helpers(view)
     return tuple(
@@ -180,7 +180,7 @@ def helpers_of(view: CellView | None, run: Run | None) -> tuple[str, ...]:
 
 
 def _helpers(view: CellView | None) -> tuple[str, ...]:
-    """Return the helpers that are there; a cell without them lacks nothing."""
+    """Return the sidecars that publish health; a cell is complete without them."""
     if view is None:
         return ()
     return tuple(name for name in topics.HELPERS if view.health(name).message is not None)
@@ -194,7 +194,7 @@ def _service(role: str, run: Run | None, view: CellView | None, waited_s: float)
         alive=False,
         rate_hz=None,
         age_s=None,
-        fault=_why_silent(role, run) or f"{_who(role, run)}no hub answers",
+        fault=_why_silent(role, run) or f"{_who(role, run)}no hub responds",
         numbers={},
     )
     if view is None:
@@ -217,16 +217,16 @@ def _service(role: str, run: Run | None, view: CellView | None, waited_s: float)
 
 
 def _died(role: str, run: Run | None) -> bool:
-    """Tell whether a live supervisor saw this role die: then its last words may still be fresh.
+    """Return whether a running supervisor saw this role die; its last health may still be fresh.
 
-    What an ended run says of the dead says nothing of a cell that is up now.
+    Deaths in an ended run do not apply to a cell that is up now.
     """
     entry = run.entry(role) if run else None
     return run is not None and run.live and entry is not None and entry.ended is not None
 
 
 def _why_silent(role: str, run: Run | None) -> str:
-    """Return what became of a role's process, as far as the run file and the kernel know."""
+    """Return how a role's process ended, from the run file and the kernel; empty if unknown."""
     entry = run.entry(role) if run else None
     if run is None or entry is None:
         return ""
@@ -238,7 +238,9 @@ def _why_silent(role: str, run: Run | None) -> str:
     causes = [f"{name}: {ended.how}" for name, ended in dead]
     if run.ended_at is not None and causes:
         return f"stopped because of {', '.join(causes)}"
-    return f"process {entry.pid} is gone" if run.live else "ended with its supervisor"
+    return (
+        f"process {entry.pid} does not exist any more" if run.live else "ended with its supervisor"
+    )
 
 
 def _who(role: str, run: Run | None) -> str:

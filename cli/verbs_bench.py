@@ -1,4 +1,4 @@
-"""The verbs `bench ...`: the project's own measurements, which need its checkout."""
+"""Verbs `bench ...`: benchmarks of the project, which need its checkout."""
 
 import os
 import subprocess
@@ -10,7 +10,7 @@ import typer
 
 from cli.context import USAGE, fail
 
-bench = typer.Typer(no_args_is_help=True, help="Measure the project itself: needs the checkout.")
+bench = typer.Typer(no_args_is_help=True, help="Benchmarks of the project; need its checkout.")
 
 ROOT = Path(__file__).resolve().parent.parent
 PASSED_ON = {"allow_extra_args": True, "ignore_unknown_options": True}
@@ -20,14 +20,16 @@ PASSED_ON = {"allow_extra_args": True, "ignore_unknown_options": True}
 def force(
     context: typer.Context,
     *,
-    quick: Annotated[bool, typer.Option("--quick", help="A few scenes: about a minute.")] = False,
-    short: Annotated[bool, typer.Option("--short", help="Fewer places.")] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Plain numbers.")] = False,
+    quick: Annotated[bool, typer.Option("--quick", help="A few cases: about a minute.")] = False,
+    short: Annotated[
+        bool, typer.Option("--short", help="Fewer cases: a third of the time.")
+    ] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
     write: Annotated[bool, typer.Option("--write", help="Write docs/force.md.")] = False,
 ) -> None:
-    """Measure how well laws release, hold, find and follow a force, beside other laws.
+    """Benchmark how the laws release, hold, approach and track a force, against other laws.
 
-    Needs no cell: it brings its own, in virtual time. Other options go to `python -m bench.force`.
+    Simulates its own cell in virtual time. Other options are passed to `python -m bench.force`.
     """
     flags = {"--quick": quick, "--short": short, "--json": as_json, "--write": write}
     chosen = [name for name, is_chosen in flags.items() if is_chosen]
@@ -37,7 +39,7 @@ def force(
 def _run(module: str, arguments: list[str]) -> int:
     """Run one of the project's benchmarks; return its exit code."""
     if not (ROOT / module.replace(".", "/")).is_dir():
-        text = f"{module} is not here: measurements of the project need its checkout"
+        text = f"{module} not found: the benchmarks need a checkout of the project"
         fail(f"{text}, `git clone` it and `make setup`", USAGE)
     paths = [str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(paths)}

@@ -1,4 +1,4 @@
-"""Verbs of force feedback: force start, force stop, force gains, tare."""
+"""Verbs for force feedback: force start, force stop, force gains, tare."""
 
 from typing import Annotated, Any, Literal
 
@@ -22,18 +22,18 @@ AXES = ("x", "y", "z", "rx", "ry", "rz")
 PresetOption = Annotated[
     Literal["gentle", "normal", "stiff"] | None,
     typer.Option(
-        help="Gains: gentle never overshoots and is slow, stiff holds firmly and overshoots.",
+        help="Gains: gentle is slow without overshoot, stiff rejects disturbances but overshoots.",
         show_default=False,
     ),
 ]
 
 
 def _axes(text: str) -> tuple[bool, bool, bool, bool, bool, bool]:
-    """Return which axes are named; an unknown one ends the verb."""
+    """Return a mask of the named axes; an unknown name ends the verb."""
     named = [name.strip() for name in text.split(",")]
     unknown = [name for name in named if name not in AXES]
     if unknown:
-        fail(f"--axes: no axis {', '.join(unknown)}: there are {', '.join(AXES)}", USAGE)
+        fail(f"--axes: unknown axis {', '.join(unknown)}: choose from {', '.join(AXES)}", USAGE)
     x, y, z, rx, ry, rz = (axis in named for axis in AXES)
     return (x, y, z, rx, ry, rz)
 
@@ -46,29 +46,30 @@ def _gain(unit: str) -> Any:
 def force_start(
     *,
     mode: Annotated[
-        Literal["position", "orientation", "both"], typer.Option(help="What it may move.")
+        Literal["position", "orientation", "both"], typer.Option(help="Controlled motion.")
     ] = "position",
     setpoint: Annotated[
-        float, typer.Option(min=0.0, help="Force to press with along the tool's axis [N].")
+        float, typer.Option(min=0.0, help="Press force along the tool's axis [N].")
     ] = 0.0,
     host: Annotated[
-        Literal["pc", "controller"], typer.Option(help="Where the regulator runs.")
+        Literal["pc", "controller"], typer.Option(help="Host of the control loop.")
     ] = "pc",
     law: Annotated[
         Literal["plain", "adaptive", "admittance"] | None,
         typer.Option(
-            help="Of the regulator; without it the cell file's. guide: give way to a hand.",
+            help="Control law; default: the cell file's. guide: hand guiding (admittance).",
             show_default=False,
         ),
     ] = None,
     preset: PresetOption = None,
     axes: Annotated[
-        str, typer.Option(help="What may move: of x, y, z, and rx, ry, rz about them, by commas.")
+        str,
+        typer.Option(help="Controlled axes, separated by commas: x, y, z, rotations rx, ry, rz."),
     ] = ",".join(AXES),
-    frame: Annotated[Literal["base", "tool"], typer.Option(help="Whose axes those are.")] = "base",
+    frame: Annotated[Literal["base", "tool"], typer.Option(help="Frame of the axes.")] = "base",
     cell: CellOption = None,
 ) -> None:
-    """Start force feedback; in free space it approaches along the tool's axis until it touches."""
+    """Start force feedback; in free space the tool approaches along its axis until contact."""
     from forcemesh.requests import ForceStartRequest
 
     request = ForceStartRequest(
@@ -102,10 +103,10 @@ def force_gains(
     as_json: JsonOption = False,
     cell: CellOption = None,
 ) -> None:
-    """Set gains about the base axes x,y,z, or one number for all three; print them all.
+    """Set gains for the base axes x,y,z, or one number for all three; print all gains.
 
-    What is left out keeps its value, or takes the preset's; without options the present gains are
-    printed, as this verb takes them back. Where force feedback runs, gains change on a ramp.
+    Omitted gains keep their value, or take that of the preset. Without options the present gains
+    are printed in the form of the options. While force feedback runs, gains change on a ramp.
     """
     from forcemesh.requests import GainsRequest
 
@@ -128,6 +129,6 @@ def force_gains(
 
 
 def tare(cell: CellOption = None) -> None:
-    """Take the present reading as zero force; refused in motion or contact."""
-    with cell_of(cell) as client, waiting("taring, at rest and free"):
+    """Tare: set the present reading to zero force; refused in motion or in contact."""
+    with cell_of(cell) as client, waiting("taring: arm at rest, tool free"):
         tell(client.tare())

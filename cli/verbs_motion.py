@@ -1,4 +1,4 @@
-"""Verbs that let the arm move, free it, or stop it: arm, back-off, hold, clear, speed."""
+"""Verbs for motion permission and stops: arm, back-off, hold, clear, speed."""
 
 from typing import TYPE_CHECKING, Annotated
 
@@ -20,46 +20,46 @@ if TYPE_CHECKING:
     from common.bus.configured_cell import ConfiguredCell
     from forcemesh.messages import Trip
 
-BACK_OFF_QUESTION = "the arm moves up to 20 mm at 5 mm/s, away from what it presses on: may it?"
+BACK_OFF_QUESTION = "the arm moves up to 20 mm at 5 mm/s, away from the contact: continue?"
 BLIND_QUESTION = (
-    "no force can be followed: the tool goes 5 mm back along its own axis. "
-    "Look at the tool: is that way free?"
+    "no force gives a direction: the tool moves 5 mm back along its own axis. "
+    "Check the tool: is this path free?"
 )
 Percent = Annotated[float | None, typer.Option(min=0.1, max=100.0, help="Percent.")]
 
 
 def arm(
     jog: Annotated[
-        bool, typer.Option("--jog", help="For moves alone: without calibration and in contact too.")
+        bool, typer.Option("--jog", help="For moves only: also without calibration or in contact.")
     ] = False,
     wait: Annotated[
         float,
-        typer.Option(min=0.0, max=60.0, help="Wait so long [s] for a preflight that needs time."),
+        typer.Option(min=0.0, max=60.0, help="Longest wait for the preflight checks [s]."),
     ] = 3.0,
     cell: CellOption = None,
 ) -> None:
-    """Let motion begin, after the preflight."""
+    """Run the preflight checks, then enable motion."""
     with cell_of(cell) as client, waiting("preflight"):
         tell(client.arm("jog" if jog else "all", within_s=wait))
 
 
 def back_off(
     *,
-    yes: Annotated[bool, typer.Option("--yes", "-y", help="Do not ask.")] = False,
+    yes: Annotated[bool, typer.Option("--yes", "-y", help="Do not ask for confirmation.")] = False,
     without_force: Annotated[
         bool,
         typer.Option(
             "--without-force",
-            help="Where no force can be followed: 5 mm back along the tool's axis; look first.",
+            help="If no force gives a direction: 5 mm back along the tool's axis; check first.",
         ),
     ] = False,
     cell: CellOption = None,
 ) -> None:
-    """Free an arm above a ceiling or outside the workspace: slowly back, at most 20 mm, then hold.
+    """Move an arm slowly out of overload or back into the workspace, at most 20 mm, then hold.
 
-    It goes along the measured force, or straight back into the workspace, at 5 mm/s and without a
-    turn, until the load is below half of its ceiling; the arbiter computes the way. It stops when
-    the force rises by 3 N. This is not a safety function.
+    It moves along the measured force, or straight back into the workspace, at 5 mm/s and without
+    rotation, until the load is below half of its limit; the arbiter computes the path. It stops
+    when the force rises by 3 N. This is not a safety function.
     """
     from forcemesh.errors import RefusedError
 
@@ -76,7 +76,7 @@ def back_off(
         is_loaded = client.load_N() is not None
     if end.code != "back_off":
         fail(f"not free yet: {end.text}", NOT_WELL)
-    step = "arm for jog, then `forcemesh retract`" if is_loaded else "arm, when the way is free"
+    step = "arm for jog, then `forcemesh retract`" if is_loaded else "arm, when the path is free"
     typer.echo(f"{end.text}; the arm holds: {step}")
 
 
@@ -86,12 +86,12 @@ def _backed_off(client: "ConfiguredCell", *, without_force: bool) -> "Trip":
             return client.back_off(without_force=without_force)
     except KeyboardInterrupt:
         client.hold("backing off was interrupted")
-        typer.echo("interrupted: the arm was asked to hold", err=True)
+        typer.echo("interrupted: a hold was requested", err=True)
         raise typer.Exit(INTERRUPTED) from None
 
 
 def hold(
-    reason: Annotated[str, typer.Option(help="What everybody will read.")] = "asked to hold",
+    reason: Annotated[str, typer.Option(help="Reason shown to all clients.")] = "asked to hold",
     cell: CellOption = None,
 ) -> None:
     """Stop the motion and hold; always accepted. This is not a safety function."""
@@ -100,7 +100,7 @@ def hold(
 
 
 def clear(cell: CellOption = None) -> None:
-    """Acknowledge a hold or a fault; arming is the next step."""
+    """Acknowledge a hold or a fault; the next step is arming."""
     with cell_of(cell) as client:
         tell(client.clear())
 
@@ -116,9 +116,9 @@ def speed(
     as_json: JsonOption = False,
     cell: CellOption = None,
 ) -> None:
-    """Set the speeds of the moves to come; what is left out keeps its value. Print them all.
+    """Set the speeds of later moves; omitted values are kept. Print all speeds.
 
-    The real speed is the mechanical one times the modular percentage.
+    The actual speed is the mechanical speed times the modular percentage.
     """
 
     def fraction(percent: float | None) -> float | None:

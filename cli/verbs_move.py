@@ -1,4 +1,4 @@
-"""Verbs that move the arm and wait until it is there: move to, joints, by; jog; retract."""
+"""Verbs that move the arm and wait for the end of the move: move to, joints, by; jog; retract."""
 
 import math
 from pathlib import Path
@@ -25,26 +25,28 @@ if TYPE_CHECKING:
     from forcemesh.requests import MoveRequest
 
 move = typer.Typer(
-    no_args_is_help=True, help="Move the flange or the joints; waits until it is there."
+    no_args_is_help=True, help="Move the flange or the joints and wait for the end of the move."
 )
 
 JOG_AXES = ("x", "y", "z", "rx", "ry", "rz", "j1", "j2", "j3", "j4", "j5", "j6")
 
 SpeedOption = Annotated[
     float | None,
-    typer.Option("--speed", min=0.001, max=5000.0, help="Speed [mm/s]; else that of `speed`."),
+    typer.Option(
+        "--speed", min=0.001, max=5000.0, help="Speed [mm/s]; default: as set by `speed`."
+    ),
 ]
 AskerOption = Annotated[
     Literal["operator", "program"],
-    typer.Option("--as", help="Who asks: a person takes the arm from a program."),
+    typer.Option("--as", help="Commander; an operator takes the arm from a program."),
 ]
-Yes = Annotated[bool, typer.Option("--yes", "-y", help="Do not ask, though the tool is loaded.")]
-NoWait = Annotated[bool, typer.Option("--no-wait", help="Do not wait until it is there.")]
+Yes = Annotated[bool, typer.Option("--yes", "-y", help="Do not ask when the tool is loaded.")]
+NoWait = Annotated[bool, typer.Option("--no-wait", help="Do not wait for the end.")]
 
 
 @move.command("to", context_settings=NEGATIVE_NUMBERS)
 def move_to(
-    pose: Annotated[str, typer.Argument(metavar="X,Y,Z,O,A,T", help="Flange, mm and degrees.")],
+    pose: Annotated[str, typer.Argument(metavar="X,Y,Z,O,A,T", help="Flange pose [mm, degrees].")],
     *,
     speed: SpeedOption = None,
     asker: AskerOption = "operator",
@@ -90,7 +92,7 @@ def move_by(
     yes: Yes = False,
     cell: CellOption = None,
 ) -> None:
-    """Move the joints by angles [degrees] from where they are."""
+    """Move the joints by angles [degrees] relative to their present position."""
     _move(_of_joints("by", joints, speed, asker), cell, wait=not no_wait, yes=yes)
 
 
@@ -107,21 +109,21 @@ def jog(
     axis: Annotated[
         str, typer.Argument(metavar="AXIS", help="x, y, z, rx, ry, rz, or a joint: j1 to j6.")
     ],
-    by: Annotated[str, typer.Argument(metavar="BY", help="How far: mm, or degrees.")],
+    by: Annotated[str, typer.Argument(metavar="BY", help="Distance [mm] or angle [degrees].")],
     *,
     frame: Annotated[
-        Literal["base", "tool"], typer.Option(help="Whose axes x, y, z are; it turns at the TCP.")
+        Literal["base", "tool"], typer.Option(help="Frame of x, y, z; rotations are about the TCP.")
     ] = "base",
     speed: SpeedOption = None,
     yes: Yes = False,
     cell: CellOption = None,
 ) -> None:
-    """Move a little along or about one axis, or by one joint, and wait until it is there.
+    """Jog along or about one axis, or one joint, and wait for the end of the move.
 
-    It asks first where the tool is loaded, and stops when the force rises by limits.move_rise_N.
+    It asks first when the tool is loaded, and stops when the force rises by limits.move_rise_N.
     """
     if axis not in JOG_AXES:
-        fail(f"no axis is called {axis!r}: there are {', '.join(JOG_AXES)}", USAGE)
+        fail(f"unknown axis {axis!r}: choose from {', '.join(JOG_AXES)}", USAGE)
     far = parse_number(by, "BY")
     if axis not in "xyz":
         check_angle(far, "BY")
@@ -167,7 +169,7 @@ def _m_s(speed_mm_s: float | None) -> float | None:
 
 def retract(
     by: Annotated[
-        float, typer.Argument(metavar="BY", min=0.1, max=200.0, help="How far [mm].")
+        float, typer.Argument(metavar="BY", min=0.1, max=200.0, help="Distance [mm].")
     ] = 10.0,
     *,
     speed: Annotated[
@@ -175,7 +177,7 @@ def retract(
     ] = 10.0,
     cell: CellOption = None,
 ) -> None:
-    """Leave a contact: end force feedback, and go straight back along the tool's axis."""
+    """Leave a contact: stop force feedback, then move straight back along the tool's axis."""
     from forcemesh.messages import MAY_MOVE
     from forcemesh.requests import MoveRequest
 
@@ -186,7 +188,7 @@ def retract(
         request = MoveRequest(kind="pose", pose=pose, speed_m_s=speed / 1e3)
         _follow(client, client.move.begin(request))
         load_N = client.load_N()
-        typer.echo("the tool is free" if load_N is None else f"{load_N:.1f} N are left")
+        typer.echo("the tool is free" if load_N is None else f"residual load {load_N:.1f} N")
 
 
 def _ask_when_loaded(client: "ConfiguredCell", *, yes: bool) -> None:
@@ -200,29 +202,29 @@ def _ask_when_loaded(client: "ConfiguredCell", *, yes: bool) -> None:
 
 
 def _move(request: "MoveRequest", cell: Path | None, *, wait: bool, yes: bool) -> None:
-    """Ask for a move and wait until it is done; Ctrl-C while waiting asks for a hold."""
+    """Request a move and wait for its end; Ctrl-C while waiting requests a hold."""
     with cell_of(cell) as client:
         _ask_when_loaded(client, yes=yes)
         going = client.move.begin(request)
-        typer.echo(f"goal {going.id}")
+        typer.echo(f"move started: goal {going.id}")
         if wait:
             _follow(client, going)
 
 
 def _follow(client: "ConfiguredCell", going: "Move") -> None:
     began_ns = client.session.clock.now_ns()
-    with waiting(f"goal {going.id}") as live:
+    with waiting(f"moving to goal {going.id}") as live:
 
         def show(robot: "RobotState") -> None:
-            live.update(f"goal {going.id}: flange at {_position(robot, 1)}")
+            live.update(f"moving to goal {going.id}: flange at {_position(robot, 1)}")
 
         try:
             robot = going.wait(timeout_s=float("inf"), progress=show)
         except KeyboardInterrupt:
-            typer.echo("interrupted: the arm was asked to hold", err=True)
+            typer.echo("interrupted: a hold was requested", err=True)
             raise typer.Exit(INTERRUPTED) from None
     took_s = (client.session.clock.now_ns() - began_ns) / 1e9
-    typer.echo(f"done in {took_s:.2f} s: flange at {_position(robot, 2)}")
+    typer.echo(f"move finished in {took_s:.2f} s: flange at {_position(robot, 2)}")
 
 
 def _position(robot: "RobotState", digits: int) -> str:

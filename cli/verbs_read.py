@@ -1,4 +1,4 @@
-"""Verbs that only look: status, topics."""
+"""Read-only verbs: status, topics."""
 
 import json
 from typing import TYPE_CHECKING, Annotated, Any
@@ -27,14 +27,16 @@ def status(
     as_json: JsonOption = False,
     service: Annotated[
         str | None,
-        typer.Option(metavar="NAME", help="Only whether this role is alive (for healthchecks)."),
+        typer.Option(
+            metavar="NAME", help="Only report whether this role is alive (for health checks)."
+        ),
     ] = None,
     cell: CellOption = None,
 ) -> None:
-    """Show who is alive and who commands; exit code 0 only when all is well.
+    """Show the state of a cell and of its processes; exit code 0 only without faults.
 
-    A hold that somebody asked for is well, one that a limit brought is not until it is cleared.
-    The recorder is listed, and must be well, where it is heard or was started by `up`.
+    A requested hold is not a fault; a hold by a limit is one until it is cleared.
+    The recorder is included if it publishes its health or was started by `up`.
     """
     with one_line_errors():
         from cli.status import cell_status, exit_code
@@ -43,7 +45,7 @@ def status(
 
         names = (*ROLES, *HELPERS)
         if service is not None and service not in names:
-            fail(f"no role is called {service!r}: there are {', '.join(names)}", USAGE)
+            fail(f"unknown role {service!r}: choose from {', '.join(names)}", USAGE)
         loaded = live_cell(cell, ended=True)
         found = cell_status(loaded, read_run(loaded.cell), only=service)
     if service is not None:
@@ -65,7 +67,7 @@ def topics(
     ] = False,
     cell: CellOption = None,
 ) -> None:
-    """Show the bus: every topic and request, who says it, how often, when it is stale."""
+    """List every topic and request of the bus: writer, rate, stale time."""
     if schema:
         from forcemesh.schema import describe
 

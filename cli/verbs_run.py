@@ -1,4 +1,4 @@
-"""The verb that runs a cell: up."""
+"""Verb `up`: runs the processes of a cell."""
 
 import signal
 import threading
@@ -35,7 +35,7 @@ def up(
             "--cell",
             envvar=CELL_VARIABLE,
             metavar="FILE",
-            help="Cell file; without it cells/demo.yaml.",
+            help="Cell file; default: cells/demo.yaml.",
             show_default=False,
         ),
     ] = None,
@@ -43,8 +43,8 @@ def up(
         float | None,
         typer.Option(
             min=0.0,
-            help="When a process cannot be kept up, keep the others up so long [s]; without it "
-            "until Ctrl-C, or 5 s where the cell never was ready.",
+            help="Time to keep the others up when a process has failed for good [s]; default: "
+            "until Ctrl-C, or 5 s if the cell was never ready.",
             show_default=False,
         ),
     ] = None,
@@ -54,7 +54,7 @@ def up(
 ) -> None:
     """Start the processes of a cell, its panel and recorder; stop all on Ctrl-C.
 
-    A process that dies is started again, with the arm held; one that dies over and over is not.
+    A process that dies is restarted and the arm held; after repeated deaths it is not restarted.
     """
     stop = threading.Event()
     with one_line_errors():
@@ -72,7 +72,7 @@ def up(
         supervisor.__enter__()
     except ForcemeshError as error:
         fail(f"up: {error}", USAGE)
-    with ExitStack() as afterwards:  # the helpers end last: the arm is what is stopped first
+    with ExitStack() as afterwards:  # sidecars end last: the arm is stopped first
 
         def start_helpers() -> None:
             afterwards.enter_context(recorder_beside(supervisor, wanted=not no_recorder))
@@ -97,9 +97,9 @@ def _watch(
     stop: threading.Event,
     when_ready: Callable[[], None],
 ) -> None:
-    """Wait for the end: Ctrl-C, or a death. Say once when the cell is ready, or what it lacks.
+    """Wait for the end: Ctrl-C, or a death. Report once that the cell is ready, or what is missing.
 
-    The helpers are started when the cell is ready, so that it comes up as fast as without them.
+    The sidecar processes start when the cell is ready, so that they do not delay it.
     """
     import time
 

@@ -1,4 +1,4 @@
-"""The verb `watch`: one topic, decoded, live; or all of them with their rates and ages."""
+"""Verb `watch`: one topic decoded live, or all topics with rate and age."""
 
 import json
 import sys
@@ -23,7 +23,7 @@ FIRST_S = 1.0  # until the first one: a rate needs some messages
 
 
 def _topics(typed: str) -> list[str]:
-    """Return the topics that begin so, for the shell's completion."""
+    """Return the topics with a prefix, for the shell's completion."""
     from forcemesh.topics import TOPICS
 
     return [topic.key for topic in TOPICS if topic.key.startswith(typed)]
@@ -34,21 +34,23 @@ def watch(
         str | None,
         typer.Argument(
             metavar="[TOPIC]",
-            help="As `forcemesh topics` lists it; without it all, with rate and age.",
+            help="As listed by `forcemesh topics`; default: all, with rate and age.",
             autocompletion=_topics,
             show_default=False,
         ),
     ] = None,
     count: Annotated[
         int | None,
-        typer.Option(min=1, help="End after so many messages, or tables.", show_default=False),
+        typer.Option(
+            min=1, help="End after this number of messages or tables.", show_default=False
+        ),
     ] = None,
     as_json: Annotated[
-        bool, typer.Option("--json", help="One JSON object a line, header and message flat.")
+        bool, typer.Option("--json", help="One JSON object per line, header and message merged.")
     ] = False,
     cell: CellOption = None,
 ) -> None:
-    """Show what is said on a topic, or how all topics come, until Ctrl-C or so many times."""
+    """Show the messages of a topic, or rate and age of all topics, until Ctrl-C or --count."""
     row = None if topic is None else find_topic(topic)
     with cell_of(cell) as client:
         try:
@@ -66,7 +68,7 @@ def watch(
 
 
 def find_topic(name: str) -> "Topic[Message]":
-    """Return a row of the bus; an unknown name ends the verb with the nearest one."""
+    """Return a topic by its name; an unknown name ends the verb with the nearest one."""
     import difflib
 
     from forcemesh.topics import TOPICS
@@ -74,8 +76,8 @@ def find_topic(name: str) -> "Topic[Message]":
     rows = {topic.key: topic for topic in TOPICS}
     if name not in rows:
         near = difflib.get_close_matches(name, rows, n=1, cutoff=0.4)
-        hint = f"did you mean {near[0]}?" if near else f"there are {', '.join(rows)}"
-        fail(f"no topic is called {name!r}: {hint}", USAGE)
+        hint = f"did you mean {near[0]}?" if near else f"choose from {', '.join(rows)}"
+        fail(f"unknown topic {name!r}: {hint}", USAGE)
     return rows[name]
 
 
@@ -90,7 +92,7 @@ def _messages(feed: "Feed[Message]", count: int | None) -> "Iterator[Heard[Messa
 
 
 def _show(feed: "Feed[Message]", count: int | None) -> None:
-    """Keep one table up to date: fields, rate and age."""
+    """Show one table live: fields, rate and age."""
     from rich.console import Console
     from rich.live import Live
 
@@ -111,7 +113,7 @@ def _table(feed: "Feed[Message]", heard: "Heard[Message]", *, rate_hz: float) ->
 
     age_ms = (time.monotonic_ns() - heard.header.stamp_ns) / 1e6
     rate = f"{rate_hz:.1f} Hz, " if rate_hz else ""  # one message has none
-    caption = f"seq {heard.header.seq}, {rate}written {age_ms:.1f} ms ago"
+    caption = f"seq {heard.header.seq}, {rate}published {age_ms:.1f} ms ago"
     table = Table("field", "value", title=feed.topic.key, caption=caption)
     for name, value in heard.message.model_dump().items():
         table.add_row(name, _text(value))
@@ -153,7 +155,7 @@ def _watch_all(client: "ConfiguredCell", count: int | None, as_json: bool) -> No
 
 
 def _look(client: "ConfiguredCell", feeds: "list[Feed[Any]]", for_s: float) -> None:
-    """Take what comes for a moment: rates are judged by what was seen."""
+    """Receive for a while: the rates are computed from the messages received."""
     clock = client.session.clock
     end_ns = clock.now_ns() + round(for_s * 1e9)
     while clock.now_ns() < end_ns:
@@ -181,7 +183,7 @@ def _rows(client: "ConfiguredCell", rows: list[dict[str, Any]]) -> Any:
     from rich.table import Table
 
     table = Table(title=f"cell {client.config.cell}")
-    for name in ("topic", "writer", "rate", "of", "age", "stale"):
+    for name in ("topic", "writer", "rate", "expected", "age", "stale after"):
         table.add_column(name, no_wrap=True)
     table.add_column("fault")
     for row in rows:

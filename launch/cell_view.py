@@ -1,4 +1,4 @@
-"""What a client hears of a cell: everybody's health and the arbiter's state."""
+"""Health of every role and state of the arbiter, as a client receives them."""
 
 import time
 from collections.abc import Callable
@@ -11,14 +11,14 @@ from forcemesh.client.roles import Roles
 from forcemesh.messages import ArbiterStatus, Health, SensorWrench
 
 POLL_S = 0.02
-HELPER_PERIODS = 1.5  # a helper that runs has said so by then; nobody waits longer for one
+HELPER_PERIODS = 1.5  # a running sidecar has published its health by then
 
 
 class CellView:
-    """Listens to health and arbiter status of one cell."""
+    """Subscriber to the health and arbiter status of one cell."""
 
     def __init__(self, bus: Bus, cell: Cell) -> None:
-        """Subscribe. A sensor of somebody else's has no health here; its readings show it."""
+        """Subscribe. An external sensor publishes no health; its readings show that it is alive."""
         self._clock = bus.clock
         self.longest_wait_s = cell.stale_after_s(topics.HUB_HEALTH)
         self.helper_wait_s = HELPER_PERIODS / cell.rates.health_hz
@@ -28,19 +28,19 @@ class CellView:
             self._roles.health(name)
 
     def health(self, role: str) -> Reading[Health] | Reading[SensorWrench]:
-        """Return the newest health of a role, judged now."""
+        """Return the newest health of a role, evaluated now."""
         return self._roles.health(role)
 
     def pid(self, role: str) -> int | None:
-        """Return the process that plays a role, while its health is fresh."""
+        """Return the pid of the process that implements a role, while its health is fresh."""
         return getattr(self.health(role).fresh, "pid", None)
 
     def arbiter(self) -> Reading[ArbiterStatus]:
-        """Return the arbiter's newest status, judged now."""
+        """Return the arbiter's newest status, evaluated now."""
         return self._arbiter.read(self._clock.now_ns())
 
     def missing(self) -> list[str]:
-        """Return what keeps the cell from being ready: silent roles, an arbiter in BOOT."""
+        """Return why the cell is not ready: silent roles, an arbiter in BOOT."""
         lines = [fault for role in topics.ROLES if (fault := self.health(role).fault)]
         arbiter = self.arbiter()
         if arbiter.fresh is None:
@@ -50,7 +50,7 @@ class CellView:
         return lines
 
     def wait(self, done: Callable[[], bool], timeout_s: float) -> bool:
-        """Poll until something is so; tell whether it became so in time."""
+        """Poll until a condition holds; return False after the timeout."""
         give_up_s = time.monotonic() + timeout_s
         while not done():
             if time.monotonic() >= give_up_s:

@@ -1,10 +1,9 @@
-"""Becomes a process of a cell that cannot outlive its supervisor. Run as a script; ends in exec.
+"""Launcher of a process that cannot outlive its supervisor. Run as a script; ends in exec.
 
-Linux kills a process that asked for it when the thread that started it ends, and the wish survives
-exec. A function between fork and exec would do the same, but is not safe once there are threads.
-Elsewhere than on Linux the wish cannot be made: there a supervisor that is killed leaves orphans.
-It starts as an ordinary process, also when whoever starts it goes first: see
-common/runtime/priority.py.
+With PR_SET_PDEATHSIG Linux kills a process when the thread that started it ends; the setting
+survives exec. A function between fork and exec would do the same, but is not safe with threads.
+Other systems have no such setting: there a supervisor that is killed leaves orphans.
+The process gets normal priority, also from a real-time parent: see common/runtime/priority.py.
 """
 
 import ctypes
@@ -16,7 +15,7 @@ PR_SET_PDEATHSIG = 1
 
 
 def main() -> None:
-    """Take the supervisor's pid and a command from the arguments, and become that command."""
+    """Read the supervisor's pid and a command from the arguments, and exec that command."""
     supervisor_pid, *command = sys.argv[1:]
     prctl = getattr(ctypes.CDLL(None), "prctl", None)
     if prctl is not None:
@@ -25,7 +24,7 @@ def main() -> None:
         sys.exit("the supervisor ended before this process began")
     if hasattr(os, "sched_setscheduler"):
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
-    os.execv(command[0], command)  # noqa: S606 - the shell is what is not wanted
+    os.execv(command[0], command)  # noqa: S606 - no shell is needed
 
 
 if __name__ == "__main__":

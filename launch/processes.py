@@ -1,4 +1,4 @@
-"""The processes of a cell: the table of who plays which role, and who starts and stops them."""
+"""Processes of a cell: table of role implementations, and the supervisor of the processes."""
 
 import math
 import signal
@@ -25,7 +25,7 @@ from launch.run_file import read_run, writable_folder, write_whole
 from launch.run_log import RunLog
 from launch.started_process import Died, Process, Running, Say, say_on_stderr
 
-# Role: {who plays it in the cell file: module}. None: a process of somebody else's publishes it.
+# Role: {implementation in the cell file: module}. None: an external process publishes it.
 # fmt: off
 MODULES: dict[str, dict[str, str | None]] = {
     "hub":       {"": "services.hub"},
@@ -36,25 +36,25 @@ MODULES: dict[str, dict[str, str | None]] = {
     "sensor":    {"sim": "sim.robot", "driver": "services.sensor", "external": None},
 }
 # fmt: on
-# The sensor `sim` beside a gateway is the one on the arm of the emulated controller, which executes
-# the program that users load into theirs.
+# The sensor `sim` with a gateway is on the arm of the emulated controller, which executes the
+# program that users load into theirs.
 EMULATOR = "sim.controller"
 WORDS = {EMULATOR: ("controller/forcemesh.as",)}
 WATCH_S = 0.02
-# A machine that is busy is let be slow: what cannot come up dies, and that ends the wait at once.
+# Long, for a busy machine: a process that cannot start dies, which ends the wait at once.
 UP_WITHIN_S = 120.0
 HUB_SLOW_S = 10.0
 ASK_WITHIN_S = 0.5
 HOLD_WITHIN_S = 1.0
 STOP_WITHIN_S = 3.0
-LINGER_S = 5.0  # of a cell that never was ready
-HUB_LAST_S = 0.5  # of those, kept for the hub, which goes last
+LINGER_S = 5.0  # of a cell that was never ready
+HUB_LAST_S = 0.5  # of those, reserved for the hub, which ends last
 NOT_STARTED = "cell {cell} was not started"
-HELD = ("HOLDING", "FAULT", "BOOT")  # what the arbiter is after a hold
+HELD = ("HOLDING", "FAULT", "BOOT")  # states of the arbiter after a hold
 
 
 def processes_of(cell: Cell) -> tuple[Process, ...]:
-    """Return the processes of a cell in the order of their start; one may play several roles."""
+    """Return the processes of a cell in start order; one may implement several roles."""
     players = {"robot": cell.roles.robot, "sensor": cell.roles.sensor}
     roles_of: dict[str, tuple[str, ...]] = {}
     for role, choices in MODULES.items():
@@ -64,7 +64,7 @@ def processes_of(cell: Cell) -> tuple[Process, ...]:
         if module is not None:
             roles_of[module] = (*roles_of.get(module, ()), role)
     if cell.sim is not None and cell.sim.netft:
-        # It plays no role of the bus: gateway and driver reach it over TCP and UDP.
+        # It implements no role of the bus: gateway and driver reach it over TCP and UDP.
         roles_of = {
             "services.hub": roles_of.pop("services.hub"),
             EMULATOR: ("controller",),
@@ -75,7 +75,7 @@ def processes_of(cell: Cell) -> tuple[Process, ...]:
 
 
 class Supervisor:
-    """Starts a cell's processes, notices when one dies, stops them all: a context manager.
+    """Supervisor of a cell: starts the processes, detects deaths, stops all; a context manager.
 
     Enter it in a thread that lives as long as the cell: the processes die with that thread.
     """
@@ -89,7 +89,7 @@ class Supervisor:
         stop: threading.Event | None = None,
         say: Say = say_on_stderr,
     ) -> None:
-        """Prepare. Without a cell file the cell is written beside the run file."""
+        """Prepare. Without a cell file the cell is written next to the run file."""
         self.died: list[Died] = []
         self._cell = cell
         self._cell_file = cell_file
@@ -111,7 +111,7 @@ class Supervisor:
         """Start everything, the hub first.
 
         Raises:
-            ForcemeshError: The cell is up already, or its hub did not come up.
+            ForcemeshError: The cell is already up, or its hub did not start.
         """
         before = read_run(self._cell.cell)
         if before is not None and before.live:
@@ -142,7 +142,7 @@ class Supervisor:
         self.stop()
 
     def stop(self) -> None:
-        """Hold the arm if it may move, end every process, and leave a run file only of a death."""
+        """Hold the arm if it may move, end every process, keep the run file only after a death."""
         if self._stopping.is_set():
             return
         if self._last_state() in MAY_MOVE and not self._is_dead("hub", "arbiter"):
@@ -161,7 +161,7 @@ class Supervisor:
 
     @property
     def cell_file(self) -> Path:
-        """Return the file that the processes have read; one that was made here, if none was named.
+        """Return the file that the processes have read; a generated one, if none was named.
 
         Raises ForcemeshError before the start.
         """
@@ -171,7 +171,7 @@ class Supervisor:
 
     @property
     def log(self) -> RunLog:
-        """Return what writes the run file. Raises ForcemeshError before the start."""
+        """Return the writer of the run file. Raises ForcemeshError before the start."""
         if self._log is None:
             raise ForcemeshError(NOT_STARTED.format(cell=self._cell.cell))
         return self._log
@@ -179,7 +179,7 @@ class Supervisor:
     # --- while it is up ---------------------------------------------------------------------------
 
     def missing(self) -> list[str]:
-        """Return what keeps the cell from being ready, and note the arbiter's state."""
+        """Return why the cell is not ready, and record the arbiter's state."""
         if self._view is None:
             return ["no hub among the processes"]
         self._last_state()
@@ -189,7 +189,7 @@ class Supervisor:
         """Wait until every role's health is fresh and the arbiter is past BOOT.
 
         Raises:
-            ForcemeshError: A process died, or the time is up; says what is missing.
+            ForcemeshError: A process died, or the timeout has passed; names what is missing.
         """
         give_up_s = time.monotonic() + timeout_s
         while lines := self.missing():
@@ -202,22 +202,22 @@ class Supervisor:
         self._raise_death()
 
     def keep_up(self) -> None:
-        """From now on start what dies again, in `tend`: the cell was ready once."""
+        """Restart what dies from now on, in `tend`: the cell was ready once."""
         patience = Patience(max(PAUSE_S, self._cell.stale_after_s(topics.ROBOT_COMMAND)))
         self._reviver = Reviver(self._start_again, self._hold, self._say, patience)
 
     def tend(self) -> None:
-        """Start again what has died; to be called often, by the thread that entered.
+        """Restart what has died; to be called often, by the thread that entered.
 
-        What dies again and again is in `died` from then on, and the others stay up.
+        A process that is given up is in `died` from then on, and the others stay up.
         """
         if self._reviver is not None:
             self.died += self._reviver.tend(time.monotonic())
 
     def mourn(self, linger_s: float | None) -> None:
-        """After a death: let the arbiter hold, and keep the rest up so that status can be asked.
+        """After a death: request a hold, and keep the rest up so that status can be used.
 
-        Without a time they stay until this is stopped, if the cell was ready once.
+        Without a time they stay up until this is stopped, if the cell was ready once.
         """
         give_up_s = time.monotonic() + 5 * WATCH_S
         while not self.died and time.monotonic() < give_up_s:
@@ -227,14 +227,14 @@ class Supervisor:
             linger_s = LINGER_S if self._reviver is None else math.inf
         if linger_s > 0.0 and self.died:
             until = "until Ctrl-C" if math.isinf(linger_s) else f"for {linger_s:g} s"
-            self._say("up", f"the others stay up {until}: ask `forcemesh status`")
-            with suppress(KeyboardInterrupt):  # ends the waiting; what failed is still told
+            self._say("up", f"the others stay up {until}: see `forcemesh status`")
+            with suppress(KeyboardInterrupt):  # ends the waiting; the failure is still reported
                 self._stop.wait(None if math.isinf(linger_s) else linger_s)
 
     # --- inside -----------------------------------------------------------------------------------
 
     def _stop_on_sigterm(self) -> None:
-        """Let SIGTERM unwind a program that has no other plan for it: the cell is stopped."""
+        """Let SIGTERM unwind a program without a handler of its own, which stops the cell."""
         is_main = threading.current_thread() is threading.main_thread()
         if is_main and signal.getsignal(signal.SIGTERM) is signal.SIG_DFL:
             signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))
@@ -249,14 +249,14 @@ class Supervisor:
                 self._connect(running.pid)
 
     def begin(self, process: Process) -> Running:
-        """Start one more process."""
+        """Start a process."""
         running = Running(process, self.cell_file.resolve(), self._say)
         self.log.started(process, running.pid)
         self._running.append(running)
         return running
 
     def _start_again(self, process: Process, died: Died) -> int:
-        """Start a process in the place of one that died; return its pid."""
+        """Restart a process that died; return its pid."""
         old = next(running for running in self._running if running.pid == died.pid)
         old.finish(0.0)
         new = Running(process, self.cell_file.resolve(), self._say)
@@ -265,7 +265,7 @@ class Supervisor:
         return new.pid
 
     def _connect(self, hub_pid: int) -> None:
-        """Wait until our own hub answers: another one there would make two cells of one."""
+        """Wait until the own hub responds; with another hub at the endpoint two cells would mix."""
         where, began_s, said_slow = endpoint_of(self._cell), time.monotonic(), False
         while True:
             self._raise_death()
@@ -277,7 +277,7 @@ class Supervisor:
                 return
             elapsed_s = time.monotonic() - began_s
             if elapsed_s >= UP_WITHIN_S:
-                raise ForcemeshError(f"the hub at {where} was not heard in {UP_WITHIN_S:g} s")
+                raise ForcemeshError(f"the hub at {where} did not respond in {UP_WITHIN_S:g} s")
             if elapsed_s >= HUB_SLOW_S and not said_slow:
                 said_slow = True
                 self._say("up", f"after {elapsed_s:.0f} s still waiting for the hub at {where}")
@@ -293,7 +293,7 @@ class Supervisor:
             self._client = self._view = None
 
     def _watch(self) -> None:
-        """Notice deaths; runs in its own thread until the cell is stopped."""
+        """Detect deaths; runs in its own thread until the cell is stopped."""
         mourned: set[int] = set()
         while not self._stopping.wait(WATCH_S):
             for running in list(self._running):
@@ -310,7 +310,7 @@ class Supervisor:
                     self._reviver.fell(died)
 
     def _last_state(self) -> str:
-        """Return the arbiter's state as last heard."""
+        """Return the arbiter's state as last received."""
         if self._view is not None and (status := self._view.arbiter().message) is not None:
             if self._log is not None:
                 self._log.state(status.state)
@@ -326,20 +326,20 @@ class Supervisor:
             raise ForcemeshError("; ".join(str(died) for died in self.died))
 
     def _hold(self, reason: str) -> str:
-        """Ask the arbiter to hold and wait until it says so; return what came of it."""
+        """Request a hold and wait until the arbiter reports it; return the outcome."""
         if self._client is None or self._view is None or self._is_dead("hub", "arbiter"):
             limit_ms = 1e3 * self._cell.stale_after_s(topics.ROBOT_COMMAND)
-            return f"nobody is left to ask: the robot holds by itself within {limit_ms:.0f} ms"
+            return f"no arbiter is reachable: the robot holds by itself within {limit_ms:.0f} ms"
         try:
             reply = self._client.ask(topics.HOLD, HoldRequest(reason=reason[:400]), ASK_WITHIN_S)
         except ForcemeshError as error:
-            return f"hold was asked for: {error}"
+            return f"hold was requested: {error}"
         self._view.wait(lambda: self._last_state() in HELD, HOLD_WITHIN_S)
-        return f"hold was asked for: {reply.text}; the arbiter is {self._last_state()}"[:300]
+        return f"hold was requested: {reply.text}; the arbiter is {self._last_state()}"[:300]
 
 
 def _end_all(processes: list[Running], give_up_s: float) -> None:
-    """Ask all of them to end, and take away whatever has not by then (monotonic time [s])."""
+    """Send SIGTERM to all, and kill what has not ended by then (monotonic time [s])."""
     for running in processes:
         running.terminate()
     for running in processes:

@@ -1,7 +1,7 @@
-"""Starts a process that has died again, as containers are: not without end, and into a held cell.
+"""Restart of processes that have died: with back-off, a limit, and the arm held.
 
-A process starts into rest and only a person arms, so to start one again moves nothing. What dies
-again and again is not started any more: it has a cause that another start does not take away.
+A process starts at rest and only a person arms, so a restart causes no motion. A process that dies
+repeatedly is not restarted any more: its cause persists.
 """
 
 from collections import deque
@@ -10,24 +10,24 @@ from dataclasses import dataclass, field
 
 from launch.started_process import Died, Process, Say
 
-MOST, WITHIN_S = 5, 60.0  # deaths of one process; with the last one it is given up
-PAUSE_S = 0.2  # at least, before the first new start; twice as long before each later one
+MOST, WITHIN_S = 5, 60.0  # deaths of one process until it is given up
+PAUSE_S = 0.2  # shortest back-off before the first restart; doubled for each later one
 NEXT = "the arm is held: `forcemesh clear`, then `forcemesh arm`"
 
 
 @dataclass(slots=True)
 class Patience:
-    """How often and how soon a process is started again. Pure.
+    """Restart policy: exponential back-off and a limit of deaths within a window. Pure.
 
-    The first pause is no shorter than the deadline of commands: a hub that was back sooner would
-    not have been missed, and the arm would not be held.
+    The first pause is no shorter than the deadline of commands: with a shorter one the loss of a
+    hub would go undetected, and the arm would not hold.
     """
 
     pause_s: float = PAUSE_S
     _deaths: dict[str, deque[float]] = field(default_factory=dict)
 
     def died(self, name: str, now_s: float) -> float | None:
-        """Return when to start it again (monotonic time [s]), None when it has died too often."""
+        """Return when to restart it (monotonic time [s]), None when it has died too often."""
         deaths = self._deaths.setdefault(name, deque())
         deaths.append(now_s)
         while deaths[0] <= now_s - WITHIN_S:
@@ -37,15 +37,15 @@ class Patience:
         return now_s + self.pause_s * 2.0 ** (len(deaths) - 1)
 
     def deaths(self, name: str) -> int:
-        """Return how often it died within the time that counts."""
+        """Return how often it died within the window."""
         return len(self._deaths.get(name, ()))
 
 
 @dataclass(slots=True)
 class Reviver:
-    """What becomes of processes of a cell that have died; for the thread that starts them.
+    """Restarts of the processes of a cell; for the thread that starts them.
 
-    The watching thread tells it of deaths by `fell`.
+    The watching thread reports deaths with `fell`.
     """
 
     start: Callable[[Process, Died], int]  # returns the pid
@@ -56,11 +56,11 @@ class Reviver:
     _waiting: list[tuple[float, Died]] = field(default_factory=list)
 
     def fell(self, died: Died) -> None:
-        """Take note of a death."""
+        """Queue a death."""
         self._fallen.append(died)
 
     def tend(self, now_s: float) -> list[Died]:
-        """Hold the arm for new deaths, start what is due; return what is given up."""
+        """Hold the arm for new deaths, restart what is due; return what is given up."""
         given_up = []
         fallen = [self._fallen.popleft() for _ in range(len(self._fallen))]
         if fallen:
@@ -79,17 +79,17 @@ class Reviver:
             times = self.patience.deaths(died.process.name)
             self.say(
                 "up",
-                f"{died.process.name} is started again (pid {pid}, death {times}; with "
+                f"{died.process.name} restarted (pid {pid}, death {times}; after "
                 f"{MOST} within {WITHIN_S:g} s it is given up); {NEXT}",
             )
         return given_up
 
 
 def given_up_text(died: Died) -> str:
-    """Return what is said of a process that is not started any more."""
+    """Return the message for a process that is given up."""
     return (
         f"{' and '.join(died.process.roles)} died {MOST} times within {WITHIN_S:g} s and is not "
-        f"started again; the arm stays held. Last: {died.how}"
-        f"{f', {died.last_words}' if died.last_words else ''}. Take away the cause, end this with "
-        "Ctrl-C, and start `forcemesh up` anew"
+        f"restarted; the arm stays held. Last: {died.how}"
+        f"{f', {died.last_words}' if died.last_words else ''}. Remove the cause, stop this with "
+        "Ctrl-C, and restart `forcemesh up`"
     )

@@ -1,7 +1,7 @@
-"""The run file: what a supervisor started and what became of it, for whoever asks later.
+"""Run file: record of the processes that a supervisor has started, and of their exits.
 
-`.run/<cell>.json` in the project's folder, or in a private folder of the temporary directory where
-that cannot be written. It goes when a cell ends well, and stays when a process of it has died.
+`.run/<cell>.json` in the project's folder, or in a private folder of the temporary directory if
+that is not writable. It is removed when a cell ends normally, and kept after a death.
 """
 
 import os
@@ -21,7 +21,7 @@ NOT_KEPT = {"calibration", "panel"}  # one changes while a cell is up, the other
 
 
 class Ended(BaseModel):
-    """How and when a process ended that should not have."""
+    """Unexpected exit of a process: cause and time."""
 
     code: int  # as subprocess has it: negative is the number of the signal
     how: str  # "killed by SIGKILL", "exit code 2"
@@ -29,24 +29,24 @@ class Ended(BaseModel):
 
 
 class Entry(BaseModel):
-    """One process and the roles that it plays."""
+    """Process and the roles that it implements."""
 
     roles: tuple[str, ...]
     module: str
     pid: int
-    started_ticks: int | None  # tells a process from a later one with the same pid
+    started_ticks: int | None  # distinguishes a process from a later one with the same pid
     ended: Ended | None = None
-    is_helper: bool = False  # its death ends nothing
-    deaths: tuple[Ended, ...] = ()  # of those before it in its place, the newest last
+    is_helper: bool = False  # its death does not end the cell
+    deaths: tuple[Ended, ...] = ()  # of its predecessors, the newest last
 
     @property
     def alive(self) -> bool:
-        """Whether this very process still runs."""
+        """Whether this process still runs."""
         return is_alive(self.pid, self.started_ticks)
 
 
 class Run(BaseModel):
-    """One cell from its start to its end."""
+    """Run of one cell from its start to its end."""
 
     cell: str
     cell_file: str
@@ -60,11 +60,11 @@ class Run(BaseModel):
 
     @property
     def live(self) -> bool:
-        """Whether the supervisor that wrote this is still there."""
+        """Whether the supervisor that wrote this still runs."""
         return self.ended_at is None and is_alive(self.supervisor_pid, self.supervisor_ticks)
 
     def entry(self, role: str) -> Entry | None:
-        """Return the process that plays a role, if this run has one."""
+        """Return the process that implements a role, if this run has one."""
         return next((entry for entry in self.processes if role in entry.roles), None)
 
 
@@ -82,7 +82,7 @@ def new_run(cell: "Cell", cell_file: Path) -> Run:
 
 
 def write_run(run: Run, folder: Path | None = None) -> Path:
-    """Write a run file; readers see the old one or the new one, never half of one."""
+    """Write a run file atomically."""
     folder = folder or writable_folder()
     path = folder / f"{run.cell}.json"
     write_whole(path, run.model_dump_json(indent=1) + "\n")
@@ -90,7 +90,7 @@ def write_run(run: Run, folder: Path | None = None) -> Path:
 
 
 def write_whole(path: Path, text: str) -> None:
-    """Replace a file in one go."""
+    """Replace a file atomically: readers see the old text or the new text."""
     draft = path.with_name(f"{path.name}.{os.getpid()}")
     draft.write_text(text, encoding="utf-8")
     draft.replace(path)
@@ -108,21 +108,21 @@ def read_run(cell: str) -> Run | None:
 
 
 def read_runs() -> list[Run]:
-    """Return every run there is a file of: live ones first, and the newest first among equals."""
+    """Return every run that has a file: live ones first, then the newest first."""
     runs = [_read(path) for folder in folders() for path in folder.glob("*.json")]
     found = sorted((run for run in runs if run), key=lambda run: run.started_at, reverse=True)
     return sorted(found, key=lambda run: not run.live)
 
 
 def folders() -> list[Path]:
-    """Return where run files may be."""
+    """Return the possible folders of run files."""
     if named := os.environ.get(FOLDER_VARIABLE):
         return [Path(named)]
     return [ROOT / ".run", Path(tempfile.gettempdir()) / f"forcemesh-{os.getuid()}"]
 
 
 def writable_folder() -> Path:
-    """Return the first folder for run files that can be written; make it if need be."""
+    """Return the first writable folder for run files; create it if needed."""
     candidates = folders()
     for folder in candidates[:-1]:
         try:
@@ -136,7 +136,7 @@ def writable_folder() -> Path:
 
 
 def now() -> str:
-    """Return the wall clock time for people."""
+    """Return the wall clock time as ISO 8601 text in UTC."""
     return datetime.now(UTC).isoformat(timespec="milliseconds")
 
 
@@ -155,7 +155,7 @@ def is_alive(pid: int, ticks: int | None) -> bool:
 
 
 def start_ticks(pid: int) -> int | None:
-    """Return when a process started, in the kernel's ticks since boot, where that is known."""
+    """Return when a process started, in the kernel's ticks since boot; None if unknown."""
     stat = _stat(pid)
     return None if stat is None else int(stat[19])
 

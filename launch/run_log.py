@@ -1,4 +1,4 @@
-"""Keeps the run file of one cell up to date while its supervisor runs."""
+"""Run log: keeps the run file of one cell current while its supervisor runs."""
 
 import threading
 from contextlib import suppress
@@ -8,11 +8,11 @@ from common.config.cell import Cell
 from launch.run_file import Ended, Entry, Run, new_run, now, remove_run, start_ticks, write_run
 from launch.started_process import Died, Process
 
-MOST_DEATHS = 10  # of one process that a run file tells of
+MOST_DEATHS = 10  # of one process, kept in a run file
 
 
 class RunLog:
-    """Writes every change of a run at once; several threads may tell it things."""
+    """Writer of the run file; writes every change at once, thread-safe."""
 
     def __init__(self, cell: Cell, cell_file: Path) -> None:
         """Begin a run; nothing is written before the first process."""
@@ -21,7 +21,7 @@ class RunLog:
         self._closed = False
 
     def started(self, process: Process, pid: int, *, is_helper: bool = False) -> None:
-        """Add a process; one that was started again takes the place of the one that died."""
+        """Add a process; a restarted one replaces the one that died."""
         old = next((e for e in self._run.processes if e.roles == process.roles and e.ended), None)
         before = () if old is None or old.ended is None else (*old.deaths, old.ended)
         entry = Entry(
@@ -37,7 +37,7 @@ class RunLog:
             self._put(processes=[*rest, entry])
 
     def ended(self, died: Died) -> None:
-        """Say what became of a process."""
+        """Record how a process ended."""
         end = Ended(code=died.code, how=died.how, at=now())
         with self._lock:
             self._put(
@@ -48,13 +48,13 @@ class RunLog:
             )
 
     def state(self, state: str) -> None:
-        """Note the arbiter's state when it is another one."""
+        """Record a change of the arbiter's state."""
         with self._lock:
             if state != self._run.last_state:
                 self._put(last_state=state)
 
     def close(self, *, keep: bool) -> None:
-        """End the run: its file goes, or stays for whoever asks what has died."""
+        """End the run: remove its file, or keep it as a record of deaths."""
         with self._lock:
             if keep:
                 self._put(ended_at=now())
@@ -63,7 +63,7 @@ class RunLog:
             self._closed = True
 
     def _put(self, **update: object) -> None:
-        if self._closed:  # a helper may end after the cell
+        if self._closed:  # a sidecar may end after the cell
             return
         self._run = self._run.model_copy(update=update)
         with suppress(OSError):  # a full disk is no reason to leave a cell without supervision

@@ -1,6 +1,6 @@
-"""What runs beside a cell that is up: panel and recorder. What becomes of them stops nothing.
+"""Sidecar processes of a running cell: panel and recorder. Their failure does not stop the cell.
 
-One that dies is started again, with the same patience as the processes of the cell.
+A sidecar that dies is restarted with the same back-off and limit as the processes of the cell.
 """
 
 import threading
@@ -15,14 +15,14 @@ if TYPE_CHECKING:
 
 ENDS_WITHIN_S = 3.0
 LOOK_S = 0.2
-REFUSED = 2  # exit code of a process that says what is wrong
+REFUSED = 2  # exit code of a process that has reported why it cannot run
 
 
 @contextmanager
 def beside(
     module: str, name: str, supervisor: "Supervisor", *, wanted: bool = True
 ) -> Iterator[None]:
-    """Run a helper of a cell that is up, for as long as this lasts."""
+    """Run a sidecar process while the context is open."""
     if not wanted:
         yield
         return
@@ -43,9 +43,9 @@ def beside(
 def _play(
     process: "Process", supervisor: "Supervisor", over: threading.Event, begun: threading.Event
 ) -> None:
-    """Run a helper until it is over; it dies with the thread that has started it, so in this one.
+    """Run a sidecar process until `over` is set; it would die with the thread that starts it.
 
-    One that says itself why it cannot run is not started again.
+    A process that has reported why it cannot run is not restarted.
     """
     from launch.restart import Patience
     from launch.started_process import Running, say_on_stderr
@@ -66,9 +66,9 @@ def _play(
         now_s = time.monotonic()
         due_s = None if died.code == REFUSED else patience.died(process.name, now_s)
         if due_s is None:
-            what = f"there is no {process.name}: {died.how}"
-            say_on_stderr("up", f"{what}; the cell goes on without it")
+            what = f"{process.name} is not running: {died.how}"
+            say_on_stderr("up", f"{what}; the cell continues without it")
             return
-        say_on_stderr("up", f"{process.name} died: {died.how}; it is started again")
+        say_on_stderr("up", f"{process.name} died: {died.how}; it is restarted")
         if over.wait(due_s - now_s):
             return

@@ -1,4 +1,4 @@
-"""One started process: its output with its name in front, and how it ended."""
+"""Child process: its output with its name as prefix, and its exit."""
 
 import os
 import signal
@@ -25,12 +25,12 @@ COLOURS = {
     "up": 1,
 }
 
-Say = Callable[[str, str], None]  # who, one line
+Say = Callable[[str, str], None]  # name, one line
 
 
 @dataclass(frozen=True, slots=True)
 class Process:
-    """One row of a cell's process table."""
+    """Row of a cell's process table."""
 
     module: str
     roles: tuple[str, ...]
@@ -39,13 +39,13 @@ class Process:
 
     @property
     def name(self) -> str:
-        """The role that it is known by."""
+        """First role, which names the process."""
         return self.roles[0]
 
 
 @dataclass(frozen=True, slots=True)
 class Died:
-    """A process that ended although nobody had told it to."""
+    """Unexpected exit of a process."""
 
     process: Process
     pid: int
@@ -54,20 +54,20 @@ class Died:
 
     @property
     def how(self) -> str:
-        """What ended it: a signal or an exit code."""
+        """Cause of the exit: a signal or an exit code."""
         return how_ended(self.code)
 
     def __str__(self) -> str:
         roles = " and ".join(self.process.roles)
-        words = f", last words: {self.last_words}" if self.last_words else ""
+        words = f", last output: {self.last_words}" if self.last_words else ""
         return f"{roles} ({self.process.module}, pid {self.pid}): {self.how}{words}"
 
 
 class Running:
-    """A child process with its own session, so that Ctrl-C reaches its supervisor only."""
+    """Child process with its own session, so that Ctrl-C reaches its supervisor only."""
 
     def __init__(self, process: Process, cell_file: Path, say: Say) -> None:
-        """Start it. It dies with the thread that calls this."""
+        """Start the process. It dies with the calling thread."""
         self.process = process
         self._say = say
         self._lines: deque[str] = deque(maxlen=1)
@@ -102,11 +102,11 @@ class Running:
         return Died(self.process, self.pid, code, words)
 
     def terminate(self) -> None:
-        """Ask it and its own children to end."""
+        """Send SIGTERM to the process and its children."""
         self._signal(signal.SIGTERM)
 
     def finish(self, patience_s: float) -> None:
-        """Wait for its end, then take what is left of its session away; close its output."""
+        """Wait for its end, then kill the rest of its session; close its output."""
         with suppress(subprocess.TimeoutExpired):
             self._popen.wait(max(patience_s, 0.0))
         self._signal(signal.SIGKILL)
@@ -131,7 +131,7 @@ class Running:
 
 
 def how_ended(code: int) -> str:
-    """Return a return code of subprocess in words."""
+    """Return a text for a return code of subprocess."""
     if code >= 0:
         return f"exit code {code}"
     try:
@@ -141,9 +141,9 @@ def how_ended(code: int) -> str:
 
 
 def say_on_stderr(name: str, line: str) -> None:
-    """Write a line with a coloured name before it; one write, so that lines never mix.
+    """Write a line with a coloured name as prefix; one write, so that lines never mix.
 
-    `sys.stderr` is looked up each time: a live display puts itself in its place.
+    `sys.stderr` is looked up each time: a live display replaces it.
     """
     prefix = f"{name:>9} | "
     if sys.stderr.isatty() and "NO_COLOR" not in os.environ:

@@ -1,4 +1,4 @@
-"""A whole simulated cell in one process on a virtual clock: the same services, faster than time."""
+"""Virtual cell: the services of a simulated cell in one process on a virtual clock."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -29,10 +29,10 @@ NOT_SIMULATED = "roles.sensor: only a simulated cell can run in lock step, so it
 
 
 class WorldClock:
-    """The client's clock: to sleep is to let the cell live on."""
+    """Clock of the client: a sleep advances the virtual cell."""
 
     def __init__(self, world: "VirtualCell") -> None:
-        """Belong to a cell."""
+        """Bind to a cell."""
         self._world = world
         self.boot = world.clock.boot
 
@@ -41,15 +41,15 @@ class WorldClock:
         return self._world.clock.now_ns()
 
     def sleep_s(self, duration_s: float) -> None:
-        """Let virtual time pass."""
+        """Advance virtual time."""
         self._world.advance(duration_s)
 
 
 class VirtualCell:
-    """Every process of a cell, stepped in turn each virtual millisecond."""
+    """Cell whose processes are stepped in turn each virtual millisecond."""
 
     def __init__(self, cell: Cell, transport: MemoryTransport | None = None) -> None:
-        """Start all services at the same virtual instant, on a bus of one's own if need be."""
+        """Start all services at the same virtual instant; without a transport on a new bus."""
         self.cell = cell
         self.clock = ManualClock()
         self.transport = transport or MemoryTransport()
@@ -73,7 +73,7 @@ class VirtualCell:
         return robot.arm
 
     def _add_controller(self) -> SimArm:
-        """The real gateway on a wire in memory, and the emulated controller at its other end."""
+        """Add the real gateway on an in-memory wire to the emulated controller."""
         if self.cell.gateway is None or self.cell.roles.sensor != "sim":
             raise ConfigError(self.cell.cell, [NOT_SIMULATED])
         network, sensor_bus, bus = MemoryNetwork(), self._bus("sensor"), self._bus("robot")
@@ -87,7 +87,7 @@ class VirtualCell:
         return controller.arm
 
     def advance(self, duration_s: float, until: Callable[[], bool] = lambda: False) -> None:
-        """Let virtual time pass, at most until something is true."""
+        """Advance virtual time, at most until a condition holds."""
         end_ns = self.clock.now_ns() + round(duration_s * NS_PER_S)
         while self.clock.now_ns() < end_ns and not until():
             self.clock.advance_ns(STEP_NS)
@@ -97,7 +97,7 @@ class VirtualCell:
                     runner.step(now_ns)
 
     def kill(self, role: str) -> None:
-        """Let a process die: it is never stepped again."""
+        """End a process: it is not stepped any more."""
         del self.runners[role]
 
     def _bus(self, role: str) -> Bus:

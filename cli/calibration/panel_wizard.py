@@ -1,9 +1,8 @@
-"""The calibration wizard for the panel: the same functions as `forcemesh calibrate`, lines of JSON.
+"""Calibration wizard of the panel: the functions of `forcemesh calibrate` with JSON line output.
 
-A process of its own, started by the panel as `python -m cli.calibration.panel_wizard`: it holds
-the arm when it is told to end, as the command does at Ctrl-C, and a crash of it takes nothing
-with it. It says what
-it is about to do, waits for the line `go` on standard input, and then says how far it is:
+The panel starts it as a separate process, `python -m cli.calibration.panel_wizard`: it holds the
+arm on SIGTERM, as the command does at Ctrl-C, and a crash does not affect the panel. It prints its
+plan, waits for the line `go` on standard input, and then prints its progress:
 
     {"plan": "..."}  {"progress": 0.4, "text": "..."}  {"note": "..."}  {"left": {...}}  {"end": 0}
 """
@@ -36,37 +35,37 @@ from identification.evidence import Evidence, findings_of
 from identification.excitation.plan import Options
 from identification.verification import Bounds
 
-EACH_S = 0.2  # a bar needs no more
+EACH_S = 0.2  # update interval of the progress bar
 SPEED_M_S, DWELL_S, TURN_DEG = 0.1, 0.5, 120.0
 
 
 class Said:
-    """Standard output of this process, one object a line; what anything prints becomes a note."""
+    """Standard output of this process, one JSON object per line; printed text becomes notes."""
 
     def __init__(self, out: IO[str]) -> None:
-        """Write there."""
+        """Write to a stream."""
         self._out = out
         self._rest = ""
         self._last_s = 0.0
 
     def say(self, **what: Any) -> None:
-        """Say one thing."""
+        """Write one object."""
         self._out.write(json.dumps(what) + "\n")
         self._out.flush()
 
     def note(self, text: str) -> None:
-        """Say one line that stays."""
+        """Write one line that stays visible."""
         self.say(note=text)
 
     def progress(self, done_s: float, total_s: float, text: str) -> None:
-        """Say how far it is, some times a second."""
+        """Write the progress, at most some times a second."""
         now_s = time.monotonic()
         if now_s - self._last_s >= EACH_S:
             self._last_s = now_s
             self.say(progress=min(done_s / max(total_s, 1e-3), 1.0), text=text)
 
     def write(self, text: str) -> int:
-        """Take what is printed."""
+        """Convert printed text to notes."""
         *lines, self._rest = (self._rest + text).split("\n")
         for line in lines:
             if line.strip():
@@ -74,17 +73,19 @@ class Said:
         return len(text)
 
     def flush(self) -> None:
-        """Nothing is held back but half a line."""
+        """Do nothing: only an incomplete line is buffered."""
 
 
 def main(
     *,
     cell: Annotated[Path, typer.Option(help="The cell file.")],
-    poses: Annotated[int, typer.Option(min=6, max=40, help="Poses to fit.")] = 10,
-    verify_poses: Annotated[int, typer.Option(min=1, max=20, help="Fresh poses.")] = 4,
+    poses: Annotated[int, typer.Option(min=6, max=40, help="Poses for the fit.")] = 10,
+    verify_poses: Annotated[
+        int, typer.Option(min=1, max=20, help="Further poses for verification.")
+    ] = 4,
     speed: Annotated[float, typer.Option(min=1.0, max=1000.0, help="[mm/s]")] = 1e3 * SPEED_M_S,
 ) -> None:
-    """Find payload and sensor bias, verify them, write the cell's calibration."""
+    """Identify payload and sensor bias, verify them, write the cell's calibration."""
     said = Said(sys.stdout)
     with _as_notes(said):
         try:
@@ -119,7 +120,7 @@ def _run(said: Said, path: Path, counts: tuple[int, int], speed_m_s: float) -> i
 
 
 def _conclude(said: Said, job: Job, evidence: Evidence, bus: Bus) -> int:
-    """Show what was found and what is left at each pose, then settle it as the command does."""
+    """Show the result and the residual at each pose, then conclude as the command does."""
     found = findings_of(job.cell, evidence, job.bounds)
     fresh = found.verify_left
     said.say(
@@ -142,7 +143,7 @@ def _rounded(lengths: np.ndarray[Any, Any]) -> list[float]:
 
 @contextlib.contextmanager
 def _as_notes(said: Said) -> Iterator[None]:
-    """Turn everything that the wizard's functions print into notes."""
+    """Convert everything that the wizard's functions print to notes."""
     with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
         yield
 

@@ -1,4 +1,4 @@
-"""`forcemesh calibrate`: find payload and sensor bias of a cell, verify them, write them down."""
+"""Verb `calibrate`: identification and verification of payload and sensor bias of a cell."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,55 +16,63 @@ if TYPE_CHECKING:
 
 USUAL_SPEED_MM_S = 100.0
 
-Yes = Annotated[bool, typer.Option("--yes", help="The box is free: do not ask.")]
-Poses = Annotated[int, typer.Option(min=6, max=40, help="Poses to fit.")]
+Yes = Annotated[bool, typer.Option("--yes", help="Do not ask whether the workspace is free.")]
+Poses = Annotated[int, typer.Option(min=6, max=40, help="Poses for the fit.")]
 VerifyPoses = Annotated[
-    int, typer.Option(min=0, max=20, help="Fresh poses to verify by; 0: none, --manual alone.")
+    int, typer.Option(min=0, max=20, help="Further poses for verification; 0 only with --manual.")
 ]
 SpeedOption = Annotated[
     float | None,
-    typer.Option(min=1.0, max=1000.0, help="Speed of the moves [mm/s]; 100 if the cell allows."),
+    typer.Option(
+        min=1.0, max=1000.0, help="Speed of the moves [mm/s]; default: 100, or less if limited."
+    ),
 ]
-DwellOption = Annotated[float, typer.Option(min=0.1, max=10.0, help="Reading time of a pose [s].")]
+DwellOption = Annotated[
+    float, typer.Option(min=0.1, max=10.0, help="Averaging time at a pose [s].")
+]
 Turn = Annotated[
-    float, typer.Option(min=30.0, max=180.0, help="Joints 4 to 6 turn so far at most [deg].")
+    float, typer.Option(min=30.0, max=180.0, help="Largest rotation of joints 4 to 6 [deg].")
 ]
-MaxForce = Annotated[float, typer.Option(min=0.001, help="Force that may be left [N].")]
-MaxTorque = Annotated[float, typer.Option(min=0.0001, help="Torque that may be left [N m].")]
-Force = Annotated[bool, typer.Option("--force", help="Write it although it failed; never use it.")]
+MaxForce = Annotated[float, typer.Option(min=0.001, help="Largest residual force [N].")]
+MaxTorque = Annotated[float, typer.Option(min=0.0001, help="Largest residual torque [N m].")]
+Force = Annotated[
+    bool, typer.Option("--force", help="Write a result that failed; it is never activated.")
+]
 Use = Annotated[
     bool,
     typer.Option(
         "--use",
-        help="Put it into use when it passed; the wizard that moves the arm does so without --out.",
+        help="Activate a result that passed; default when the arm moves and --out is not set.",
     ),
 ]
 Free = Annotated[
     bool,
-    typer.Option("--free", help="The tool hangs free, although a force is shown: another tool."),
+    typer.Option("--free", help="The tool is free although a force is measured: a new tool."),
 ]
 Out = Annotated[
     Path | None,
-    typer.Option(metavar="FILE", help="Only write it, there; with --use put it into use as well."),
+    typer.Option(
+        metavar="FILE", help="Write the result to FILE only; with --use also activate it."
+    ),
 ]
-Manual = Annotated[bool, typer.Option("--manual", help="Move nothing: watch a person do it.")]
+Manual = Annotated[bool, typer.Option("--manual", help="Do not move the arm: a person moves it.")]
 AutoCapture = Annotated[
-    bool, typer.Option("--auto-capture", help="With --manual: take each new pose by itself.")
+    bool, typer.Option("--auto-capture", help="With --manual: capture each new pose automatically.")
 ]
 FromFile = Annotated[
-    Path | None, typer.Option("--from", metavar="CSV", help="Move nothing: take a recording.")
+    Path | None, typer.Option("--from", metavar="CSV", help="Do not move the arm: use a recording.")
 ]
 VerifyWith = Annotated[
-    Path | None, typer.Option(metavar="CSV", help="With --from: recording to verify by.")
+    Path | None, typer.Option(metavar="CSV", help="With --from: recording for verification.")
 ]
 VerifyOnly = Annotated[
-    bool, typer.Option("--verify-only", help="Judge what the running cell uses; fit nothing.")
+    bool, typer.Option("--verify-only", help="Verify the active calibration of the cell; no fit.")
 ]
 
 
 @dataclass(frozen=True, slots=True)
 class _Way:
-    """Which of the ways to calibrate was chosen."""
+    """Selected calibration method."""
 
     manual: bool
     auto_capture: bool
@@ -74,7 +82,7 @@ class _Way:
     axes: AxesOption
 
     def mistake(self) -> str:
-        """Say which options do not go together, empty when they do."""
+        """Return which options cannot be combined, or an empty string."""
         chosen = {
             "--manual": self.manual,
             "--from": self.recording is not None,
@@ -82,19 +90,19 @@ class _Way:
         }
         names = [name for name, is_chosen in chosen.items() if is_chosen]
         if len(names) > 1:
-            return f"{' and '.join(names)} do not go together: choose one"
+            return f"{' and '.join(names)} cannot be combined: choose one"
         if self.verify_with is not None and self.recording is None:
-            return "--verify-with goes with --from: the wizard itself takes fresh poses"
+            return "--verify-with requires --from: the wizard measures its own poses"
         if self.axes is not AxesOption.AUTO and self.recording is None:
-            return "--wrench-axes goes with --from: the wizard reads the sensor itself"
+            return "--wrench-axes requires --from: the wizard reads the sensor itself"
         if self.auto_capture and not self.manual:
-            return "--auto-capture goes with --manual"
+            return "--auto-capture requires --manual"
         return ""
 
 
 @dataclass(frozen=True, slots=True)
 class Fate:
-    """What becomes of the result: use needs a wish of its own, and never follows from --out."""
+    """Destination of the result; --out alone never activates it."""
 
     out: Path | None
     use: bool
@@ -103,13 +111,13 @@ class Fate:
 
     @property
     def uses(self) -> bool:
-        """Whether it goes into use when it passed; the wizard that moves the arm is for that."""
+        """Whether a result that passes is activated; default of the wizard that moves the arm."""
         return self.use or (self.moves_arm and self.out is None and not self.force)
 
     def mistake(self) -> str:
-        """Say which options do not go together, empty when they do."""
+        """Return which options cannot be combined, or an empty string."""
         if self.use and self.force:
-            return "--use and --force do not go together: what failed is never put into use"
+            return "--use and --force cannot be combined: a failed result is never activated"
         return ""
 
 
@@ -135,12 +143,12 @@ def calibrate(
     wrench_axes: Axes = AxesOption.AUTO,
     cell: CellOption = None,
 ) -> None:
-    """Find payload and sensor bias, verify them on fresh poses, put them into use.
+    """Identify payload and sensor bias, verify them at further poses, activate them.
 
-    The arm moves by itself through poses inside the workspace of the cell file, after a person has
-    confirmed that it is free. What fresh poses have proved is written where the cell file says and
-    used by the running cell at once. With --manual, --from or --out it is only written; --use puts
-    it into use, when it passed. This is not a safety function.
+    The arm moves through poses inside the workspace of the cell file, after a person has confirmed
+    that it is free. A verified result is written to the calibration file of the cell and activated
+    in the running cell at once. With --manual, --from or --out it is only written; --use activates
+    it if verification passes. This is not a safety function.
     """
     way = _Way(manual, auto_capture, from_file, verify_with, verify_only, wrench_axes)
     fate = Fate(out, use, force, moves_arm=not (manual or from_file))
@@ -156,7 +164,7 @@ def calibrate(
             code = _by_hand(job, way, (poses, verify_poses, dwell))
         else:
             if verify_poses == 0:
-                fail("--verify-poses 0 goes with --manual: the wizard verifies what it fits", USAGE)
+                fail("--verify-poses 0 requires --manual: the wizard verifies its fit", USAGE)
             wish = _wish(job.cell, (poses, verify_poses, turn), speed, dwell, assured=(yes, free))
             code = _by_arm(job, wish, verify_only=verify_only)
     raise typer.Exit(code)
@@ -168,12 +176,12 @@ def _job(path: Path, fate: Fate, bounds: tuple[float, float]) -> "Job":
     from common.config.load import load_cell
     from identification.verification import Bounds
 
-    cell = load_cell(path, {"calibration": None})  # not needed here, and it may be what is broken
+    cell = load_cell(path, {"calibration": None})  # not needed, and possibly invalid
     places = places_of(cell, path, fate.out)
     if fate.out is not None and not fate.uses and not places.advice:
         fail(
-            f"--out {fate.out} is the file that the cell takes when it is started: --use puts the "
-            "result into use, another name only writes it",
+            f"--out {fate.out} is the calibration file that the cell loads at start: use --use to "
+            "activate the result, or another file name to write it only",
             USAGE,
         )
     return Job(cell, places, Bounds(*bounds), force=fate.force, use=fate.uses)
@@ -230,5 +238,5 @@ def _by_file(job: "Job", recording: Path, way: _Way) -> int:
 
     try:
         return by_file.calibrate(job, recording, way.verify_with, named_axes(way.axes))
-    except DataError as error:  # as everywhere where a file is at fault
+    except DataError as error:  # usage error, as for any invalid file
         fail(str(error), USAGE)

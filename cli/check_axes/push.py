@@ -1,7 +1,7 @@
-"""The guided push test: a person pushes the tool, the sensor must read along the push.
+"""Guided push test: a person pushes the tool; the measured force must be along the push.
 
-It reads and moves nothing, so it is the same with a real arm; it runs in a cell on a virtual clock
-as well. The arm must not be armed: somebody's hands are on the tool.
+It only reads, so that it is the same with a real arm and in a cell on a virtual clock. The arm must
+not be armed: a person's hands are on the tool.
 """
 
 import numpy as np
@@ -33,7 +33,7 @@ WITHIN_S = 30.0  # for each push
 TRIES = 3
 REST_S = 0.3
 ALIKE = 0.9  # cosine
-FULL = {"push": 10.0, "twist": 0.5}  # of the bar: N, N m
+FULL = {"push": 10.0, "twist": 0.5}  # full scale of the bar: N, N m
 PROMPTS = {
     ("+x", "push"): "push the tip of the tool along +x of the base with about 10 N, then let go",
     ("+y", "push"): "push the tip of the tool along +y of the base with about 10 N, then let go",
@@ -43,16 +43,16 @@ PROMPTS = {
 
 
 class PushTest:
-    """One guided test."""
+    """Guided push test of one cell."""
 
     def __init__(self, bus: Bus, cell: Cell, teller: Teller, *, within_s: float = WITHIN_S) -> None:
-        """Subscribe; nothing is asked for on the bus. A push must come within `within_s`."""
+        """Subscribe; no request is sent. Each push must come within `within_s`."""
         self._clock, self._teller, self._within_s = bus.clock, teller, within_s
         self._gatherer = Gatherer(bus, cell)
         self._arbiter = bus.reader(topics.ARBITER_STATUS)
 
     def run(self, belief: Belief) -> Installation:
-        """Ask for each push, judge them all. Raises CalibrationError with what to do."""
+        """Prompt for each push, evaluate them all. Raises CalibrationError with a remedy."""
         self._gatherer.until_heard()
         lengths = length_findings(belief)
         done = [each for asked in STEPS if (each := self._step(asked)) is not None]
@@ -62,7 +62,7 @@ class PushTest:
         return Installation((*lengths, *findings, *_of_size(sizes)), tuple(unseen), evidence)
 
     def _step(self, asked: Asked) -> Done | None:
-        """Ask up to three times; an answer that is not along it counts when it comes again."""
+        """Prompt up to three times; a push in another direction counts when it is repeated."""
         last: Done | None = None
         for _ in range(TRIES):
             rest = self._rest()
@@ -76,13 +76,13 @@ class PushTest:
             last = done
         if last is None and asked.by == "push":
             raise CalibrationError(
-                f"no push of more than {LEAST['push']:g} N was read along {asked.name}: if you "
-                "pushed, the sensor is dead or its unit is too large (kgf, pounds)"
+                f"no push of more than {LEAST['push']:g} N was measured along {asked.name}: if "
+                "you pushed, the sensor does not respond or its unit is too large (kgf, pounds)"
             )
         return last
 
     def _rest(self) -> Array:
-        """Return what the sensor reads while nobody touches the tool. Shape (6,)."""
+        """Return the sensor reading while the tool is not touched. Shape (6,)."""
 
         def watch(what: str) -> None:
             self._refuse_armed()
@@ -101,7 +101,7 @@ class PushTest:
         raise AssertionError  # the last attempt returns or raises
 
     def _follow(self, asked: Asked, rest: Array) -> Done | None:
-        """Wait for a push; None when none came in time."""
+        """Wait for a push; return None after the timeout."""
         follower, began_ns = Follower(asked.by), self._clock.now_ns()
         while self._clock.now_ns() - began_ns < self._within_s * NS_PER_S:
             self._clock.sleep_s(POLL_S)
@@ -133,8 +133,8 @@ class PushTest:
         status = self._arbiter.read(self._clock.now_ns()).fresh
         if status is not None and status.may_move:
             raise CalibrationError(
-                f"the arm is {status.state}, and a person's hands are to be on it: "
-                "`forcemesh hold` and `forcemesh clear` first"
+                f"the arm is {status.state}, but this test needs a person's hands on the tool: "
+                "`forcemesh hold`, then `forcemesh clear`"
             )
 
 
@@ -143,16 +143,16 @@ def _reading(dwell: Dwell) -> Array:
 
 
 def _alike(a: Done, b: Done) -> bool:
-    """Tell whether two answers to the same request are along each other."""
+    """Return whether two pushes for the same prompt have about the same direction."""
     one, other = (d.grown_N if d.asked.by == "push" else d.grown_Nm for d in (a, b))
     return float(one @ other) > ALIKE * float(np.linalg.norm(one) * np.linalg.norm(other))
 
 
 def _of_size(sizes: list[float]) -> list[Finding]:
-    """Return a doubt about the unit when pushes of about 10 N read like nothing a hand does."""
+    """Return an unsure finding on the unit when pushes of about 10 N measure out of range."""
     size, (low, high) = float(np.median(sizes)), USUAL_N
     if low <= size <= high:
         return []
-    text = f"about 10 N were asked for, and {size:.3g} N were read"
-    mend = "if that was no mistake of the hand, the unit of the sensor is another one"
+    text = f"pushes of about 10 N were requested, {size:.3g} N were measured"
+    mend = "if you pushed with about 10 N, correct the force unit of the sensor"
     return [Finding("force_unit", text, mend, "unsure")]

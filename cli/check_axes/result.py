@@ -1,4 +1,4 @@
-"""Prints what was found of an installation: for a person, or as one JSON object."""
+"""Output of an installation check: text for a terminal, or one JSON object."""
 
 import json
 
@@ -19,7 +19,7 @@ HEADLINES = {
 
 
 def tell(found: Installation, source: str, *, as_json: bool) -> None:
-    """Print verdict, findings, what to write, what was not seen, and the numbers behind it."""
+    """Print verdict, findings with remedies, what was not observed, and the measured numbers."""
     if as_json:
         typer.echo(json.dumps(as_tree(found, source), allow_nan=False))
         return
@@ -27,21 +27,23 @@ def tell(found: Installation, source: str, *, as_json: bool) -> None:
     for finding in found.findings:
         typer.echo(f"  - {finding.text}\n    -> {finding.mend}")
     for line in found.unseen:
-        typer.echo(f"  not shown: {line}")
+        typer.echo(f"  not observed: {line}")
     numbers = ", ".join(f"{name} {value:.4g}" for name, value in found.evidence.items())
     if numbers:
         typer.echo(f"  ({numbers})")
 
 
 def tell_cell(bus: Bus, found: Installation) -> None:
-    """Let the cell know that its axes are right, so that a hand may guide the tool."""
+    """Report to the cell that its axes are right, which permits hand guiding."""
     if found.verdict != "right":
         return
     wrench = bus.reader(topics.WRENCH)
     give_up_ns = bus.clock.now_ns() + round(WRENCH_WITHIN_S * NS_PER_S)
     while (heard := wrench.read(bus.clock.now_ns()).fresh) is None:
         if bus.clock.now_ns() > give_up_ns:
-            typer.echo("warning: no wrench is published: the cell takes no note of it", err=True)
+            typer.echo(
+                "warning: no wrench is published: the cell did not receive the result", err=True
+            )
             return
         bus.clock.sleep_s(POLL_S)
     reply = bus.ask(topics.AXES, AxesRequest(calibration=heard.calibration))
@@ -49,7 +51,7 @@ def tell_cell(bus: Bus, found: Installation) -> None:
 
 
 def as_tree(found: Installation, source: str) -> dict[str, object]:
-    """Return the same as a program wants it."""
+    """Return the result as a dict for JSON."""
     wiring = None if found.force_wiring is None else found.force_wiring.tolist()
     return {
         "verdict": found.verdict,

@@ -1,4 +1,4 @@
-"""`forcemesh check axes`: is the sensor installed as the cell file says?"""
+"""Verb `check axes`: comparison of the sensor installation with the cell file."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -29,20 +29,20 @@ POSES, SPEED_MM_S, DWELL_S = 6, 100.0, 0.3
 
 FromFile = Annotated[
     Path | None,
-    typer.Option("--from", metavar="CSV", help="Move nothing: judge a recording."),
+    typer.Option("--from", metavar="CSV", help="Do not move the arm: evaluate a recording."),
 ]
-Push = Annotated[bool, typer.Option("--push", help="Move nothing: push the tool by hand.")]
-Yes = Annotated[bool, typer.Option("--yes", help="The box is free: do not ask.")]
+Push = Annotated[bool, typer.Option("--push", help="Do not move the arm: push by hand.")]
+Yes = Annotated[bool, typer.Option("--yes", help="Do not ask whether the workspace is free.")]
 Mass = Annotated[
     float | None,
-    typer.Option(min=0.001, help="True mass below the sensor [kg]; else that of the cell file."),
+    typer.Option(min=0.001, help="True mass below the sensor [kg]; default: cell file."),
 ]
 Speed = Annotated[float, typer.Option(min=1.0, max=1000.0, help="Speed of the moves [mm/s].")]
 
 
 @check.callback()
 def _group() -> None:
-    """Keep `axes` a word of its own beside what else may be checked."""
+    """Keep `axes` a subcommand while it is the only check."""
 
 
 @check.command()
@@ -57,15 +57,15 @@ def axes(
     as_json: JsonOption = False,
     cell: CellOption = None,
 ) -> None:
-    """Say whether axes, signs and units of the sensor are right, and what to write if not.
+    """Check axes, signs and units of the sensor; print corrections for the cell file.
 
-    Without an option the arm turns the tool through six poses, after a person has confirmed that
-    the workspace is free; its weight shows the rest. This is not a safety function.
+    Without an option the arm rotates the tool through six poses, after a person has confirmed that
+    the workspace is free; the weight serves as reference. This is not a safety function.
     """
     if push and from_file is not None:
-        fail("--push and --from do not go together: choose one", USAGE)
+        fail("--push and --from cannot be combined: choose one", USAGE)
     if wrench_axes is not AxesOption.AUTO and from_file is None:
-        fail("--wrench-axes goes with --from: else the sensor itself is read", USAGE)
+        fail("--wrench-axes requires --from: otherwise the sensor itself is read", USAGE)
     from cli.check_axes.result import tell
 
     with one_line_errors():
@@ -102,7 +102,7 @@ def _by_file(
     believed = _belief(load_cell(path), mass_kg)
     try:
         data = read_recording(recording)
-    except DataError as error:  # code 1 would say that the installation is wrong
+    except DataError as error:  # code 1 means that the installation is wrong
         fail(str(error), USAGE)
     taken, found = judge_recording(data, named_axes(option), believed)
     return found, f"{recording} in {taken} axes, against {path}"
@@ -118,7 +118,7 @@ def _by_hand(path: Path) -> "tuple[Installation, str]":
         try:
             found = PushTest(bus, cell, teller).run(Belief.of(cell))
         except KeyboardInterrupt:
-            fail("interrupted: nothing was judged", NOT_WELL)
+            fail("interrupted: no result", NOT_WELL)
         tell_cell(bus, found)
     return found, f"pushes by hand, against {path}"
 
@@ -140,7 +140,7 @@ def _by_arm(
         wish = by_arm.Wish(Options(poses=POSES, verify_poses=0), pace, yes)
         plan = by_arm.planned(cell, bus, wish)
         typer.echo(by_arm.explained(cell, plan, pace), err=True)
-        if not yes and not answers_yes("is the box free, and may the arm move?"):
+        if not yes and not answers_yes("is the workspace free, and may the arm move?"):
             fail("nothing was moved", NOT_WELL)
         with screen() as teller:
             wizard, ended = by_arm.drive(cell, bus, plan, pace, teller=teller)

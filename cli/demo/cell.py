@@ -1,4 +1,4 @@
-"""The cell that the demo runs: the cell file with the plate and the delay that were asked for."""
+"""Cell of the demo: a cell file with the requested plate and delay."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,7 +22,7 @@ LEAST_PRESS_N = 5.0
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """What the demo puts in the place of the cell file's own; None leaves that as it is."""
+    """Overrides of the cell file by the demo; None keeps the value of the file."""
 
     tilt_deg: float = 0.0
     stiffness_N_m: float | None = None
@@ -34,14 +34,14 @@ class Trial:
 
 
 def demo_cell(path: Path, trial: Trial) -> Cell:
-    """Load a cell file with the demo's options put in; the gain rule is told the same.
+    """Load a cell file with the demo's options; the gain rule uses the same values.
 
-    The plate rests on springs at its corners, so its tilt stiffness goes with its stiffness.
+    The plate rests on springs at its corners, so its tilt stiffness scales with its stiffness.
 
     Raises:
-        ConfigError: The cell file or an option is wrong; the cell is a real one.
+        ConfigError: The cell file or an option is invalid, or the cell is not simulated.
     """
-    plate_of(load_cell(path))  # first: the overrides would make a section `sim` of their own
+    plate_of(load_cell(path))  # first: the overrides would create a section `sim`
     overrides: dict[str, object] = {"sim.tilt_deg": trial.tilt_deg}
     if trial.law is not None:
         overrides["force.law"] = trial.law
@@ -53,26 +53,26 @@ def demo_cell(path: Path, trial: Trial) -> Cell:
         plain = load_cell(path, overrides)
         own_s = 0.0 if plain.sim is None else plain.robot.delay_s - plain.sim.delay_s
         overrides["sim.delay_s"] = trial.delay_s
-        overrides["robot.delay_s"] = trial.delay_s + own_s  # what a program adds stays
+        overrides["robot.delay_s"] = trial.delay_s + own_s  # delay of a program is kept
     if trial.stiffness_N_m is not None:
         overrides["sim.stiffness_N_m"] = trial.stiffness_N_m
         overrides["contact.stiffness_N_m"] = trial.stiffness_N_m
         stiffer = plate_of(load_cell(path, overrides))
         overrides["contact.tilt_stiffness_Nm_rad"] = stiffer.plate_tilt_stiffness_Nm_rad
     cell = load_cell(path, overrides)
-    if cell.force.approach_m_s > cell.approach_limit_m_s:  # of the file, for its own plate
+    if cell.force.approach_m_s > cell.approach_limit_m_s:  # the file's value is for its own plate
         cell = load_cell(path, overrides | {"force.approach_m_s": cell.approach_limit_m_s})
     plate_of(cell)
     return cell
 
 
 def _controller(plain: Cell, trial: Trial) -> dict[str, object]:
-    """Return what another speed of the emulated controller changes.
+    """Return the overrides for another speed of the emulated controller.
 
-    All that its program takes, and so its delay and the rate of its reports, goes with the step.
+    The delay of its program and the rate of its reports scale with the step.
     """
     if plain.sim is None or plain.roles.robot != "gateway":
-        text = "--as-step-ms and --pessimistic are for a cell with an emulated controller"
+        text = "--as-step-ms and --pessimistic need a cell with an emulated controller"
         raise ConfigError(plain.cell, [f"{text}, such as cells/demo-tcp.yaml"])
     ratio = 1.0 if trial.as_step_s is None else trial.as_step_s / plain.sim.as_step_s
     return {
@@ -92,7 +92,7 @@ def plate_of(cell: Cell) -> SimSettings:
 
 
 def check_plan(cell: Cell, plan: Plan) -> None:
-    """Raise ConfigError for what the cell cannot show, before anything is started."""
+    """Raise ConfigError for a plan that the cell cannot run, before any process is started."""
     mistakes = []
     highest_N = min(cell.force.setpoint_max_N, cell.limits.force_N)
     if plan.host not in cell.robot.hosts:
@@ -113,7 +113,7 @@ def check_plan(cell: Cell, plan: Plan) -> None:
         )
     if plan.mode == "orientation" and plan.setpoint_N > 0.0:
         mistakes.append(
-            f"--setpoint {plan.setpoint_N:g}: mode orientation regulates the torque alone and "
+            f"--setpoint {plan.setpoint_N:g}: mode orientation controls the torque only and "
             "holds no force: choose position or both"
         )
     if mistakes:
@@ -121,7 +121,7 @@ def check_plan(cell: Cell, plan: Plan) -> None:
 
 
 def surface_of(cell: Cell) -> Surface:
-    """Return the plate of a simulated cell, where contact truly begins."""
+    """Return the plate of a simulated cell, at which contact begins."""
     settings = plate_of(cell)
     plate = plate_at_rest(settings)
     return Surface(

@@ -1,4 +1,4 @@
-"""What a trace of the main job is measured by. Pure."""
+"""Measures of a trace of the main task. Pure."""
 
 from dataclasses import asdict, dataclass
 
@@ -10,15 +10,15 @@ from common.motion.frames import Array
 from sim.robot.contact import lift_off_m
 
 FINAL_WINDOW_S = 0.5
-# Averages over 8 ms, for the sensor's noise, and not the first 15 ms, in which the tool's own
-# inertia shows up as force.
+# Averages over 8 ms against the sensor's noise, without the first 15 ms, in which the inertia of
+# the tool is measured as force.
 MEAN_WINDOW_S = 0.008
 IGNORE_FIRST_S = 0.015
 
 
 @dataclass(frozen=True, slots=True)
 class Surface:
-    """The plate at rest and the disc above it: where contact truly begins."""
+    """Unloaded plate and the disc above it: the true start of contact."""
 
     point_m: Array
     normal: Array
@@ -45,7 +45,7 @@ class Surface:
 
 @dataclass(frozen=True, slots=True)
 class Result:
-    """The numbers of one demo."""
+    """Measures of one demo run."""
 
     settled: bool
     peak_force_N: float
@@ -59,7 +59,7 @@ class Result:
     chain_latency_us_p50: float | None
     chain_latency_us_p99: float | None
     hops_us: dict[str, tuple[float, float]]  # p50, p99 from one stage to the next
-    robot_numbers: dict[str, float]  # what the robot's process measured, units in the names
+    robot_numbers: dict[str, float]  # measured by the robot's process, units in the names
 
     def as_dict(self) -> dict[str, object]:
         """Return what `--json` prints."""
@@ -67,7 +67,7 @@ class Result:
 
 
 def measure(trace: Trace, plan: Plan, surface: Surface, tau_s: float) -> Result:
-    """Return the numbers of a trace."""
+    """Return the measures of a trace."""
     work = trace.work
     final = [sample for sample in work if sample.t_s >= work[-1].t_s - FINAL_WINDOW_S]
     highest_m = max(surface.lift_off_m(sample) for sample in work)
@@ -91,9 +91,9 @@ def measure(trace: Trace, plan: Plan, surface: Surface, tau_s: float) -> Result:
 
 
 def overshoot_pct(trace: Trace, plan: Plan, lift_off_force_N: float) -> float:
-    """Return how far the job went beyond its aim, in percent of the step.
+    """Return the overshoot in percent of the step.
 
-    At set point 0 a contact cannot pull, so what counts is the true lift-off times the stiffness,
+    A contact cannot pull: at set point 0 the overshoot is the true lift-off times the stiffness,
     over the starting force. With a set point it is the force beyond it, over the step.
     """
     start_N = trace.work[0].force

@@ -1,4 +1,4 @@
-"""Plays the demo's script on a cell: in real processes, or in one on a virtual clock."""
+"""Run of the demo's scenario on a cell: in real processes, or in one on a virtual clock."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -20,12 +20,12 @@ REFRESH_S = 0.05
 
 
 def play_virtual(cell: Cell, plan: Plan, progress: Progress, _linger_s: float) -> Trace:
-    """Play in one process on a virtual clock."""
+    """Run in one process on a virtual clock."""
     from launch.virtual_cell import VirtualCell
 
     world = VirtualCell(cell)
     trace = Scenario(world.client, plan, check=lambda: None, progress=progress).run()
-    trace.stages.clear()  # whole steps of the virtual clock are no latency
+    trace.stages.clear()  # multiples of the virtual step are not latencies
     return trace
 
 
@@ -38,12 +38,12 @@ def play_real(
     panel: bool = False,
     recorder: bool = False,
 ) -> Trace:
-    """Start the cell's processes, play, and stop them all in any case.
+    """Start the cell's processes, run the scenario, and stop them all in any case.
 
     Raises:
         ScenarioError: A process died or the arm was stopped; after a death the cell stays up for
-            `linger_s` before that, so that `forcemesh status` can be asked.
-        BusError: Nobody answered, and no process died.
+            `linger_s` before that, so that `forcemesh status` can be used.
+        BusError: There was no reply, and no process died.
     """
     from cli.panel import panel_beside
     from cli.record import recorder_beside
@@ -61,7 +61,7 @@ def play_real(
             ):
                 check = _refuse_the_dead(processes)
                 return Scenario(client, plan, check=check, progress=progress).run()
-        except ForcemeshError as error:  # also an unanswered request: who serves it may have died
+        except ForcemeshError as error:  # also a request without reply: its server may have died
             processes.mourn(linger_s)
             if not processes.died:
                 raise
@@ -79,7 +79,7 @@ def _refuse_the_dead(processes: "Supervisor") -> Callable[[], None]:
 
 @contextmanager
 def live_progress(screen: Console, plan: Plan) -> Iterator[Progress]:
-    """Show phase, force and torque while the script runs."""
+    """Show phase, force and torque while the scenario runs."""
     columns = (
         TextColumn("{task.description:<16}"),
         BarColumn(bar_width=30),

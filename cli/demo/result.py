@@ -1,4 +1,4 @@
-"""What the demo shows at its end: a table, a plot, and a picture of the scene."""
+"""Results of the demo: a table, a plot, and a picture of the scene."""
 
 from pathlib import Path
 
@@ -11,9 +11,23 @@ from cli.demo.measures import Result, Surface
 from cli.demo.scenario import SETTLED_FORCE_N, SETTLED_TORQUE_NM, Plan, Sample, Trace
 from common.config.cell import Cell
 
+# fmt: off
+LABELS = {  # of the numbers in robot/health
+    "framed_round_trip_p50_s": "command to acknowledgement, p50 [s]",
+    "framed_round_trip_p99_s": "command to acknowledgement, p99 [s]",
+    "taken_round_trip_p50_s": "command to execution, p50 [s]",
+    "taken_round_trip_p99_s": "command to execution, p99 [s]",
+    "streamed_round_trip_p50_s": "streamed command to execution, p50 [s]",
+    "program_loop_hz": "program loop rate [1/s]",
+    "sender_hz": "report rate [1/s]",
+    "monitor_speed_fraction": "monitor speed [1]",
+    "any_peer_may_connect": "any peer may connect",
+}
+# fmt: on
+
 
 def table(result: Result, plan: Plan, started: str) -> Table:
-    """Return the result as a table; its title is what the regulator says that it has started."""
+    """Return the result as a table; its title is the regulator's confirmation of the start."""
     goal = {
         "position": f"|F - {plan.setpoint_N:g} N| <= {SETTLED_FORCE_N:g} N",
         "orientation": f"|M| <= {SETTLED_TORQUE_NM:g} N m",
@@ -23,26 +37,30 @@ def table(result: Result, plan: Plan, started: str) -> Table:
     rows = Table(title=f"force feedback: {started}", title_justify="left")
     rows.add_column("measure")
     rows.add_column("value", justify="right")
-    rows.add_column("what it means")
+    rows.add_column("definition")
     settling = "not settled"
     if result.settling_s is not None:
         settling = f"{result.settling_s * 1e3:.0f} ms"
         settling += f" = {result.settling_s / result.tau_s:.1f} tau"
     rows.add_row("settled", "yes" if result.settled else "no", f"{goal} for 1 s")
     rows.add_row("settling time", settling, "from the start of force feedback")
-    rows.add_row("overshoot", f"{result.overshoot_pct:.1f} %", "true lift-off, or force beyond")
-    rows.add_row("peak force", f"{result.peak_force_N:.1f} N", "pressing included")
+    rows.add_row(
+        "overshoot", f"{result.overshoot_pct:.1f} %", "lift-off, or force beyond the set point"
+    )
+    rows.add_row("peak force", f"{result.peak_force_N:.1f} N", "including pressing")
     rows.add_row("final force", f"{result.final_force_N:.2f} N", "mean of the last 0.5 s")
-    rows.add_row("final torque", f"{result.final_torque_Nm:.3f} N m", "the same, about the TCP")
+    rows.add_row(
+        "final torque", f"{result.final_torque_Nm:.3f} N m", "mean of the last 0.5 s, about the TCP"
+    )
     rows.add_row("misalignment", f"{result.misalignment_deg:.2f} deg", "tool axis to plate normal")
-    rows.add_row("tau", f"{result.tau_s * 1e3:.1f} ms", "delay and lag that the gains are for")
+    rows.add_row("tau", f"{result.tau_s * 1e3:.1f} ms", "delay and lag used by the gain rule")
     for hop, (p50, p99) in result.hops_us.items():
         rows.add_row(hop, f"{p50:.0f} / {p99:.0f} us", "hop latency, p50 / p99")
     if result.chain_latency_us_p50 is not None and result.chain_latency_us_p99 is not None:
         p50, p99 = result.chain_latency_us_p50, result.chain_latency_us_p99
         rows.add_row("whole chain", f"{p50:.0f} / {p99:.0f} us", "sensor to robot, p50 / p99")
     for name, number in result.robot_numbers.items():
-        rows.add_row(name, f"{number:.3g}", "from robot/health")
+        rows.add_row(LABELS.get(name, name), f"{number:.3g}", "from robot/health")
     return rows
 
 
@@ -62,12 +80,12 @@ def plot(trace: Trace, plan: Plan, surface: Surface, path: Path) -> None:
     force.axhline(plan.setpoint_N, color="black", linewidth=0.8, label="set point")
     band = (plan.setpoint_N - SETTLED_FORCE_N, plan.setpoint_N + SETTLED_FORCE_N)
     force.axhspan(*band, color="tab:green", alpha=0.2, label="settled band")
-    force.set(ylabel="force [N]", title=f"Main job, mode {plan.mode}: pressed, then released")
+    force.set(ylabel="force [N]", title=f"Main task, mode {plan.mode}: press, then force feedback")
     torque.plot(t_s, [sample.torque for sample in samples], color="tab:orange", label="|M|")
     torque.axhspan(0.0, SETTLED_TORQUE_NM, color="tab:green", alpha=0.2, label="settled band")
     torque.set(ylabel="torque about the TCP [N m]")
     lift_mm = [surface.lift_off_m(sample) * 1e3 for sample in samples]
-    depth.plot(t_s, lift_mm, color="tab:gray", label="disc above the plate at rest")
+    depth.plot(t_s, lift_mm, color="tab:gray", label="disc above the unloaded plate")
     depth.axhline(0.0, color="black", linewidth=0.8)
     depth.set(ylabel="height [mm]", xlabel="time since force feedback began [s]")
     for axes in (force, torque, depth):

@@ -1,7 +1,7 @@
-"""The main job as a script: press until the plate pushes back, then let force feedback work.
+"""Scenario of the main task: press on the plate, then run force feedback until it settles.
 
-It speaks to the cell as any client does, by requests and topics, so the same script runs against
-real processes and in lock step on a virtual clock.
+It uses the requests and topics of any client, so that the same scenario runs against real processes
+and in lock step on a virtual clock.
 """
 
 from collections.abc import Callable
@@ -35,22 +35,22 @@ Progress = Callable[[str, float, float], None]  # phase, force [N], torque [N m]
 
 
 class ScenarioError(ForcemeshError):
-    """The script could not go on: what it was doing, and why."""
+    """The scenario could not continue: its phase and the cause."""
 
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """What the demo is asked to show."""
+    """Parameters of the scenario."""
 
     mode: Mode = "position"
     host: Host = "pc"
     press_N: float = 30.0
     setpoint_N: float = 0.0
     timeout_s: float = 60.0
-    settled_for_s: float = SETTLED_FOR_S  # so long it must stay within the band
+    settled_for_s: float = SETTLED_FOR_S  # time that it must stay within the band
 
     def within(self, sample: "Sample") -> bool:
-        """Tell whether a sample is where this job wants to settle."""
+        """Return whether a sample is within the settled band of this task."""
         force_ok = abs(sample.force - self.setpoint_N) <= SETTLED_FORCE_N
         torque_ok = sample.torque <= SETTLED_TORQUE_NM
         return (force_ok or self.mode == "orientation") and (torque_ok or self.mode == "position")
@@ -58,41 +58,41 @@ class Plan:
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """One wrench message with the pose that was known at the time."""
+    """Wrench message with the newest pose at that time."""
 
-    t_s: float  # since force feedback was asked for; negative while pressing
+    t_s: float  # since the start request of force feedback; negative while pressing
     force_N: Array
     torque_Nm: Array
     T_base_flange: Array  # homogeneous, (4, 4)
 
     @property
     def force(self) -> float:
-        """Length of the force [N]."""
+        """Magnitude of the force [N]."""
         return float(np.linalg.norm(self.force_N))
 
     @property
     def torque(self) -> float:
-        """Length of the torque about the TCP [N m]."""
+        """Magnitude of the torque about the TCP [N m]."""
         return float(np.linalg.norm(self.torque_Nm))
 
 
 @dataclass(slots=True)
 class Trace:
-    """Everything that the script saw."""
+    """Samples, latencies and outcome of a scenario."""
 
     press: list[Sample] = field(default_factory=list)
     work: list[Sample] = field(default_factory=list)
-    started: str = ""  # what the regulator says that it has started: the law that runs, and why
+    started: str = ""  # the regulator's confirmation: the law that runs, and why
     settled_at_s: float | None = None
     stages: dict[str, dict[int, int]] = field(default_factory=dict)  # stage: sensor seq: age [ns]
     robot_numbers: dict[str, float] = field(default_factory=dict)  # of its health, at the end
 
 
 class Scenario:
-    """Plays a plan on a cell that is up and IDLE."""
+    """Run of a plan on a cell that is up and IDLE."""
 
     def __init__(self, client: Bus, plan: Plan, *, check: Check, progress: Progress) -> None:
-        """Subscribe to what is watched."""
+        """Subscribe to the topics that are recorded."""
         self._client, self._clock = client, client.clock
         self._plan, self._check, self._progress = plan, check, progress
         self._arbiter = client.reader(topics.ARBITER_STATUS)
@@ -105,7 +105,7 @@ class Scenario:
         self.trace = Trace()
 
     def run(self) -> Trace:
-        """Play the plan; raise ScenarioError when the cell will not go along."""
+        """Execute the plan; raise ScenarioError when the cell refuses or stops."""
         self._until_ready()
         self._ask(topics.TARE, Empty())
         self._ask(topics.ARM, ArmRequest())
@@ -130,7 +130,7 @@ class Scenario:
         raise ScenarioError(f"the cell was not ready within {READY_TIMEOUT_S:g} s: {why}")
 
     def _press(self) -> None:
-        """Press with the regulator in position mode until the plate pushes back steadily."""
+        """Press in position mode until the force is steady."""
         self._start_ns = self._clock.now_ns()
         wanted = ForceStartRequest(mode="position", setpoint_N=self._plan.press_N)
         self._ask(topics.FORCE_START, wanted)
@@ -153,7 +153,7 @@ class Scenario:
             self._watch("pressing", self.trace.press)
 
     def _work(self) -> None:
-        """Start force feedback and watch until it has settled or the time is up."""
+        """Start force feedback and record until it has settled or the timeout has passed."""
         plan, trace = self._plan, self.trace
         wanted = ForceStartRequest(mode=plan.mode, host=plan.host, setpoint_N=plan.setpoint_N)
         offset_s = (self._clock.now_ns() - self._start_ns) / NS_PER_S
@@ -182,7 +182,7 @@ class Scenario:
         return reply
 
     def _watch(self, phase: str, samples: list[Sample]) -> Sample | None:
-        """Let a moment pass; return the newest sample if there is a new one."""
+        """Sleep for one sample time; return the newest sample if there is a new one."""
         fresh = self._tick(phase)
         now_ns = self._clock.now_ns()
         status = self._arbiter.read(now_ns)
@@ -202,7 +202,7 @@ class Scenario:
         return sample
 
     def _tick(self, phase: str) -> bool:
-        """Sleep, note latencies, tell whether a new wrench has come."""
+        """Sleep, record latencies, return whether a new wrench was received."""
         self._clock.sleep_s(SAMPLE_S)
         self._check()
         fresh = self._note("wrench", self._wrench)
@@ -217,7 +217,7 @@ class Scenario:
         return fresh
 
     def _note(self, stage: str, reader: Reader[Any]) -> bool:
-        """Note how old the sensor sample was when a stage published."""
+        """Record the age of the sensor sample when a stage published."""
         if not reader.poll():
             return False
         header = reader.read(self._clock.now_ns()).header

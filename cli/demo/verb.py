@@ -1,4 +1,4 @@
-"""The verb `demo`: the main job on a simulated cell, from nothing to a table and two pictures."""
+"""Verb `demo`: the main task on a simulated cell, with a result table and two pictures."""
 
 import json
 import sys
@@ -21,26 +21,26 @@ if TYPE_CHECKING:
     from cli.demo.scenario import Plan, Trace
     from common.config.cell import Cell
 
-PLATE = "The plate and the robot"
-JOB = "The job"
+PLATE = "Plate and robot"
+JOB = "Task"
 
 # fmt: off
-CellFile = Annotated[Path | None, typer.Option("--cell", metavar="FILE", show_default=False, help="Cell file with a section `sim`; without it cells/demo.yaml.")]
-ModeOption = Annotated[Literal["position", "orientation", "both"], typer.Option("--mode", rich_help_panel=JOB, help="What force feedback may move.")]
-Setpoint = Annotated[float | None, typer.Option("--setpoint", rich_help_panel=JOB, help="Press force held at the end [N]; 0, in mode both 10.")]
-Force = Annotated[float, typer.Option("--force", rich_help_panel=JOB, help="Force to press with first [N].")]
-HostOption = Annotated[Literal["pc", "controller"], typer.Option("--host", rich_help_panel=JOB, help="Where the regulator runs.")]
-LawOption = Annotated[Literal["plain", "adaptive"] | None, typer.Option("--law", rich_help_panel=JOB, show_default=False, help="The regulator's law; without it the cell file's.")]
-Stiffness = Annotated[float | None, typer.Option("--stiffness", rich_help_panel=PLATE, help="Of the plate [N/m].")]
-DelayMs = Annotated[float | None, typer.Option("--delay-ms", rich_help_panel=PLATE, help="Of the controller [ms].")]
-TiltDeg = Annotated[float | None, typer.Option("--tilt-deg", rich_help_panel=PLATE, help="Of the plate; 0, in mode orientation and both 5.")]
-Seed = Annotated[int | None, typer.Option("--seed", rich_help_panel=PLATE, help="Of the sensor's noise.")]
-AsStepMs = Annotated[float | None, typer.Option("--as-step-ms", rich_help_panel=PLATE, help="Of the emulated controller: time of one AS step [ms].")]
-Pessimistic = Annotated[bool, typer.Option("--pessimistic", rich_help_panel=PLATE, help="It takes the worse reading of every open question.")]
-Virtual = Annotated[bool, typer.Option("--virtual", help="In one process, faster than time.")]
-Linger = Annotated[float, typer.Option("--linger", min=0.0, help="Keep the cell up so long after a failure [s].")]
-Out = Annotated[Path, typer.Option("--out", help="Folder for plot and picture.")]
-AsJson = Annotated[bool, typer.Option("--json", help="One object on standard output.")]
+CellFile = Annotated[Path | None, typer.Option("--cell", metavar="FILE", show_default=False, help="Cell file with a section `sim`; default: cells/demo.yaml.")]
+ModeOption = Annotated[Literal["position", "orientation", "both"], typer.Option("--mode", rich_help_panel=JOB, help="Motion controlled by force feedback.")]
+Setpoint = Annotated[float | None, typer.Option("--setpoint", rich_help_panel=JOB, help="Final press force [N]; default: 0, in mode both 10.")]
+Force = Annotated[float, typer.Option("--force", rich_help_panel=JOB, help="Initial press force [N].")]
+HostOption = Annotated[Literal["pc", "controller"], typer.Option("--host", rich_help_panel=JOB, help="Host of the control loop.")]
+LawOption = Annotated[Literal["plain", "adaptive"] | None, typer.Option("--law", rich_help_panel=JOB, show_default=False, help="Control law; default: the cell file's.")]
+Stiffness = Annotated[float | None, typer.Option("--stiffness", rich_help_panel=PLATE, help="Plate stiffness [N/m].")]
+DelayMs = Annotated[float | None, typer.Option("--delay-ms", rich_help_panel=PLATE, help="Controller delay [ms].")]
+TiltDeg = Annotated[float | None, typer.Option("--tilt-deg", rich_help_panel=PLATE, help="Plate tilt [deg]; default: 0, in modes orientation and both 5.")]
+Seed = Annotated[int | None, typer.Option("--seed", rich_help_panel=PLATE, help="Seed of the sensor noise.")]
+AsStepMs = Annotated[float | None, typer.Option("--as-step-ms", rich_help_panel=PLATE, help="Emulated controller: duration of one AS step [ms].")]
+Pessimistic = Annotated[bool, typer.Option("--pessimistic", rich_help_panel=PLATE, help="Emulated controller: worst case wherever AS behaviour is unknown.")]
+Virtual = Annotated[bool, typer.Option("--virtual", help="Run in one process on a virtual clock, faster than real time.")]
+Linger = Annotated[float, typer.Option("--linger", min=0.0, help="Time that the cell stays up after a failure [s].")]
+Out = Annotated[Path, typer.Option("--out", help="Output folder for plot and picture.")]
+AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object on standard output.")]
 # fmt: on
 
 
@@ -65,7 +65,7 @@ def demo(
     no_panel: NoPanel = False,
     no_recorder: NoRecorder = False,
 ) -> None:
-    """Run the main job: press on a plate, then let force feedback bring the force to its aim."""
+    """Run the main task: press on a plate, then control the force to its set point."""
     from rich.console import Console
     from rich.markup import escape
 
@@ -95,7 +95,7 @@ def demo(
             real = partial(play_real, panel=not no_panel, recorder=not no_recorder)
             trace = (play_virtual if virtual else real)(cell, plan, progress, linger)
     except ForcemeshError as error:
-        text = escape(str(error).removeprefix("demo: "))  # a plan's mistakes come with it
+        text = escape(str(error).removeprefix("demo: "))  # errors of a plan carry this prefix
         screen.print(f"[red]demo:[/red] {text}", highlight=False, soft_wrap=True)
         if as_json:
             sys.stdout.write(json.dumps({"settled": False, "error": str(error)}) + "\n")
@@ -107,7 +107,7 @@ def demo(
 
 
 def _make_folder(out: Path) -> None:
-    """Make sure, before minutes of work, that its results can be written."""
+    """Check before the run that its results can be written."""
     try:
         out.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=out):
@@ -121,7 +121,7 @@ def _seconds(milliseconds: float | None) -> float | None:
 
 
 def report(screen: "Console", cell: "Cell", plan: "Plan", *, trace: "Trace", out: Path) -> "Result":
-    """Print the table, write plot and picture, and say what was left out."""
+    """Print the table, write plot and picture, and report a missing picture."""
     from cli.demo import result as demo_report
     from cli.demo.cell import surface_of
     from cli.demo.measures import measure
@@ -137,5 +137,5 @@ def report(screen: "Console", cell: "Cell", plan: "Plan", *, trace: "Trace", out
         demo_report.picture(cell, trace.press[-1], out / "demo-scene.png")
         screen.print(f"picture: {out / 'demo-scene.png'}", highlight=False, soft_wrap=True)
     except RenderUnavailable as error:
-        screen.print(f"[yellow]picture left out:[/yellow] {error}", highlight=False, soft_wrap=True)
+        screen.print(f"[yellow]no picture:[/yellow] {error}", highlight=False, soft_wrap=True)
     return result

@@ -1,4 +1,4 @@
-"""What the bus says of a running cell: health, the robot's state, how often topics come."""
+"""Bus checks of a running cell: health, robot state and topic rates."""
 
 import time
 from dataclasses import dataclass, field
@@ -30,7 +30,7 @@ STREAMS = (
 
 @dataclass(slots=True)
 class Overheard:
-    """What was heard on the bus."""
+    """State of a cell as received from its bus."""
 
     roles: list[RoleHeard]
     robot: Health | None  # the robot's process, while its health is fresh
@@ -39,7 +39,7 @@ class Overheard:
 
 
 def listen(cell: Cell, watch_s: float = WATCH_S) -> Overheard | None:
-    """Listen to a cell for some seconds; None when no hub answers."""
+    """Receive from a cell for some seconds; return None when no hub responds."""
     try:
         with open_bus(cell, topics.CLIENT, patience_s=CONNECT_WITHIN_S) as bus:
             view, counts = CellView(bus, cell), [_Count(bus.reader(row)) for row in STREAMS]
@@ -54,7 +54,7 @@ def listen(cell: Cell, watch_s: float = WATCH_S) -> Overheard | None:
 
 
 class _Count:
-    """How often a topic comes, by the numbers that its messages carry: none is missed."""
+    """Rate of a topic, from the sequence numbers of its messages: none is missed."""
 
     def __init__(self, reader: Reader[Any]) -> None:
         """Begin with the next message."""
@@ -63,7 +63,7 @@ class _Count:
         self._last = (0, 0, 0)
 
     def poll(self) -> None:
-        """Look for a newer message."""
+        """Receive a newer message, if any."""
         if not self.reader.poll():
             return
         now_ns = time.monotonic_ns()
@@ -75,7 +75,7 @@ class _Count:
 
     @property
     def hz(self) -> float | None:
-        """Messages per second, None when fewer than two came."""
+        """Messages per second, None with fewer than two messages."""
         if self._first is None or self._first == self._last:
             return None
         return (self._last[1] - self._first[1]) * 1e9 / (self._last[2] - self._first[2])

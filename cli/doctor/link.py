@@ -1,8 +1,8 @@
-"""Asks the controller itself, over the gateway's link: hello, command 12, and hold. Nothing moves.
+"""Link check of `forcemesh doctor`: hello, command 12, and hold to the controller. Nothing moves.
 
-Command 12 arms the program's watchdog, for which silence is a fault. So each 12 goes out together
-with a hold (command 8), which disarms it, in one write: whatever becomes of this process, the
-controller is left held, and not latched.
+Command 12 arms the program's watchdog, for which silence is a fault. Each 12 is therefore sent in
+one write with a hold (command 8), which disarms it: if this process ends early, the controller is
+left held, and not latched.
 """
 
 import secrets
@@ -30,10 +30,10 @@ LOOPS_SPAN = 500_000
 
 @dataclass(frozen=True, slots=True)
 class Patience:
-    """How long a visit waits for what, and how long it watches."""
+    """Timeouts and watch time of a visit."""
 
     connect_s: float = 2.0
-    hello_s: float = 5.0  # the program may take 4 s to be done with the client before
+    hello_s: float = 5.0  # the program may take 4 s to release the previous client
     reports_s: float = 2.0
     watch_s: float = 4.0
     confirm_s: float = 1.0
@@ -44,7 +44,7 @@ PATIENCE = Patience()
 
 @dataclass(slots=True)
 class Heard:
-    """What the controller said while it was watched."""
+    """Reports received from the controller during a visit."""
 
     pose: PoseReport | None = None
     joints: JointReport | None = None
@@ -53,13 +53,13 @@ class Heard:
     longest_gap_s: float | None = None
     loop_hz: float | None = None
     round_trip: Spread | None = None
-    held: bool = False  # the last hold was echoed
+    held: bool = False  # the last hold was acknowledged
     broken: str = ""  # why the connection ended early
 
 
 @dataclass(slots=True)
 class Visit:
-    """How far a visit to the controller came."""
+    """Result of a visit to the controller, up to the step that failed."""
 
     opened: Opened = "open"
     opened_detail: str = ""
@@ -68,13 +68,13 @@ class Visit:
     greeted_detail: str = ""
     greeted_s: float = 0.0
     hello: Packet | None = None
-    heard: Heard | None = None  # None: version or scales did not fit
+    heard: Heard | None = None  # None: version or scales did not match
 
 
 def visit(
     host: str, port: int, scales: Scales, patience: Patience | None = None, *, arm: int = 1
 ) -> Visit:
-    """Connect, greet, watch for some seconds, leave. Raises nothing for what the peer does."""
+    """Connect, greet, watch for some seconds, disconnect. Raises nothing for errors of the peer."""
     found, patience = Visit(), patience or PATIENCE
     started_s = time.monotonic()
     sock = _open((host, port), found, patience)
@@ -91,12 +91,12 @@ def visit(
 
 
 def _any_id() -> int:
-    """Return an ID that the reports of an earlier client will not be about."""
+    """Return a random ID, which reports for an earlier client do not match."""
     return ID_FIRST + secrets.randbelow(ID_COUNT)
 
 
 def _open(where: tuple[str, int], found: Visit, patience: Patience) -> socket.socket | None:
-    """Open the connection, or note why it cannot be."""
+    """Open the connection, or record why it failed."""
     try:
         address = socket.getaddrinfo(*where, socket.AF_INET, socket.SOCK_STREAM)[0][4]
     except OSError as error:
@@ -106,7 +106,7 @@ def _open(where: tuple[str, int], found: Visit, patience: Patience) -> socket.so
     sock.settimeout(patience.connect_s)
     try:
         sock.connect(address)
-        if sock.getsockname() == sock.getpeername():  # TCP met itself: nobody listens
+        if sock.getsockname() == sock.getpeername():  # TCP self-connect: there is no listener
             raise ConnectionRefusedError
     except OSError as error:
         sock.close()
@@ -126,7 +126,7 @@ def _why_not(error: OSError) -> tuple[Opened, str]:
 
 @dataclass(slots=True)
 class _Talk:
-    """One connection to the controller."""
+    """Connection to the controller."""
 
     sock: socket.socket
     dialogue: Dialogue
@@ -135,11 +135,11 @@ class _Talk:
     samples: Rate = field(default_factory=Rate)
     loops: Turns = field(default_factory=lambda: Turns(LOOPS_SPAN))
     trips: RoundTrips = field(default_factory=RoundTrips)
-    sample_ns: int | None = None  # when the last one came
+    sample_ns: int | None = None  # time of the last sample
     pending: PoseReport | None = None
 
     def greet(self, found: Visit) -> None:
-        """Say hello, read the answer, and let the dialogue judge it."""
+        """Send hello, read the reply, and let the dialogue check it."""
         started_ns = time.monotonic_ns()
         data = b""
         try:
@@ -167,7 +167,7 @@ class _Talk:
                 found.greeted, found.greeted_detail = "garbled", str(error)
 
     def watch(self) -> Heard:
-        """Listen, and every now and then send command 12 with a hold behind it."""
+        """Receive reports, and periodically send command 12 followed by a hold."""
         try:
             self._listen(self.patience.reports_s, lambda: self.heard.joints is not None)
             end_ns = time.monotonic_ns() + round(self.patience.watch_s * NS_PER_S)
@@ -191,7 +191,7 @@ class _Talk:
         self.sock.sendall(beat + self.dialogue.hold(now_ns))
 
     def _listen(self, duration_s: float, until: Callable[[], bool] = lambda: False) -> None:
-        """Take what comes in for a while, or until a condition holds."""
+        """Receive for a period, or until a condition holds."""
         end_ns = time.monotonic_ns() + round(duration_s * NS_PER_S)
         while not until():
             left_s = (end_ns - time.monotonic_ns()) / NS_PER_S

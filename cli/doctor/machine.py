@@ -1,4 +1,4 @@
-"""What `forcemesh doctor` looks at on this PC: versions, clock, ports, priority, calibration."""
+"""Checks of this PC by `forcemesh doctor`: versions, clock, ports, priority, calibration."""
 
 import datetime as dt
 import os
@@ -23,20 +23,20 @@ PACKAGES = ("eclipse-zenoh", "msgpack", "numpy", "pin", "pydantic")
 NAPS = 50
 NAP_S = 0.001
 LATE_S = 0.01  # half of the shortest deadline
-OLDEST_YEAR = 2024  # a clock that was never set says 1970
+OLDEST_YEAR = 2024  # a clock that was never set starts in 1970
 OLD_DAYS = 365
 
 
 @dataclass(frozen=True, slots=True)
 class Naps:
-    """How long short sleeps really took [s]."""
+    """Measured durations of short sleeps [s]."""
 
     median_s: float
     longest_s: float
 
 
 def machine_lines(cell: "Cell", *, is_up: bool) -> list[Line]:
-    """Return what is to be said of this PC and this cell's files; takes a tenth of a second."""
+    """Return the lines for this PC and this cell's files; takes a tenth of a second."""
     return [
         check_versions(_versions()),
         check_clock(_naps(), dt.datetime.now(dt.UTC)),
@@ -50,7 +50,7 @@ def machine_lines(cell: "Cell", *, is_up: bool) -> list[Line]:
 
 
 def check_versions(found: dict[str, str]) -> Line:
-    """Tell which versions run here; a library that is missing was not installed."""
+    """Check the installed versions; a missing library was not installed."""
     text = ", ".join(f"{name} {number or 'missing'}" for name, number in found.items())
     if not all(found.values()):
         return trouble("versions", "FAIL", text, "versions")
@@ -58,10 +58,10 @@ def check_versions(found: dict[str, str]) -> Line:
 
 
 def check_clock(naps: Naps, now: dt.datetime) -> Line:
-    """Judge how exactly this PC can wait, and whether its calendar was ever set."""
+    """Check how exactly this PC can wait, and whether its date was ever set."""
     found = (
         f"a wait of {1e3 * NAP_S:g} ms takes {1e3 * naps.median_s:.1f} ms, at most "
-        f"{1e3 * naps.longest_s:.1f}; it is {now:%Y-%m-%d %H:%M} UTC"
+        f"{1e3 * naps.longest_s:.1f}; date {now:%Y-%m-%d %H:%M} UTC"
     )
     if now.year < OLDEST_YEAR:
         return trouble("clock", "WARN", found, "clock.calendar")
@@ -71,18 +71,18 @@ def check_clock(naps: Naps, now: dt.datetime) -> Line:
 
 
 def check_priority(*, is_granted: bool) -> Line:
-    """Tell whether the services may go before ordinary processes."""
+    """Check whether the services get real-time priority."""
     if is_granted:
         return passed("real-time priority", f"granted: SCHED_FIFO {PRIORITY}")
-    found = "not granted: other work on this PC can make a process late, and the arm holds"
+    found = "not granted: CPU load can delay a message past its deadline; the arm then holds"
     return trouble("real-time priority", "WARN", found, "priority")
 
 
 def check_ports(taken: dict[str, bool], *, is_up: bool) -> Line:
-    """Tell whether what the cell will listen on is free; while it is up, its own hub is there."""
+    """Check that the ports of the cell are free; while it is up, its own hub uses them."""
     names = ", ".join(taken)
     if not taken:
-        return skipped("ports", "nothing of this cell listens on this PC")
+        return skipped("ports", "the cell uses no port of this PC")
     if is_up:
         return skipped("ports", f"{names}: the cell is up")
     held = [name for name, is_taken in taken.items() if is_taken]
@@ -93,7 +93,7 @@ def check_ports(taken: dict[str, bool], *, is_up: bool) -> Line:
 
 
 def check_calibration(cell: "Cell", now: dt.datetime) -> Line:
-    """Judge whether payload and bias are known, whether they are of this tool, and how old."""
+    """Check whether payload and bias are known, match this tool, and are recent."""
     from services.wrench.active_calibration import of_calibration
 
     found = cell.calibration
@@ -116,7 +116,7 @@ def check_calibration(cell: "Cell", now: dt.datetime) -> Line:
 
 
 def may_go_first() -> bool:
-    """Try to take real-time priority, in a thread that ends with it."""
+    """Try to set real-time priority, in a thread that ends with it."""
     granted = False
 
     def attempt() -> None:
@@ -155,7 +155,7 @@ def _naps() -> Naps:
 
 
 def _taken(cell: "Cell") -> dict[str, bool]:
-    """Return the addresses on this PC that the cell listens on, and whether somebody does now."""
+    """Return the listen addresses of the cell on this PC, and whether each is in use."""
     endpoint = endpoint_of(cell)
     found = {}
     host, _, port = endpoint.partition("/")[2].partition("?")[0].rpartition(":")
@@ -165,7 +165,7 @@ def _taken(cell: "Cell") -> dict[str, bool]:
 
 
 def is_local(host: str) -> bool:
-    """Tell whether an address is one of this PC's own that can be tried without asking anybody."""
+    """Return whether an address is one of this PC's own, without a name lookup."""
     return host.strip("[]") in ("127.0.0.1", "localhost", "::1", "0.0.0.0", "::")  # noqa: S104
 
 

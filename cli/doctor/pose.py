@@ -1,11 +1,11 @@
-"""Does the pose that the controller reports agree with its joints? And if not, by which mistake?
+"""Check of the reported pose against forward kinematics, with a diagnosis of frame errors.
 
 101 is HERE of AS: the TOOL's frame in BASE. With both NULL it is the flange in the robot base:
 
     T_reported = T_base^-1 T_robot_flange(q) T_tool
 
-One sample cannot tell every mistake from every other, so the likely ones are tried in turn, and
-the first that explains what was seen is named.
+One sample cannot distinguish all errors, so the likely ones are tried in turn, and the first that
+explains the deviation is reported.
 """
 
 from collections.abc import Iterator
@@ -21,19 +21,19 @@ from common.motion.kinematics import JOINTS, ArmKinematics
 from services.gateway.scales import Scales
 
 SLACK = 2.0  # times the rounding: the controller's trigonometry is single precision
-SMALL_M, SMALL_RAD = 1e-3, radians(0.1)  # below: this arm's own geometry, no mistake of frames
+SMALL_M, SMALL_RAD = 1e-3, radians(0.1)  # below: geometry of this arm, not a frame error
 
 
 @dataclass(frozen=True, slots=True)
 class Tolerance:
-    """How far apart two right poses may be."""
+    """Position and rotation tolerance of a pose."""
 
     position_m: float
     rotation_rad: float
 
 
 def rounding(q: Array, scales: Scales, arm: ArmKinematics) -> Tolerance:
-    """Return what half a packet unit of each joint, position and angle can make, with slack.
+    """Return the error from half a packet unit of each joint, position and angle, with slack.
 
     Args:
         q: Joint angles [rad]. Shape (6,).
@@ -48,14 +48,14 @@ def rounding(q: Array, scales: Scales, arm: ArmKinematics) -> Tolerance:
 
 
 def distance(T_a: pin.SE3, T_b: pin.SE3) -> Tolerance:
-    """Return how far apart two poses are [m], [rad]."""
+    """Return the distance between two poses [m], [rad]."""
     turn_rad = float(np.linalg.norm(pin.log3(T_a.rotation.T @ T_b.rotation)))
     return Tolerance(float(np.linalg.norm(T_a.translation - T_b.translation)), turn_rad)
 
 
 @dataclass(frozen=True, slots=True)
 class Frames:
-    """Frames of the cell file that somebody may have set as TOOL."""
+    """Frames of the cell file that may be set as TOOL by mistake."""
 
     T_flange_tcp: pin.SE3
     T_flange_sensor: pin.SE3
@@ -64,12 +64,12 @@ class Frames:
 def check_pose(
     T_reported: pin.SE3, q: Array, *, scales: Scales, frames: Frames, arm: ArmKinematics
 ) -> Line:
-    """Judge the reported pose by forward kinematics of the reported joints [rad]."""
+    """Check the reported pose by forward kinematics of the reported joints [rad]."""
     T_model, limit = arm.flange_pose(q), rounding(q, scales, arm)
     off = distance(T_model, T_reported)
     found = (
         f"{1e3 * off.position_m:.3f} mm and {degrees(off.rotation_rad):.4f} deg from the model,"
-        f" rounding makes {1e3 * limit.position_m:.3f} mm and {degrees(limit.rotation_rad):.4f} deg"
+        f" rounding gives {1e3 * limit.position_m:.3f} mm and {degrees(limit.rotation_rad):.4f} deg"
     )
     if _within(off, limit):
         return passed("pose", found)
@@ -90,43 +90,43 @@ def _within(off: Tolerance, limit: Tolerance) -> bool:
 def _explanations(
     T_model: pin.SE3, q: Array, frames: Frames, arm: ArmKinematics
 ) -> Iterator[tuple[str, str, pin.SE3]]:
-    """Yield mistakes that have a name, with the pose that each would report."""
+    """Yield known errors with the pose that each would report."""
     yield "TOOL is the cell file's TCP, not NULL", "pose.TOOL", T_model * frames.T_flange_tcp
     yield "TOOL is the sensor's frame, not NULL", "pose.TOOL", T_model * frames.T_flange_sensor
     for factor in (0.1, 0.5, 2.0, 10.0, 1000.0, 0.001):
         T_scaled = pin.SE3(T_model.rotation, factor * T_model.translation)
-        yield f"positions are {factor:g} times as long", "pose.scale", T_scaled
+        yield f"positions are scaled by {factor:g}", "pose.scale", T_scaled
     for joint in range(JOINTS):
         flipped = q.copy()
         flipped[joint] = -flipped[joint]
-        text = f"joint {joint + 1} counts the other way in the model"
+        text = f"joint {joint + 1} has the opposite sign in the model"
         yield text, "pose.model", arm.flange_pose(flipped)
     for joint in range(JOINTS):
         for offset_deg in (90, -90, 180):
             turned = q.copy()
             turned[joint] += radians(offset_deg)
-            text = f"joint {joint + 1}'s zero is {offset_deg:+d} deg away from the model's"
+            text = f"the zero of joint {joint + 1} is {offset_deg:+d} deg off the model's"
             if joint == 0:
-                text += f" (or BASE is turned by {offset_deg:+d} deg)"
+                text += f" (or BASE is rotated by {offset_deg:+d} deg)"
             if joint == JOINTS - 1:
-                text += f" (or TOOL is turned by {offset_deg:+d} deg)"
+                text += f" (or TOOL is rotated by {offset_deg:+d} deg)"
             yield text, "pose.model", arm.flange_pose(turned)
 
 
 def _frame_that_would(T_model: pin.SE3, T_reported: pin.SE3, near: Tolerance) -> tuple[str, str]:
-    """Say which TOOL or which BASE would report that pose, and which of them is likely."""
+    """Return which TOOL or BASE would report that pose, and the remedy for the likely one."""
     T_tool, T_base = T_model.actInv(T_reported), T_model * T_reported.inverse()
     as_tool = f"TOOL {_pendant(T_tool)}"
     as_base = f"BASE {_pendant(T_base)}"
     if np.linalg.norm(T_tool.translation[:2]) <= near.position_m and _is_upright(T_tool, near):
-        return f"as {as_tool} would report, along the flange's axis", "pose.TOOL"
+        return f"consistent with {as_tool}, along the flange's axis", "pose.TOOL"
     if np.linalg.norm(T_base.translation[:2]) <= near.position_m and _is_upright(T_base, near):
-        return f"as {as_base} would report, a base at another height or turned", "pose.BASE"
-    return f"as {as_tool} would report, or {as_base}, or another arm", "pose.unclear"
+        return f"consistent with {as_base}, a base at another height or rotated", "pose.BASE"
+    return f"consistent with {as_tool}, or {as_base}, or another arm", "pose.unclear"
 
 
 def _is_upright(T: pin.SE3, near: Tolerance) -> bool:
-    """Tell whether a frame is turned about its z axis at most."""
+    """Return whether a frame is rotated about its z axis only."""
     return bool(np.hypot(T.rotation[0, 2], T.rotation[1, 2]) <= near.rotation_rad) and bool(
         T.rotation[2, 2] > 0.0
     )
@@ -141,7 +141,7 @@ def _pendant(T: pin.SE3) -> str:
 def model_of(
     joint_min_deg: tuple[float, ...], joint_max_deg: tuple[float, ...]
 ) -> ArmKinematics | None:
-    """Return the RS007L's model when these are its joint limits [deg]: another arm has others."""
+    """Return the RS007L's model if these are its joint limits [deg], else None."""
     arm = ArmKinematics()
     same = np.allclose(np.degrees(arm.lower_rad), joint_min_deg, atol=0.5) and np.allclose(
         np.degrees(arm.upper_rad), joint_max_deg, atol=0.5

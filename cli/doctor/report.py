@@ -1,4 +1,4 @@
-"""Which checks a cell gets, from what was found on its link or on its bus: pure."""
+"""Selection of the checks of a cell, from the findings on its link or its bus: pure."""
 
 from typing import TYPE_CHECKING
 
@@ -52,7 +52,7 @@ REST = ("sender", "status bits", "error code", "pose", "program loop", "monitor 
 def link_lines(
     cell: "Cell", section: "GatewaySection", scales: "Scales", found: "Visit"
 ) -> list[Line]:
-    """Return the lines of a visit to the controller; what was not reached is skipped by name."""
+    """Return the lines of a visit to the controller; unreached checks are listed as skipped."""
     where = f"{section.host}:{section.port}"
     lines = [
         check_address(
@@ -73,7 +73,7 @@ def link_lines(
         return [*lines, *_heard_lines(cell, section, scales, found.heard)]
     done = {line.check for line in lines}
     missing = [check for check in (*WAY, *REST) if check not in done]
-    return [*lines, *(skipped(check, "not tried: see above") for check in missing)]
+    return [*lines, *(skipped(check, "not checked: see above") for check in missing)]
 
 
 def _heard_lines(
@@ -93,7 +93,7 @@ def _heard_lines(
     )
     health = heard.health
     if heard.pose is None or heard.joints is None:
-        lines += [skipped(check, "no 101 and 102 came") for check in ("status bits", "pose")]
+        lines += [skipped(check, "no 101 and 102 received") for check in ("status bits", "pose")]
     else:
         status, q = heard.joints.status, heard.joints.joint_rad
         T_base_flange = heard.pose.T_base_flange
@@ -111,7 +111,7 @@ def _heard_lines(
 
 
 def bus_lines(cell: "Cell", scales: "Scales", found: "Overheard") -> list[Line]:
-    """Return the lines of a cell that is up: its gateway's words instead of the link."""
+    """Return the lines of a cell that is up, from the reports of its gateway on the bus."""
     lines = [check_role(heard) for heard in found.roles]
     lines += [
         check_stream(row.key, hz, cell.rate_hz(row), slow_below=_slow_below(cell, row.key))
@@ -122,11 +122,11 @@ def bus_lines(cell: "Cell", scales: "Scales", found: "Overheard") -> list[Line]:
     if cell.gateway is None or cell.roles.robot != "gateway":
         lines += unused_lines(cell, skip=("pose",))
         return [*lines, _state_pose(cell, scales, found.state)]
-    why = "the cell is up and its gateway holds the only connection: read from the bus"
+    why = "the cell is up and its gateway uses the only connection: read from the bus"
     lines += [skipped(check, why) for check in (*WAY, "left behind")]
     state = found.state
     if state is None or not state.valid or not state.link.connected:
-        reason = "robot/state is silent" if state is None else state.reason or "not connected"
+        reason = "no robot/state received" if state is None else state.reason or "not connected"
         lines.append(trouble("link", "FAIL", reason, "link"))
         rest = (check for check in REST if check != "left behind")
         return [*lines, *(skipped(check, "no reports: see link") for check in rest)]
@@ -147,7 +147,7 @@ def unused_lines(cell: "Cell", skip: tuple[str, ...] = ()) -> list[Line]:
 def _slow_below(cell: "Cell", key: str) -> float:
     """Return the share of its rate below which a topic is slow.
 
-    The gateway passes on whole samples of the sender: of a faster one each second or third.
+    The gateway forwards whole samples: of a faster sender every second or third.
     """
     is_thinned = key == topics.ROBOT_STATE.key and cell.roles.robot == "gateway"
     return THINNED_BELOW if is_thinned else SLOW_BELOW
@@ -170,12 +170,14 @@ def status_of(robot: "RobotStatus") -> Status:
 
 
 def _number_lines(cell: "Cell", section: "GatewaySection", robot: "Health | None") -> list[Line]:
-    """Judge what the gateway has measured."""
+    """Check the measurements of the gateway."""
     numbers = {} if robot is None else robot.numbers
     p50_s, p99_s = (numbers.get(f"framed_round_trip_{p}_s") for p in ("p50", "p99"))
     any_peer = numbers.get("any_peer_may_connect")
     if p50_s is None or p99_s is None:
-        round_trip = skipped("round trip", "nothing was sent in the last minute: arm, ask again")
+        round_trip = skipped(
+            "round trip", "nothing was sent in the last minute: arm, run doctor again"
+        )
     else:
         round_trip = check_round_trip(Spread(p50_s, p99_s), section.watchdog_s)
     return [
@@ -194,7 +196,7 @@ def _number_lines(cell: "Cell", section: "GatewaySection", robot: "Health | None
 
 def _state_pose(cell: "Cell", scales: "Scales", state: "RobotState | None") -> Line:
     if state is None or not state.valid:
-        return skipped("pose", "robot/state is silent or not valid")
+        return skipped("pose", "robot/state is missing or not valid")
     T_base_flange, status = pose_of(state), status_of(state.status)
     return _pose_line(cell, scales, T_base_flange=T_base_flange, q=state.joint_rad, status=status)
 
@@ -204,7 +206,7 @@ def _pose_line(
 ) -> Line:
     arm = model_of(cell.robot.joint_min_deg, cell.robot.joint_max_deg)
     if arm is None:
-        why = "the cell's joint limits are not the RS007L's, the only arm there is a model of"
+        why = "the cell's joint limits are not those of the RS007L, the only arm with a model"
         return skipped("pose", why)
     if status & Status.MOVING:
         return trouble("pose", "WARN", "not compared: the arm moves", "pose.moving")

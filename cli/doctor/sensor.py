@@ -1,4 +1,4 @@
-"""What `forcemesh doctor` tries of the sensor of a cell that is not up: does it talk?"""
+"""Sensor check of `forcemesh doctor` for a cell that is not up."""
 
 import socket
 import time
@@ -20,20 +20,20 @@ PACKAGES = {"robotiq": "serial", "bota": "bota_driver"}
 
 @dataclass(frozen=True, slots=True)
 class Stream:
-    """What came from a sensor that was asked for its stream."""
+    """Records received from a sensor after a stream request."""
 
     records: int
     newest: Record | None
-    trouble: str = ""  # what the system said
+    trouble: str = ""  # error text of the system
 
 
 def sensor_line(cell: "Cell", *, is_up: bool) -> Line:
-    """Try the cell's sensor, where it is ours to try: it sends to the one who asked last."""
+    """Check the cell's sensor unless the cell is up: it streams to its last client only."""
     player, sensor = cell.roles.sensor, cell.sensor
     if player != "driver":
         return skipped("sensor", f"not used by this cell: roles.sensor is {player}")
     if is_up:
-        return skipped("sensor", "the cell is up and takes its only stream: see sensor/wrench")
+        return skipped("sensor", "the cell is up and uses the only stream: see sensor/wrench")
     if sensor.driver == "rdt":
         where = f"{sensor.address}:{sensor.port}"
         return check_stream_of(where, listen(sensor.address, sensor.port, LISTEN_S), LISTEN_S)
@@ -43,29 +43,29 @@ def sensor_line(cell: "Cell", *, is_up: bool) -> Line:
 
 
 def check_stream_of(where: str, found: Stream, listened_s: float) -> Line:
-    """Judge what came from a sensor on the network."""
+    """Check the records of a sensor on the network."""
     if found.newest is None:
-        detail = found.trouble or f"nothing came in {listened_s:g} s"
+        detail = found.trouble or f"no record in {listened_s:g} s"
         return trouble("sensor", "FAIL", f"{where}: {detail}", "sensor.silent")
     text = f"{where}: {found.records / listened_s:.0f} records/s"
     if not is_good(found.newest.status):
-        said = f"{text}, its status: {status_text(found.newest.status)}"
+        said = f"{text}, status: {status_text(found.newest.status)}"
         return trouble("sensor", "FAIL", said, "sensor.status")
     return passed("sensor", text)
 
 
 def check_device(sensor: "SensorSection", *, is_there: bool, has_package: bool) -> Line:
-    """Judge whether a sensor on a line of its own can be opened at all."""
+    """Check whether a sensor on a serial line can be opened."""
     if not has_package:
         found = f"driver {sensor.driver} needs the package {_package(sensor)}"
         return trouble("sensor", "FAIL", found, f"sensor.{sensor.driver}")
     if not is_there:
-        return trouble("sensor", "FAIL", f"there is no {sensor.device}", "sensor.device")
-    return passed("sensor", f"{sensor.driver}: {sensor.device} is there; it was not opened")
+        return trouble("sensor", "FAIL", f"{sensor.device} does not exist", "sensor.device")
+    return passed("sensor", f"{sensor.driver}: {sensor.device} exists; it was not opened")
 
 
 def listen(address: str, port: int, for_s: float) -> Stream:
-    """Ask a sensor for its stream, count what comes, stop it again."""
+    """Request the stream of a sensor, count its records, stop the stream."""
     records, newest = 0, None
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as line:
         try:

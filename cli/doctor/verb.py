@@ -1,4 +1,4 @@
-"""The verb `doctor`: what can be checked between this PC and the arm, and what to do about it."""
+"""Verb `doctor`: checks of everything between this PC and the arm, with remedies."""
 
 import json
 from typing import TYPE_CHECKING, Any
@@ -25,23 +25,23 @@ if TYPE_CHECKING:
     from common.config.cell import Cell
 
 COLOURS = {"PASS": "green", "WARN": "yellow", "FAIL": "red", "SKIP": "dim"}
-# A FAIL of one of these, and there was nothing that could have been tried.
+# A FAIL of one of these means that no peer was reached.
 NOBODY_THERE = ("address", "hello", "bus")
 
 
 def doctor(as_json: JsonOption = False, cell: CellOption = None) -> None:
-    """Check this PC, sensor and controller line by line, with remedies; moves nothing.
+    """Check this PC, sensor and controller, with remedies; the arm does not move.
 
-    It looks at versions, clock, priority, ports and calibration and asks the sensor for its stream.
-    To the controller it says hello, sends command 12 with a hold behind it, looks, leaves it held.
-    While the cell is up it asks the bus instead: sensor and controller take one client only.
+    It checks versions, clock, priority, ports and calibration and requests the sensor's stream.
+    It connects to the controller, sends command 12 followed by a hold, and leaves it held.
+    While the cell is up it reads the bus instead: sensor and controller accept one client only.
     """
     with one_line_errors():
         path = find_cell_file(cell)
         lines, loaded = _cell_line(path)
         if loaded is not None:
             if not as_json:
-                typer.echo(f"cell {loaded.cell} ({path}): looking, a few seconds")
+                typer.echo(f"cell {loaded.cell} ({path}): checking, a few seconds")
             with waiting("this PC, the sensor, the robot or the bus"):
                 lines += _look(loaded)
     code = exit_code(lines)
@@ -63,7 +63,7 @@ def exit_code(lines: "list[Line]") -> int:
 
 
 def print_lines(lines: "list[Line]") -> None:
-    """Print a report for people."""
+    """Print a report on the terminal."""
     from rich.console import Console
     from rich.markup import escape
 
@@ -77,7 +77,7 @@ def print_lines(lines: "list[Line]") -> None:
     counts = {word: sum(line.word == word for line in lines) for word in COLOURS}
     console.print(
         f"{counts['PASS']} passed, {counts['WARN']} warnings, {counts['FAIL']} failed, "
-        f"{counts['SKIP']} not looked at"
+        f"{counts['SKIP']} skipped"
     )
 
 
@@ -94,7 +94,7 @@ def _cell_line(path: "Path") -> "tuple[list[Line], Cell | None]":
 
 
 def _look(cell: "Cell") -> "list[Line]":
-    """Look at this PC and the sensor; then at the bus when the cell is up, else at the link."""
+    """Check this PC and the sensor; then the bus when the cell is up, else the link."""
     from cli.doctor.bus import listen
     from cli.doctor.machine import machine_lines
     from cli.doctor.sensor import sensor_line
@@ -107,18 +107,18 @@ def _look(cell: "Cell") -> "list[Line]":
 
 
 def _zenoh(cell: "Cell", found: "Overheard | None") -> "Line":
-    """Tell whether the bus answers; a cell that is not up has none."""
+    """Check whether the bus responds; a cell that is not up has none."""
     from cli.doctor.checks import passed, skipped
     from forcemesh.zenoh_settings import endpoint_of
 
     where = endpoint_of(cell)
     if found is None:
-        return skipped("zenoh", f"no hub answers at {where}: it comes with `forcemesh up`")
-    return passed("zenoh", f"the hub answers at {where}")
+        return skipped("zenoh", f"no hub responds at {where}: `forcemesh up` starts it")
+    return passed("zenoh", f"the hub responds at {where}")
 
 
 def _look_at_robot(cell: "Cell", found: "Overheard | None", *, has_run: bool) -> "list[Line]":
-    """Look at the bus when the cell is up, else at the link; say which and why."""
+    """Check the bus when the cell is up, else the link; the lines report which and why."""
     from cli.doctor.checks import skipped, trouble
     from cli.doctor.report import bus_lines, link_lines, unused_lines
     from services.gateway.scales import Scales
@@ -129,16 +129,16 @@ def _look_at_robot(cell: "Cell", found: "Overheard | None", *, has_run: bool) ->
     if found is not None and (has_run or found.robot is not None or section is None):
         return bus_lines(cell, scales, found)
     if has_run:
-        return [trouble("bus", "FAIL", "the cell is up, and its hub does not answer", "bus")]
+        return [trouble("bus", "FAIL", "the cell is up, but its hub does not respond", "bus")]
     if section is None:
-        nobody = trouble("bus", "FAIL", "no hub answers: the cell is not up", "bus.down")
+        nobody = trouble("bus", "FAIL", "no hub responds: the cell is not up", "bus.down")
         return [nobody, *unused_lines(cell)]
     from cli.doctor.link import visit
 
     lines = link_lines(
         cell, section, scales, visit(section.host, section.port, scales, arm=section.arm)
     )
-    return [*lines, skipped("processes", "the cell is not up: so the link itself was tried")]
+    return [*lines, skipped("processes", "the cell is not up: the link itself was checked")]
 
 
 def _as_object(cell: "Cell | None", path: "Path", lines: "list[Line]", code: int) -> dict[str, Any]:

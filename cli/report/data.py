@@ -1,4 +1,4 @@
-"""What a recording tells: numbers over time, states, stops with their remedies, how topics came."""
+"""Content of a report: time series, states, stops with their remedies, topic statistics."""
 
 import math
 from collections.abc import Iterator
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from common.config.cell import Cell
     from services.recorder.reading import RecordedFile
 
-POINTS = 3000  # of a plot: more than a screen has
+POINTS = 3000  # of a plot: more than the pixels of a screen
 STOPPED = ("HOLDING", "FAULT")
 PLACES = {
     topics.ROBOT_STATE.key: "robot",
@@ -35,7 +35,7 @@ TYPES = {topic.key: topic.message for topic in TOPICS}
 
 @dataclass(frozen=True, slots=True)
 class Stop:
-    """A moment at which the arm was stopped, and what a person should do."""
+    """Stop of the arm: time, cause and remedy."""
 
     at_s: float
     state: str
@@ -43,14 +43,14 @@ class Stop:
 
     @property
     def remedy(self) -> str:
-        """What the table of faults says to do, empty for a code of another version."""
+        """Remedy from the table of faults, empty for a code of another version."""
         row = FAULTS.get(self.trip.code)
         return "" if row is None else row.remedy
 
 
 @dataclass(slots=True)
 class Came:
-    """How one topic came."""
+    """Statistics of one topic: count, losses, gaps, rate."""
 
     count: int = 0
     lost: int = 0
@@ -61,7 +61,7 @@ class Came:
 
     @property
     def rate_hz(self) -> float:
-        """How often it came."""
+        """Mean rate."""
         lasted_s = (self.last_ns - self.first_ns) / NS_PER_S
         return (self.count - 1) / lasted_s if lasted_s > 0.0 else 0.0
 
@@ -78,7 +78,7 @@ class Came:
 
 @dataclass(slots=True)
 class Story:
-    """All of it."""
+    """Content of one recording."""
 
     begin_ns: int
     lasted_s: float
@@ -93,10 +93,10 @@ class Story:
 
 
 def story_of(read: "RecordedFile", cell: "Cell") -> Story:
-    """Go through a recording twice: once for its length, once for what is in it."""
+    """Read a recording twice: once for its length, once for its content."""
     times = [heard.at_ns for heard in read.heard()]
     if not times:
-        raise DataError(f"{read.path}: there is no message in it")
+        raise DataError(f"{read.path}: the recording contains no message")
     story = Story(times[0], (times[-1] - times[0]) / NS_PER_S)
     readout, next_s = Readout(cell), 0.0
     for at_s, key, snapshot in _snapshots(read, story):
@@ -111,7 +111,7 @@ def story_of(read: "RecordedFile", cell: "Cell") -> Story:
 
 
 def moments(read: "RecordedFile", begin_ns: int, rate_hz: float) -> Iterator[tuple[float, Any]]:
-    """Yield time [s] and what was known then, at most so often."""
+    """Yield time [s] and the newest messages at that time, at most at a rate."""
     next_s = 0.0
     for at_s, key, snapshot in _snapshots(read, Story(begin_ns, 0.0)):
         if key == topics.ROBOT_STATE.key and at_s >= next_s:
@@ -120,7 +120,7 @@ def moments(read: "RecordedFile", begin_ns: int, rate_hz: float) -> Iterator[tup
 
 
 def _snapshots(read: "RecordedFile", story: Story) -> Iterator[tuple[float, str, Snapshot]]:
-    """Yield after each message what was known: time [s], topic, the newest of every topic."""
+    """Yield after each message its time [s], its topic, and the newest message of every topic."""
     snapshot = Snapshot()
     for heard in read.heard():
         try:

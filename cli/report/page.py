@@ -1,4 +1,4 @@
-"""The page of a report: one file of HTML that needs nothing else."""
+"""Page of a report: one self-contained HTML file."""
 
 from datetime import UTC, datetime
 from html import escape
@@ -43,8 +43,8 @@ def page_of(read: "RecordedFile", story: "Story", plots: list[str], scene: str) 
     about = read.about
     when = datetime.fromtimestamp(story.begin_ns / 1e9, UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
     title = f"Cell {about['cell']}, {when}"
-    broken = "" if read.is_whole else " · it breaks off: its recorder was killed"
-    cause = "asked for" if about["cause"] == "asked" else f"begun by {about['cause']}"
+    broken = "" if read.is_whole else " · truncated: its recorder was killed"
+    cause = "requested" if about["cause"] == "asked" else f"triggered by {about['cause']}"
     sub = (
         f"{read.path.name} · {cause} · forcemesh {about['version']} · "
         f"configuration {about['config_hash']}{broken}"
@@ -79,7 +79,7 @@ def _cards(story: "Story") -> str:
     if chain:
         cards.append((f"{chain[len(chain) // 2]:.1f} ms", "sensor to robot, median"))
     if story.unreadable:
-        cards.append((f"{story.unreadable}", "messages that nobody can read"))
+        cards.append((f"{story.unreadable}", "messages that cannot be decoded"))
     inside = "".join(f"<div class=card><b>{b}</b><span>{s}</span></div>" for b, s in cards)
     return f"<div class=cards>{inside}</div>"
 
@@ -92,7 +92,7 @@ def _states(story: "Story") -> str:
         f"{escape(state)}</span>"
         for (at_s, state), end_s in zip(story.states, ends, strict=True)
     )
-    return f"<h2>The arbiter</h2><div class=bar>{spans}</div>" if spans else ""
+    return f"<h2>Arbiter states</h2><div class=bar>{spans}</div>" if spans else ""
 
 
 def _stops(story: "Story") -> str:
@@ -101,7 +101,7 @@ def _stops(story: "Story") -> str:
     return "<h2>Stops</h2>" + "".join(
         f"<div class=stop><b>{stop.at_s:.2f} s · {escape(stop.state)} · "
         f"{escape(stop.trip.code)} ({stop.trip.rule})</b><br>{escape(stop.trip.text)}"
-        f"{'<br>What to do: ' + escape(stop.remedy) if stop.remedy else ''}</div>"
+        f"{'<br>Remedy: ' + escape(stop.remedy) if stop.remedy else ''}</div>"
         for stop in story.stops
     )
 
@@ -110,7 +110,7 @@ def _scene(scene: str) -> str:
     if not scene:
         return ""
     return (
-        "<h2>Replay</h2><p class=sub>Drag to turn, scroll to come nearer; the bar below plays and "
+        "<h2>Replay</h2><p class=sub>Drag to rotate, scroll to zoom; the bar below plays and "
         f'scrubs.</p><iframe title="3D replay" srcdoc="{escape(scene)}"></iframe>'
     )
 
@@ -122,6 +122,6 @@ def _topics(story: "Story") -> str:
         f"<td class=n>{1e3 * came.longest_gap_s:.0f}</td><td class=n>{came.lost}</td></tr>"
         for key, came in sorted(story.came.items())
     )
-    head = "<th>topic</th><th class=n>messages</th><th class=n>per second</th>"
+    head = "<th>topic</th><th class=n>messages</th><th class=n>rate [1/s]</th>"
     head += "<th class=n>longest gap [ms]</th><th class=n>lost</th>"
-    return f"<h2>What was heard</h2><div class=scroll><table><tr>{head}</tr>{rows}</table></div>"
+    return f"<h2>Topics</h2><div class=scroll><table><tr>{head}</tr>{rows}</table></div>"

@@ -1,4 +1,4 @@
-"""The plots of a report, as SVG that stands in the page."""
+"""Plots of a report as SVG for the page."""
 
 import io
 import re
@@ -10,16 +10,21 @@ if TYPE_CHECKING:
 # Title, unit, and the lines with their colours.
 PLOTS: tuple[tuple[str, str, tuple[tuple[str, str], ...]], ...] = (
     ("Press force", "N", (("press", "#e03131"), ("set point", "#868e96"))),
-    ("Force of the environment", "N", (("Fx", "#e8590c"), ("Fy", "#2f9e44"), ("Fz", "#1971c2"))),
+    (
+        "Force of the environment on the tool",
+        "N",
+        (("Fx", "#e8590c"), ("Fy", "#2f9e44"), ("Fz", "#1971c2")),
+    ),
     ("Torque about the TCP", "N m", (("Mx", "#e8590c"), ("My", "#2f9e44"), ("Mz", "#1971c2"))),
-    ("Behind the command", "mm", (("distance", "#7048e8"),)),
-    ("From sensor sample to robot", "ms", (("chain", "#0c8599"),)),
+    ("Tracking error", "mm", (("distance", "#7048e8"),)),
+    ("Latency from sensor sample to robot", "ms", (("chain", "#0c8599"),)),
 )
+LABELS = {"press": "measured"}
 GREY = "#868e96"
 
 
 def plots_of(story: "Story") -> list[str]:
-    """Return one SVG for each plot of which something is known."""
+    """Return one SVG for each plot with data."""
     import matplotlib as mpl
 
     mpl.use("Agg")
@@ -39,11 +44,18 @@ def _plot(story: "Story", title: str, unit: str, lines: list[tuple[str, str]]) -
     axes = figure.subplots()
     axes.patch.set_alpha(0.0)
     for name, colour in lines:
-        axes.plot(story.times_s, story.series[name], color=colour, linewidth=1.0, label=name)
+        axes.plot(
+            story.times_s,
+            story.series[name],
+            color=colour,
+            linewidth=1.0,
+            label=LABELS.get(name, name),
+        )
     for stop in story.stops:
         axes.axvline(stop.at_s, color="#e03131", linewidth=1.0, linestyle=":")
     axes.set_xlim(0.0, max(story.lasted_s, 1e-3))
     axes.set_title(f"{title} [{unit}]", loc="left", fontsize=10, color=GREY)
+    axes.set_xlabel("time [s]", fontsize=8, color=GREY)
     axes.tick_params(colors=GREY, labelsize=8)
     axes.grid(visible=True, color=GREY, alpha=0.2, linewidth=0.5)
     for spine in axes.spines.values():

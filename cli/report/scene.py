@@ -1,4 +1,4 @@
-"""The recording in 3D: the panel's own view, played by the page itself, without a server."""
+"""3D replay of a recording: the panel's view, played by the page itself, without a server."""
 
 from contextlib import redirect_stdout
 from io import StringIO
@@ -14,7 +14,7 @@ MOST_FRAMES = 4000
 
 
 def scene_html(read: "RecordedFile", cell: "Cell", story: "Story") -> str:
-    """Return a page that plays the arm's motion; it needs nothing from any network."""
+    """Return a page that plays the arm's motion; it needs no network."""
     import socket
 
     import viser
@@ -25,7 +25,7 @@ def scene_html(read: "RecordedFile", cell: "Cell", story: "Story") -> str:
     with socket.socket() as found:
         found.bind(("127.0.0.1", 0))
         port = found.getsockname()[1]
-    with redirect_stdout(StringIO()):  # it greets, whatever it is told
+    with redirect_stdout(StringIO()):  # it prints a greeting in any case
         server = viser.ViserServer(host="127.0.0.1", port=port, verbose=False)
     try:
         scene = Scene(server, cell)

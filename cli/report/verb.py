@@ -1,4 +1,4 @@
-"""The verb `report`: a recording as one page of HTML that opens anywhere."""
+"""Verb `report`: a recording as one self-contained HTML page."""
 
 from pathlib import Path
 from typing import Annotated
@@ -14,11 +14,13 @@ def report(
     *,
     out: Annotated[
         Path | None,
-        typer.Option("--out", "-o", metavar="FILE", help="Else beside FILE.", show_default=False),
+        typer.Option(
+            "--out", "-o", metavar="FILE", help="Default: next to FILE.", show_default=False
+        ),
     ] = None,
-    no_3d: Annotated[bool, typer.Option("--no-3d", help="Leave the 3D replay out.")] = False,
+    no_3d: Annotated[bool, typer.Option("--no-3d", help="Omit the 3D replay.")] = False,
 ) -> None:
-    """Write a page with plots, summary, stops and their remedies, and the arm's motion in 3D."""
+    """Write a page with summary, plots, stops and their remedies, and the arm's motion in 3D."""
     with one_line_errors():
         from cli.report.data import story_of
         from cli.report.page import page_of

@@ -1,4 +1,4 @@
-"""What the tool feels while force feedback works, sample by sample, and how a skill ends."""
+"""Contact monitor: measured force and pose during force feedback, and the end of a skill."""
 
 import signal
 from collections.abc import Callable, Iterator
@@ -20,26 +20,26 @@ from forcemesh.messages import RegulatorTarget
 
 POLL_S = 0.001
 SILENCE_S = 1.0
-STARTED_WITHIN_S = 0.5  # so long the regulator may take to name the mode that was asked for
+STARTED_WITHIN_S = 0.5  # by then the regulator must report the requested mode
 
-Tell = Callable[[float, float, str], None]  # done, of so much, what is going on
+Tell = Callable[[float, float, str], None]  # completed, total, description
 
 
 @dataclass(frozen=True, slots=True)
 class Felt:
-    """One wrench, and where the tool was."""
+    """Wrench at the TCP with the pose measured at that time."""
 
-    t_s: float  # since the feeler was made
+    t_s: float  # since the monitor was created
     press_N: float  # along the tool's axis, positive: the tool presses
     force_N: Array  # of the environment on the tool, base axes
     torque_Nm: Array  # about the TCP
     T_base_tcp: pin.SE3  # measured
     contact: str
-    left_m: float | None  # of the path
+    left_m: float | None  # remaining path
 
 
 class Feeler:
-    """Feels with the tool of a cell from now on."""
+    """Monitor of the contact force and TCP pose of a cell."""
 
     def __init__(self, cell: ConfiguredCell) -> None:
         """Subscribe."""
@@ -50,11 +50,11 @@ class Feeler:
 
     @property
     def t_s(self) -> float:
-        """Time since it was made [s]."""
+        """Time since creation [s]."""
         return (self._clock.now_ns() - self._start_ns) / NS_PER_S
 
     def here(self) -> pin.SE3:
-        """Return where the TCP is, in base. Raises LostError, NotValidError."""
+        """Return the pose of the TCP in base. Raises LostError, NotValidError."""
         return pose_of(self._cell.state()) * self._T_flange_tcp
 
     def next(self) -> Felt:
@@ -62,14 +62,16 @@ class Feeler:
 
         Raises:
             ArmStoppedError: The arm was stopped.
-            NotReachedError: Force feedback was stopped by somebody else.
-            LostError, NotValidError: Who should say it says nothing, or nothing good.
+            NotReachedError: Force feedback was stopped by another client.
+            LostError, NotValidError: A publisher is silent, or its message is not valid.
         """
         give_up_s = self.t_s + SILENCE_S
         while not self._wrench.poll():
             if self.t_s > give_up_s:
-                self._raise_when_stopped()  # whoever is silent has stopped the arm long before
-                raise LostError(f"nothing on {topics.WRENCH.key} for {SILENCE_S:g} s", ("wrench",))
+                self._raise_when_stopped()  # a silent publisher has stopped the arm before
+                raise LostError(
+                    f"no message on {topics.WRENCH.key} for {SILENCE_S:g} s", ("wrench",)
+                )
             self._clock.sleep_s(POLL_S)
         self._raise_when_stopped()
         target = self._cell.target.reading().message
@@ -93,7 +95,7 @@ class Feeler:
         )
 
     def peak_N(self, duration_s: float) -> float:
-        """Return the most that the tool presses with during a while [N], whatever moves it.
+        """Return the largest press force during a period [N], also without force feedback.
 
         Raises ArmStoppedError when the arm was stopped in it, else as `now`.
         """
@@ -112,7 +114,7 @@ class Feeler:
     def until(
         self, done: Callable[[Felt], bool], *, within_s: float, what: str, tell: Tell
     ) -> list[Felt]:
-        """Return all that is felt until something is so. Raises as `next`, and when it is late."""
+        """Return all samples until a condition holds. Raises as `next`, and after the timeout."""
         felt: list[Felt] = []
         end_s = self.t_s + within_s
         while True:
@@ -121,19 +123,19 @@ class Feeler:
             if done(felt[-1]):
                 return felt
             if felt[-1].t_s > end_s:
-                raise NotReachedError(f"{what}: not within {within_s:g} s")
+                raise NotReachedError(f"{what}: target not reached within {within_s:g} s")
 
 
 class Steady:
-    """Tells when something has been so without a break for a while."""
+    """Debounce: true when a condition has held without a break for a given time."""
 
     def __init__(self, so: Callable[[Felt], bool], steady_s: float) -> None:
-        """Begin with nothing seen."""
+        """Start without samples."""
         self._so, self._steady_s = so, steady_s
         self.since_s: float | None = None
 
     def __call__(self, felt: Felt) -> bool:
-        """Take one more sample."""
+        """Evaluate one more sample."""
         if not self._so(felt):
             self.since_s = None
             return False
@@ -143,9 +145,9 @@ class Steady:
 
 @contextmanager
 def force_ends(cell: ConfiguredCell) -> Iterator[None]:
-    """Stop force feedback at the end in any case; an interruption, or any accident, holds the arm.
+    """Stop force feedback at the end; hold the arm after an interruption or an unexpected error.
 
-    Whoever has stopped the arm meanwhile is not talked over.
+    No request is sent when the arm has already been stopped.
     """
     try:
         yield
@@ -164,10 +166,10 @@ def force_ends(cell: ConfiguredCell) -> Iterator[None]:
 
 @contextmanager
 def like_ctrl_c() -> Iterator[None]:
-    """Let a closed terminal, and a process that is told to end, stop the arm as Ctrl-C does."""
+    """Handle SIGHUP (closed terminal) and SIGTERM like Ctrl-C: they stop the arm."""
 
     def interrupt(_signal: int, _frame: FrameType | None) -> None:
-        """Do as Ctrl-C does."""
+        """Raise KeyboardInterrupt as Ctrl-C does."""
         raise KeyboardInterrupt
 
     with _signals(interrupt, (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)):
@@ -176,7 +178,7 @@ def like_ctrl_c() -> Iterator[None]:
 
 @contextmanager
 def deaf() -> Iterator[None]:
-    """Let no second Ctrl-C get between a person and the hold that the first one asked for."""
+    """Ignore further Ctrl-C while the hold that the first one requested is sent."""
 
     def nothing(_signal: int, _frame: FrameType | None) -> None:
         """Ignore it."""
@@ -198,9 +200,9 @@ def _signals(
 
 
 def is_running(target: RegulatorTarget | None) -> bool:
-    """Tell whether the regulator works."""
+    """Return whether force feedback runs."""
     return target is not None and target.mode is not None
 
 
 def silent(_done: float, _total: float, _text: str) -> None:
-    """Tell nobody."""
+    """Discard the progress."""

@@ -1,4 +1,4 @@
-"""A constant force along a path: press where the tool is, then go across with that force."""
+"""Path following at constant press force: press at the start, then move along the path."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,18 +18,18 @@ from forcemesh.messages import Vec3
 from forcemesh.requests import ForceStartRequest, PathRequest
 
 CHUNK = 50  # points in one request
-AHEAD = 250  # points that the regulator has at most, beside those of one request
+AHEAD = 250  # points queued at the regulator, besides those of one request
 ALONG, FLAT = (False, False, True, False, False, False), (False, False, True, True, True, False)
-START_WITHIN_M = 0.02  # across: farther away it is no start but a way nobody asked for
-BEGINNING_S = 1.0  # of the way: not counted in the mean error
+START_WITHIN_M = 0.02  # lateral; a path that starts farther away is rejected
+BEGINNING_S = 1.0  # start of the path, not counted in the mean error
 STANDS_S = 0.2
 DONE_M = 1e-5
-LEAST_M = 1e-4  # a shorter way is none
+LEAST_M = 1e-4  # shortest path
 
 
 @dataclass(frozen=True, slots=True)
 class Followed:
-    """How well a force was held along a path."""
+    """Result: press force held along a path."""
 
     length_mm: float
     took_s: float
@@ -37,17 +37,17 @@ class Followed:
     mean_error_N: float  # mean of the size, after the first second
     peak_error_N: float
     contacts_lost: int
-    height_mm: float  # by which the surface rose and fell
+    height_mm: float  # height range of the surface
 
 
 @dataclass(frozen=True, slots=True)
 class Way:
-    """How the path is to be gone."""
+    """Force, speed and placement of a path."""
 
     force_N: float
     speed_m_s: float
-    from_here: bool = False  # shift the path so that it begins where the tool is
-    flat: bool = False  # turn with the surface
+    from_here: bool = False  # shift the path so that it starts at the tool
+    flat: bool = False  # orient the tool along the surface
 
 
 def follow(
@@ -59,21 +59,21 @@ def follow(
     within_s: float,
     tell: Tell = silent,
 ) -> Followed:
-    """Press, then go along points across the tool's axis while the force is held.
+    """Press, then move along points across the tool's axis while the force is held.
 
     Args:
         cell: An armed cell.
-        points: Of the TCP in base [m], each of shape (3,); their height does not count.
+        points: Of the TCP in base [m], each of shape (3,); their height is ignored.
         way: Force and speed.
-        how: Law and gains; the adaptive law unless another one is named.
-        within_s: Longest time until the force is there.
-        tell: Told how it goes.
+        how: Law and gains; default: the adaptive law.
+        within_s: Longest time until the force is reached [s].
+        tell: Receives the progress.
 
     Raises:
-        DataError: The path begins somewhere else than the tool is, leaves the workspace, or goes
-            nowhere across the tool's axis.
-        NotReachedError: The force was not there in time.
-        RefusedError, ArmStoppedError, LostError: As the client raises them.
+        DataError: The path starts too far from the tool, leaves the workspace, or has no length
+            across the tool's axis.
+        NotReachedError: The force was not reached in time.
+        RefusedError, ArmStoppedError, LostError: As raised by the client.
     """
     feeler = Feeler(cell)
     start = feeler.here()
@@ -97,19 +97,19 @@ def follow(
 
 
 def _placed(points: Sequence[Array], here: Array, axis: Array, way: Way) -> list[Array]:
-    """Return the points where they are meant. Raises DataError."""
+    """Return the points at their final positions. Raises DataError."""
     if way.from_here:
         return [point - points[0] + here for point in points]
     off = points[0] - here
     off_m = float(np.linalg.norm(off - (off @ axis) * axis))
     if off_m > START_WITHIN_M:
-        text = f"the path begins {1e3 * off_m:.0f} mm beside the tool"
-        raise DataError(f"{text}: move there first, or let it begin here with --from-here")
+        text = f"the path starts {1e3 * off_m:.0f} mm away from the tool"
+        raise DataError(f"{text}: move there first, or start at the tool with --from-here")
     return list(points)
 
 
 def _left_m(points: list[Array], here: Array, axis: Array, limits: Limits) -> list[float]:
-    """Return how far it is from each point to the last one across the axis. Raises DataError."""
+    """Return the path length left at each point, across the axis [m]. Raises DataError."""
     across = [point - ((point - here) @ axis) * axis for point in points]
     for number, point in enumerate(across, 1):
         trip = check_workspace(limits, pin.SE3(np.eye(3), point))
@@ -119,7 +119,7 @@ def _left_m(points: list[Array], here: Array, axis: Array, limits: Limits) -> li
     for a, b in pairwise(reversed(across)):
         left.append(left[-1] + float(np.linalg.norm(b - a)))
     if left[-1] < LEAST_M:
-        raise DataError("the path does not go across the tool's axis: only that counts, not height")
+        raise DataError("the path has no length across the tool's axis; its height is ignored")
     return left[::-1]
 
 
@@ -132,7 +132,7 @@ def _go(
     to_go: list[float],
     tell: Tell,
 ) -> list[Felt]:
-    """Send the points bit by bit until all have been gone to; return what was felt."""
+    """Send the points in chunks until the end of the path is reached; return the samples."""
     length_m = to_go[0]
     sent, behind, felt, done = 0, 0, [feeler.next()], Steady(_has_arrived, STANDS_S)
     while True:

@@ -1,4 +1,4 @@
-"""What every verb that works with force needs: the cell, a bar, and an end that holds the arm."""
+"""Session of a force skill: connection, progress bar, and a hold when it is interrupted."""
 
 import sys
 from collections.abc import Iterator
@@ -15,14 +15,14 @@ if TYPE_CHECKING:
     from common.bus.configured_cell import ConfiguredCell
 
 INTERRUPTED = 130
-TAKEN_OVER = "force feedback runs already: this takes it over, and ends it at its own end"
+TAKEN_OVER = "force feedback is already running: this verb takes it over and stops it at its end"
 
-LOADED = "the tool is loaded with {:.1f} N already: `forcemesh retract` leaves a contact"
+LOADED = "the tool is already loaded with {:.1f} N: `forcemesh retract` leaves a contact"
 
 
 @contextmanager
 def at_work(named: Path | None) -> "Iterator[tuple[ConfiguredCell, Tell]]":
-    """Connect and show a bar; Ctrl-C, a closed terminal and a request to end hold the arm."""
+    """Connect and show a progress bar; Ctrl-C, a closed terminal and SIGTERM hold the arm."""
     from cli.skills.contact_monitor import deaf, like_ctrl_c
     from forcemesh.errors import ForcemeshError
 
@@ -40,14 +40,14 @@ def at_work(named: Path | None) -> "Iterator[tuple[ConfiguredCell, Tell]]":
                 try:
                     cell.hold("a verb was interrupted")
                 except ForcemeshError as error:
-                    text = f"the hold was not answered: {error}"
+                    text = f"no reply to the hold request: {error}"
             typer.echo(f"interrupted: {text}", err=True)
             raise typer.Exit(INTERRUPTED) from None
 
 
 @contextmanager
 def bar() -> "Iterator[Tell]":
-    """Show how it goes, on a terminal; elsewhere nothing."""
+    """Show the progress on a terminal; nothing otherwise."""
     from cli.calibration.screen import screen
     from cli.skills.contact_monitor import silent
 

@@ -1,4 +1,4 @@
-"""Hand guiding: the tool follows a hand, the way is written down, and gone again."""
+"""Hand guiding by admittance control: record of the flange path, and its playback."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -19,7 +19,7 @@ RECORD_S = 0.02
 
 @dataclass(slots=True)
 class Recording:
-    """Where the flange was, in base; it grows while the hand guides."""
+    """Recorded path of the flange in base; it grows while the arm is guided."""
 
     times_s: list[float] = field(default_factory=list)
     poses: list[pin.SE3] = field(default_factory=list)
@@ -27,12 +27,12 @@ class Recording:
 
     @property
     def way_mm(self) -> float:
-        """Length of the way of the flange."""
+        """Length of the flange path."""
         places = np.array([T.translation for T in self.poses]).reshape(-1, 3)
         return 1e3 * float(np.linalg.norm(np.diff(places, axis=0), axis=1).sum())
 
     def save(self, path: Path) -> None:
-        """Write it. Raises DataError when the file cannot be written."""
+        """Write the poses. Raises DataError when the file cannot be written."""
         write_poses(path, self.times_s, self.poses)
 
 
@@ -45,18 +45,18 @@ def guide(
     enough: Callable[[], bool],
     tell: Tell = silent,
 ) -> None:
-    """Let the tool give way to a hand for a while, or until it is enough.
+    """Let a hand guide the tool for a period, or until `enough` returns true.
 
     Args:
-        cell: An armed cell; nothing touches the tool when it begins.
-        recording: What happens is written into it, however it ends.
-        mode: What the hand may move: `position`, `orientation` or both.
-        seconds: Longest time.
-        enough: Asked at each sample.
-        tell: Told how it goes.
+        cell: An armed cell; the tool is free of contact at the start.
+        recording: Receives the samples, also when an error ends the guiding.
+        mode: Guided motion: `position`, `orientation` or both.
+        seconds: Longest time [s].
+        enough: Called at each sample.
+        tell: Receives the progress.
 
     Raises:
-        RefusedError, ArmStoppedError, LostError: As the client raises them.
+        RefusedError, ArmStoppedError, LostError: As raised by the client.
     """
     feeler = Feeler(cell)
     T_tcp_flange = cell.config.tool.T_flange_tcp.pose.inverse()
@@ -81,9 +81,9 @@ def play_back(
     speed_m_s: float | None,
     tell: Tell = silent,
 ) -> int:
-    """Go along recorded poses of the flange; rests at each. Returns how many were needed.
+    """Move along recorded poses of the flange with a stop at each; return their number.
 
-    Nothing is felt: it is an ordinary move, and the arbiter's limits alone stop it.
+    These are ordinary moves without force feedback; only the arbiter's limits stop them.
 
     Raises RefusedError, ArmStoppedError, NotReachedError, LostError as a move does.
     """

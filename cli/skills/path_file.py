@@ -3,7 +3,7 @@
     x_mm,y_mm,z_mm                          points of the TCP, base axes: `forcemesh follow`
     t_s,x_mm,y_mm,z_mm,o_deg,a_deg,t_deg    poses of the flange in base: `forcemesh guide`
 
-Lines that begin with # are skipped; columns beside these too.
+Lines that begin with # and other columns are ignored.
 """
 
 import csv
@@ -20,7 +20,7 @@ from forcemesh.errors import DataError
 POINT = ("x_mm", "y_mm", "z_mm")
 POSE = (*POINT, "o_deg", "a_deg", "t_deg")
 MOST_ROWS = 100_000
-ARM_M = 0.1  # a turn counts as the way of a point so far away
+ARM_M = 0.1  # lever arm: a rotation counts as the travel of a point at this distance
 
 
 def read_points(path: Path) -> list[Array]:
@@ -53,9 +53,9 @@ def write_poses(path: Path, times_s: Sequence[float], poses: Sequence[pin.SE3]) 
 
 
 def thinned(poses: Sequence[pin.SE3], tolerance_m: float) -> list[pin.SE3]:
-    """Return the poses that are needed: straight between them, no other is farther off than so.
+    """Return the poses needed for linear interpolation within a tolerance (Douglas-Peucker).
 
-    A turn counts as the way that it gives a point 100 mm away.
+    A rotation counts as the travel of a point 100 mm away.
     """
     if len(poses) < 3:
         return list(poses)
@@ -71,7 +71,7 @@ def thinned(poses: Sequence[pin.SE3], tolerance_m: float) -> list[pin.SE3]:
 
 
 def _off_m(poses: Sequence[pin.SE3], first: int, last: int, at: int) -> float:
-    """Return how far a pose is from the straight way between two others [m]."""
+    """Return the distance of a pose from the straight line between two others [m]."""
     a, b, T = poses[first], poses[last], poses[at]
     way_m = b.translation - a.translation
     turn = rotation_between(a.rotation, b.rotation)
@@ -87,13 +87,13 @@ def _rows(path: Path, names: tuple[str, ...]) -> list[tuple[float, ...]]:
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
     except (OSError, UnicodeDecodeError) as error:
-        why = error.strerror if isinstance(error, OSError) else "it is no text"
+        why = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
         raise DataError(f"{path}: cannot be read: {why}") from error
     rows = list(_numbers(path, [line for line in lines if not line.startswith("#")], names))
     if not rows:
-        raise DataError(f"{path}: no rows: columns {','.join(names)}, then one row for each place")
+        raise DataError(f"{path}: no rows: columns {','.join(names)}, then one row per pose")
     if len(rows) > MOST_ROWS:
-        raise DataError(f"{path}: {len(rows)} rows, at most {MOST_ROWS} are read")
+        raise DataError(f"{path}: {len(rows)} rows, the limit is {MOST_ROWS}")
     return rows
 
 

@@ -1,4 +1,4 @@
-"""Three skills: touch, press, lay flat. They are clients of the cell like any other."""
+"""Force skills touch, press and align. They are clients of the cell like any other."""
 
 from dataclasses import dataclass
 from math import degrees
@@ -14,7 +14,7 @@ from forcemesh.messages import Mode, Preset, StartLaw, Vec3
 from forcemesh.requests import ForceStartRequest
 
 BAND_N, BAND_NM = 1.0, 0.1
-STOPPED_WITHIN_S = 0.2  # an approach goes on for its loop's delay, and presses meanwhile
+STOPPED_WITHIN_S = 0.2  # an approach continues, and presses, for the delay of its loop
 STEADY_S = 0.3
 TOUCH_S = 120.0
 BACK_M_S = 0.02
@@ -22,35 +22,35 @@ BACK_M_S = 0.02
 
 @dataclass(frozen=True, slots=True)
 class How:
-    """How force feedback is to work."""
+    """Law and gain preset of force feedback."""
 
-    law: StartLaw | None = None  # without it the cell file's
+    law: StartLaw | None = None  # None: the cell file's
     preset: Preset | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class Touched:
-    """Where something was touched."""
+    """Result: position and peak force of the first contact."""
 
     tcp_mm: Vec3  # base axes
-    way_mm: float  # that the tool went to it
+    way_mm: float  # travel until contact
     peak_N: float
 
 
 @dataclass(frozen=True, slots=True)
 class Held:
-    """How well a force was held."""
+    """Result: press force held for a period."""
 
     setpoint_N: float
     reached_s: float  # from the first contact until it stayed within 1 N
     mean_N: float
     ripple_N: float  # standard deviation
-    peak_N: float  # of all
+    peak_N: float  # of all samples
 
 
 @dataclass(frozen=True, slots=True)
 class Aligned:
-    """How a face was laid flat."""
+    """Result: alignment of the tool's face with a surface."""
 
     turned_deg: float
     reached_s: float  # from the first contact
@@ -66,18 +66,18 @@ def touch(
     back_m: float,
     tell: Tell = silent,
 ) -> Touched:
-    """Approach along the tool's axis until something pushes back, stop there, or a way before.
+    """Approach along the tool's axis until contact, stop there, or retract.
 
     Args:
         cell: An armed cell.
-        force_N: The most that the approach would press with, if it went on.
-        within_m: Longest way; without it the cell's force.search_m.
-        back_m: Way to go back after the touch; 0: stay.
-        tell: Told how it goes.
+        force_N: Target press force of the approach.
+        within_m: Longest travel; default: the cell's force.search_m.
+        back_m: Distance to retract after contact; 0: stay.
+        tell: Receives the progress.
 
     Raises:
-        NotReachedError: Nothing within the way.
-        RefusedError, ArmStoppedError, LostError: As the client raises them.
+        NotReachedError: No contact within the travel.
+        RefusedError, ArmStoppedError, LostError: As raised by the client.
     """
     feeler = Feeler(cell)
     start = feeler.here()
@@ -86,7 +86,7 @@ def touch(
     def is_there(felt: Felt) -> bool:
         way_m = _along(start, felt)
         if way_m > most_m:
-            raise NotReachedError(f"nothing was touched within {1e3 * most_m:g} mm")
+            raise NotReachedError(f"no contact within {1e3 * most_m:g} mm")
         return felt.contact == "contact"
 
     with force_ends(cell):
@@ -109,10 +109,10 @@ def press(
     how: How,
     tell: Tell = silent,
 ) -> Held:
-    """Press along the tool's axis until the force is there, and hold it for a while.
+    """Press along the tool's axis until the force is reached, and hold it for a period.
 
-    Raises NotReachedError when it is not there within `within_s`, or not any more at the end of
-    the while; else as `touch`.
+    Raises NotReachedError when it is not reached within `within_s`, or not held until the end;
+    else as `touch`.
     """
     feeler = Feeler(cell)
     with force_ends(cell):
@@ -126,8 +126,8 @@ def press(
     forces = np.array([sample.press_N for sample in kept])
     last_N = float(forces[[sample.t_s >= kept[-1].t_s - STEADY_S for sample in kept]].mean())
     if abs(last_N - force_N) > BAND_N:
-        text = f"{force_N:g} N were there, and {last_N:.1f} N after {hold_s:g} s"
-        raise NotReachedError(f"{text}: the set point, or the contact, was changed meanwhile")
+        text = f"{force_N:g} N were reached, but {last_N:.1f} N are measured after {hold_s:g} s"
+        raise NotReachedError(f"{text}: the set point or the contact has changed")
     return Held(
         setpoint_N=force_N,
         reached_s=max(0.0, since_s - _first_contact_s(felt)),
@@ -140,7 +140,7 @@ def press(
 def align(
     cell: ConfiguredCell, *, force_N: float, within_s: float, how: How, tell: Tell = silent
 ) -> Aligned:
-    """Press and turn about the TCP until no torque is left: a face comes to lie flat.
+    """Press and rotate about the TCP until no torque is left, so that the face lies flat.
 
     Raises as `press`.
     """
@@ -169,7 +169,7 @@ def _start(force_N: float, mode: Mode, how: How) -> ForceStartRequest:
 
 
 def _presses_with(felt: Felt, force_N: float) -> bool:
-    """Tell whether it presses with a force; a small one is also felt where there is nothing."""
+    """Return whether the tool is in contact and presses with a force; noise alone is no contact."""
     return felt.contact == "contact" and abs(felt.press_N - force_N) <= BAND_N
 
 
@@ -178,7 +178,7 @@ def _first_contact_s(felt: list[Felt]) -> float:
 
 
 def _along(start: pin.SE3, felt: Felt) -> float:
-    """Return the way of the TCP along the tool's axis since the start [m]."""
+    """Return the travel of the TCP along the tool's axis since the start [m]."""
     way_m = felt.T_base_tcp.translation - start.translation
     return float(way_m @ start.rotation[:, 2])
 

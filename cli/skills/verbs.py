@@ -1,4 +1,4 @@
-"""The verbs of the skills: touch, press, follow, align, guide. The arm must be armed."""
+"""Verbs of the force skills: touch, press, follow, align, guide. The arm must be armed."""
 
 import json
 import sys
@@ -17,18 +17,18 @@ from cli.verbs_force import PresetOption
 
 NO_HAND = 600.0
 
-Setpoint = Annotated[float, typer.Argument(metavar="NEWTON", min=0.5, help="Force to press with.")]
+Setpoint = Annotated[float, typer.Argument(metavar="NEWTON", min=0.5, help="Press force [N].")]
 LawOption = Annotated[
     Literal["plain", "adaptive"] | None,
-    typer.Option(help="Of the regulator; without it the cell file's.", show_default=False),
+    typer.Option(help="Control law; default: the cell file's.", show_default=False),
 ]
 WithinOption = Annotated[
-    float, typer.Option("--timeout", min=1.0, help="Longest time until the force is there [s].")
+    float, typer.Option("--timeout", min=1.0, help="Longest time until the force is reached [s].")
 ]
 
 
 def add_to(app: typer.Typer, panel: str) -> None:
-    """Give the command line these verbs."""
+    """Add these verbs to the command line."""
     for verb in (touch, press, follow, align, guide):
         settings = NEGATIVE_NUMBERS if verb is press else None
         app.command(rich_help_panel=panel, context_settings=settings)(verb)
@@ -41,21 +41,21 @@ def _say(as_json: bool, result: Any, text: str) -> None:
 def touch(
     *,
     force: Annotated[
-        float, typer.Option(min=0.5, help="Force that the approach would go on to [N].")
+        float, typer.Option(min=0.5, help="Target press force of the approach [N].")
     ] = 5.0,
     within: Annotated[
         float | None,
         typer.Option(
-            min=0.1, help="Longest way [mm]; else force.search_m of the cell.", show_default=False
+            min=0.1, help="Longest travel [mm]; default: force.search_m.", show_default=False
         ),
     ] = None,
     back: Annotated[
-        float, typer.Option(min=0.0, max=100.0, help="Way to go back afterwards [mm].")
+        float, typer.Option(min=0.0, max=100.0, help="Distance to retract afterwards [mm].")
     ] = 0.0,
     as_json: JsonOption = False,
     cell: CellOption = None,
 ) -> None:
-    """Approach along the tool's axis until something pushes back; say where that is."""
+    """Approach along the tool's axis until contact; print the contact position."""
     with at_work(cell) as (client, tell):
         from cli.skills import pressing
 
@@ -70,21 +70,21 @@ def touch(
             tell=tell,
         )
     x, y, z = found.tcp_mm
-    text = f"touched with the TCP at {x:.2f}, {y:.2f}, {z:.2f} mm after {found.way_mm:.2f} mm"
-    _say(as_json, found, f"{text}, with {found.peak_N:.1f} N at most")
+    text = f"contact with the TCP at {x:.2f}, {y:.2f}, {z:.2f} mm after {found.way_mm:.2f} mm"
+    _say(as_json, found, f"{text}, peak force {found.peak_N:.1f} N")
 
 
 def press(
     force: Setpoint,
     *,
-    seconds: Annotated[float, typer.Option(min=0.0, help="Hold it for so long [s].")] = 2.0,
+    seconds: Annotated[float, typer.Option(min=0.0, help="Holding time [s].")] = 2.0,
     timeout: WithinOption = 30.0,
     law: LawOption = None,
     preset: PresetOption = None,
     as_json: JsonOption = False,
     cell: CellOption = None,
 ) -> None:
-    """Press with a force along the tool's axis, hold it for a while, say how well."""
+    """Press along the tool's axis, hold the force; print its mean, ripple and peak."""
     with at_work(cell) as (client, tell):
         from cli.skills import pressing
 
@@ -92,39 +92,41 @@ def press(
         held = pressing.press(
             client, force_N=force, hold_s=seconds, within_s=timeout, how=how, tell=tell
         )
-    text = f"{held.mean_N:.2f} N held, ripple {held.ripple_N:.2f} N, peak {held.peak_N:.1f} N"
-    _say(as_json, held, f"{text}; there {held.reached_s:.2f} s after the first contact")
+    text = f"mean force {held.mean_N:.2f} N, ripple {held.ripple_N:.2f} N, peak {held.peak_N:.1f} N"
+    _say(as_json, held, f"{text}; reached {held.reached_s:.2f} s after first contact")
 
 
 def align(
     *,
-    force: Annotated[float, typer.Option(min=5.0, help="Force to press with [N].")] = 10.0,
+    force: Annotated[float, typer.Option(min=5.0, help="Press force [N].")] = 10.0,
     timeout: WithinOption = 30.0,
     law: LawOption = None,
     preset: PresetOption = None,
     as_json: JsonOption = False,
     cell: CellOption = None,
 ) -> None:
-    """Lay the tool's face flat: press and turn about the TCP until no torque is left."""
+    """Lay the tool's face flat: press and rotate about the TCP until no torque is left."""
     with at_work(cell) as (client, tell):
         from cli.skills import pressing
 
         how = pressing.How(law, preset)
         flat = pressing.align(client, force_N=force, within_s=timeout, how=how, tell=tell)
-    text = f"turned by {flat.turned_deg:.2f} degrees in {flat.reached_s:.2f} s of contact"
-    _say(as_json, flat, f"{text}; {flat.force_N:.1f} N and {flat.torque_Nm:.3f} N m are left")
+    text = f"rotated by {flat.turned_deg:.2f} degrees in {flat.reached_s:.2f} s of contact"
+    _say(
+        as_json, flat, f"{text}; final force {flat.force_N:.1f} N, torque {flat.torque_Nm:.3f} N m"
+    )
 
 
 def follow(
-    path: Annotated[Path, typer.Argument(metavar="PATH.csv", help="Columns x_mm,y_mm,z_mm: TCP.")],
+    path: Annotated[Path, typer.Argument(metavar="PATH.csv", help="TCP: columns x_mm,y_mm,z_mm.")],
     *,
-    force: Annotated[float, typer.Option(min=0.5, help="Force to hold [N].")] = 10.0,
+    force: Annotated[float, typer.Option(min=0.5, help="Press force [N].")] = 10.0,
     speed: Annotated[float, typer.Option(min=0.1, help="Speed along the path [mm/s].")] = 20.0,
     from_here: Annotated[
-        bool, typer.Option("--from-here", help="Begin where the tool is, not where the file says.")
+        bool, typer.Option("--from-here", help="Shift the path so that it starts at the tool.")
     ] = False,
     flat: Annotated[
-        bool, typer.Option("--flat", help="Turn with the surface, so that the face lies flat.")
+        bool, typer.Option("--flat", help="Orient the tool along the surface: face flat.")
     ] = False,
     timeout: WithinOption = 30.0,
     law: LawOption = None,
@@ -132,7 +134,7 @@ def follow(
     as_json: JsonOption = False,
     cell: CellOption = None,
 ) -> None:
-    """Go along a path with a constant force along the tool's axis; adaptive law unless named."""
+    """Follow a path at constant force along the tool's axis; default law: adaptive."""
     with at_work(cell) as (client, tell):
         from cli.skills import following, path_file, pressing
 
@@ -148,48 +150,48 @@ def follow(
             within_s=timeout,
             tell=tell,
         )
-    text = f"{done.length_mm:.0f} mm in {done.took_s:.1f} s with {done.setpoint_N:g} N: off by "
-    text += f"{done.mean_error_N:.2f} N in the mean, {done.peak_error_N:.1f} N at most"
-    lost = f"contact was lost {done.contacts_lost} times" if done.contacts_lost else "contact kept"
-    _say(as_json, done, f"{text}; {lost}; the surface rose and fell by {done.height_mm:.2f} mm")
+    text = f"{done.length_mm:.0f} mm in {done.took_s:.1f} s at {done.setpoint_N:g} N: force error "
+    text += f"{done.mean_error_N:.2f} N mean, {done.peak_error_N:.1f} N peak"
+    lost = f"contact lost {done.contacts_lost} times" if done.contacts_lost else "contact kept"
+    _say(as_json, done, f"{text}; {lost}; height range {done.height_mm:.2f} mm")
 
 
 def guide(
     *,
     mode: Annotated[
-        Literal["position", "orientation", "both"], typer.Option(help="What the hand may move.")
+        Literal["position", "orientation", "both"], typer.Option(help="Guided motion.")
     ] = "position",
     seconds: Annotated[
-        float, typer.Option(min=0.5, help="Longest time [s]; Enter ends it sooner.")
+        float, typer.Option(min=0.5, help="Longest time [s]; Enter ends it earlier.")
     ] = NO_HAND,
     record: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Write the way of the flange there.")
+        Path | None, typer.Option(metavar="FILE", help="Record the flange path to FILE.")
     ] = None,
     overwrite: Annotated[
-        bool, typer.Option("--overwrite", help="With --record: over a file that is there.")
+        bool, typer.Option("--overwrite", help="With --record: replace an existing file.")
     ] = False,
     playback: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Go a recorded way; nobody guides.")
+        Path | None, typer.Option(metavar="FILE", help="Play back a recorded path.")
     ] = None,
     speed: Annotated[
-        float | None, typer.Option(min=0.1, max=5000.0, help="Of the playback [mm/s].")
+        float | None, typer.Option(min=0.1, max=5000.0, help="Playback speed [mm/s].")
     ] = None,
     tolerance: Annotated[
-        float, typer.Option(min=0.05, help="A played way may be off by so much [mm].")
+        float, typer.Option(min=0.05, help="Largest deviation of the playback [mm].")
     ] = 1.0,
     cell: CellOption = None,
 ) -> None:
-    """Lead the arm by hand: it follows a push on the tool; Enter ends that, Ctrl-C holds the arm.
+    """Guide the arm by hand: it yields to a push on the tool; Enter ends it, Ctrl-C holds the arm.
 
-    Begin with nothing but air around the tool. This is not a safety function: nobody but the person
-    who guides may be within reach, with a hand at the emergency stop.
+    Start with the tool free of contact. This is not a safety function: only the person who guides
+    may be within reach, with a hand at the emergency stop.
     """
     if playback is not None and record is not None:
-        fail("--record and --playback do not go together: choose one", USAGE)
+        fail("--record and --playback cannot be combined: choose one", USAGE)
     if playback is None and speed is not None:
-        fail("--speed goes with --playback: a guided arm is as fast as the hand", USAGE)
+        fail("--speed requires --playback: the hand sets the speed of a guided arm", USAGE)
     if overwrite and record is None:
-        fail("--overwrite goes with --record", USAGE)
+        fail("--overwrite requires --record", USAGE)
     if record is not None:
         _check_record(record, overwrite=overwrite)
     with at_work(cell) as (client, tell):
@@ -201,7 +203,7 @@ def guide(
             gone = guiding.play_back(
                 client, poses, tolerance_m=tolerance / 1e3, speed_m_s=speed_m_s, tell=tell
             )
-            typer.echo(f"{gone} poses gone to, of {len(poses)} recorded ones")
+            typer.echo(f"playback finished: {gone} poses of {len(poses)} recorded")
             return
         seen = guiding.Recording()
         try:
@@ -212,13 +214,13 @@ def guide(
             if record is not None and seen.poses:
                 seen.save(record)
                 typer.echo(f"{len(seen.poses)} poses written to {record}", err=True)
-    typer.echo(f"guided along {seen.way_mm:.0f} mm, with {seen.peak_N:.1f} N at most")
+    typer.echo(f"guided along {seen.way_mm:.0f} mm, peak force {seen.peak_N:.1f} N")
 
 
 def _check_record(path: Path, *, overwrite: bool) -> None:
-    """End the verb, before a hand has guided anything, where its way could not be written."""
+    """End the verb before guiding if the record file cannot be written."""
     if path.exists() and not overwrite:
-        fail(f"--record {path}: is there already: choose another name, or --overwrite", USAGE)
+        fail(f"--record {path}: file exists: choose another name, or --overwrite", USAGE)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=path.parent):
@@ -228,7 +230,7 @@ def _check_record(path: Path, *, overwrite: bool) -> None:
 
 
 def _enter_pressed() -> Callable[[], bool]:
-    """Return what tells whether a person has pressed Enter; never, where nobody types."""
+    """Return a function that reports a press of Enter; without a terminal never."""
     from cli.calibration.screen import Keyboard
 
     if not sys.stdin.isatty():
@@ -238,7 +240,7 @@ def _enter_pressed() -> Callable[[], bool]:
 
 
 def _of_the_file(read: Callable[[Path], Any], path: Path) -> Any:
-    """Return what is in a file; a wrong file is wrong usage."""
+    """Return the content of a file; an invalid file is a usage error."""
     from forcemesh.errors import DataError
 
     try:

@@ -187,7 +187,7 @@ def test_a_replay_never_speaks_to_a_cell_that_is_alive(cell: Cell, tmp_path: Pat
                 say_for(publisher, 0.05)
             assert process.returncode == 3
             assert process.stderr is not None
-            assert "refused: a cell demo is alive there, it says wrench" in process.stderr.read()
+            assert "a cell demo is running there and publishes wrench" in process.stderr.read()
         assert tap.take() is None
         with replaying(path, "--onto", str(cell_file), "--as", "ghost", "--speed", "9") as process:
             while process.poll() is None:

@@ -84,5 +84,5 @@ def test_from_nothing_to_a_calibrated_press_by_the_commands_of_the_page(cell_fil
         assert process.returncode == 0, wrong
         said.append(printed)
     assert "is in use" in said[0]
-    held_N = float(said[-1].split(" N held")[0])
+    held_N = float(said[-1].removeprefix("mean force ").split(" N")[0])
     assert held_N == pytest.approx(15.0, abs=0.5)

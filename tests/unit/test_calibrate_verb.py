@@ -115,7 +115,7 @@ def test_what_the_cell_would_start_with_is_not_only_written(tmp_path):
     named = tmp_path / "made" / "demo.yaml"
     result = run("--out", named, "--cell", cell_file(tmp_path))
     assert result.exit_code == 2
-    assert "the file that the cell takes when it is started" in result.stderr
+    assert "the calibration file that the cell loads at start" in result.stderr
 
 
 @pytest.mark.parametrize(
@@ -162,15 +162,15 @@ def test_without_a_yes_nothing_moves(lab, tmp_path):
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        (("--manual", "--verify-only"), "--manual and --verify-only do not go together"),
-        (("--manual", "--from", "a.csv"), "--manual and --from do not go together"),
-        (("--verify-with", "a.csv"), "--verify-with goes with --from"),
-        (("--wrench-axes", "base"), "--wrench-axes goes with --from"),
-        (("--auto-capture",), "--auto-capture goes with --manual"),
-        (("--verify-poses", "0"), "--verify-poses 0 goes with --manual"),
+        (("--manual", "--verify-only"), "--manual and --verify-only cannot be combined"),
+        (("--manual", "--from", "a.csv"), "--manual and --from cannot be combined"),
+        (("--verify-with", "a.csv"), "--verify-with requires --from"),
+        (("--wrench-axes", "base"), "--wrench-axes requires --from"),
+        (("--auto-capture",), "--auto-capture requires --manual"),
+        (("--verify-poses", "0"), "--verify-poses 0 requires --manual"),
         (("--speed", "900"), "--speed 900: limits.speed_m_s allows 250 mm/s"),
         (("--poses", "5"), "--poses': must be at least 6, found '5'"),
-        (("--use", "--force"), "--use and --force do not go together"),
+        (("--use", "--force"), "--use and --force cannot be combined"),
     ],
 )
 def test_wrong_usage_is_one_sentence_and_exit_code_2(words, says):

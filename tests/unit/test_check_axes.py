@@ -60,8 +60,8 @@ def test_the_mass_of_the_person_wins_over_the_cell_file(tmp_path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("--push", "--from", "a.csv"), "--push and --from do not go together"),
-        (("--wrench-axes", "base"), "--wrench-axes goes with --from"),
+        (("--push", "--from", "a.csv"), "--push and --from cannot be combined"),
+        (("--wrench-axes", "base"), "--wrench-axes requires --from"),
     ],
 )
 def test_options_that_do_not_go_together_are_refused(arguments, words) -> None:

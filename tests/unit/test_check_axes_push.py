@@ -130,7 +130,7 @@ def test_pushes_that_read_like_no_hand_raise_a_doubt_about_the_unit(cell) -> Non
     """Asked for about 10 N, read 98."""
     found = pushed(cell, Person(cell, 9.80665 * SIGNED[0]))
     assert found.verdict == "cannot tell"
-    assert "about 10 N were asked for" in found.findings[0].text
+    assert "about 10 N were requested" in found.findings[0].text
 
 
 def test_hands_that_stay_on_the_tool_are_asked_to_go(cell) -> None:

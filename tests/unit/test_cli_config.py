@@ -30,7 +30,7 @@ def test_a_new_cell_file_loads_and_keeps_its_comments(kind: str, tmp_path: Path)
     before = path.read_text()
     again = run("init", path)
     assert (again.exit_code, path.read_text()) == (USAGE, before)
-    assert "is there already" in again.stderr
+    assert "exists already" in again.stderr
 
 
 @pytest.mark.parametrize("name", ["9.yaml", "an arm.yaml", "no-such-folder/arm.yaml"])

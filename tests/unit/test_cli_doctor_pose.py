@@ -80,9 +80,9 @@ MISTAKES = {
     "long tool": (FLANGE * moved(z=93.0), "TOOL (0.0, 0.0, 93.0", "pose.TOOL"),
     "turned tool": (FLANGE * moved(o=17.0), "along the flange's axis", "pose.TOOL"),
     "pedestal": (moved(z=360.0) * FLANGE, "BASE (0.0, 0.0, -360.0", "pose.BASE"),
-    "turned base": (moved(o=17.0) * FLANGE, "at another height or turned", "pose.BASE"),
+    "turned base": (moved(o=17.0) * FLANGE, "at another height or rotated", "pose.BASE"),
     "any base": (moved(100.0, 50.0, 20.0) * FLANGE, "BASE (-100.0, -50.0, -20.0", "pose.unclear"),
-    "scale": (pin.SE3(FLANGE.rotation, FLANGE.translation * 0.5), "0.5 times", "pose.scale"),
+    "scale": (pin.SE3(FLANGE.rotation, FLANGE.translation * 0.5), "scaled by 0.5", "pose.scale"),
 }
 
 
@@ -103,7 +103,7 @@ def test_a_joint_that_the_model_sees_otherwise_is_named(joint: int, kind: str) -
     q = Q.copy()
     q[joint] = -q[joint] if kind == "direction" else q[joint] - np.pi / 2
     line = judge(arm().flange_pose(q))
-    text = "counts the other way" if kind == "direction" else "zero is -90 deg away"
+    text = "the opposite sign" if kind == "direction" else "is -90 deg off the model's"
     assert f"joint {joint + 1}" in line.found
     assert text in line.found
     assert line.remedy == REMEDIES["pose.model"]

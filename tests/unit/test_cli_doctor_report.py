@@ -255,5 +255,5 @@ def test_the_report_for_people_has_a_remedy_below_each_trouble(
         "PASS  a    fine",
         "FAIL  b b  bad [x]",
         "           -> do [y]",
-        "1 passed, 0 warnings, 1 failed, 0 not looked at",
+        "1 passed, 0 warnings, 1 failed, 0 skipped",
     ]

@@ -72,7 +72,7 @@ def test_fit_prints_tables_for_people(tmp_path):
     """Without --json the parameters, residuals and models come as tables with their units."""
     result = run("fit", write_recording(tmp_path / "a.csv"))
     assert result.exit_code == 0
-    for text in ("mass (kg)", "centre of mass (mm)", "bias torque (N m)", "models tried"):
+    for text in ("mass (kg)", "centre of mass (mm)", "bias torque (N m)", "models: rms residual"):
         assert text in result.stdout
 
 
@@ -146,7 +146,7 @@ def test_fit_lists_every_number_what_was_left_out_and_what_to_record_next(tmp_pa
     assert all(p["std"] > 0.0 and p["amplified"] >= 0.999 for p in report["parameters"])
     assert len(report["next_pose"]["quaternion"]) == 4
     shown = run("fit", path, "--wrench-axes", "sensor").stdout
-    assert "left out 1 rows: in contact" in shown
+    assert "rejected 1 rows: in contact" in shown
     assert "record next: gravity along" in shown
 
 

@@ -76,7 +76,7 @@ def test_a_killed_hub_is_named_although_nothing_can_be_heard(cell: Cell) -> None
         status = cell_status(cell, read_run(cell.cell))
         assert time.monotonic() - started_s < 2.0
         assert faults(status)["hub"] == "killed by SIGKILL"
-        assert "runs, but no hub answers" in faults(status)["wrench"]
+        assert "runs, but no hub responds" in faults(status)["wrench"]
     after = cell_status(cell, read_run(cell.cell))
     assert faults(after)["hub"] == "killed by SIGKILL"
     assert faults(after)["wrench"] == "stopped because of hub: killed by SIGKILL"

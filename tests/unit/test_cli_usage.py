@@ -74,7 +74,7 @@ def test_a_verb_that_only_looks_is_light(words: list[str]) -> None:
 def test_help_says_what_the_exit_codes_mean() -> None:
     """Scripts depend on them, so they are written where a person looks."""
     text = " ".join(run("--help").output.split())
-    for code, meaning in ((0, "done"), (2, "wrong usage"), (3, "refused"), (4, "no answer")):
+    for code, meaning in ((0, "success"), (2, "wrong usage"), (3, "refused"), (4, "no reply")):
         assert f"{code} {meaning}" in text
 
 

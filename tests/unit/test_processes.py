@@ -133,7 +133,7 @@ def test_a_process_that_gives_up_is_named_with_its_code_and_last_words(cell: Cel
     program = "import sys; print('no such file'); sys.exit(2)"
     with Supervisor(cell, DEMO, processes=[python("wrench", program)]) as supervisor:
         until(lambda: supervisor.died)
-    assert str(supervisor.died[0]).endswith("exit code 2, last words: no such file")
+    assert str(supervisor.died[0]).endswith("exit code 2, last output: no such file")
 
 
 def test_a_death_while_waiting_for_readiness_ends_the_wait(cell: Cell) -> None:
@@ -190,7 +190,7 @@ def test_a_hub_that_is_never_heard_ends_the_wait_some_time(cell: Cell, monkeypat
     """Its process lives and is not heard: that is said, with the address."""
     Hours(monkeypatch, cell, float("inf"))
     with (
-        pytest.raises(ForcemeshError, match=r"the hub at tcp/.* was not heard in 120 s"),
+        pytest.raises(ForcemeshError, match=r"the hub at tcp/.* did not respond in 120 s"),
         Supervisor(cell, DEMO, processes=[python("hub", SLEEPER)]),
     ):
         pass

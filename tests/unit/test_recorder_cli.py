@@ -207,7 +207,7 @@ def test_the_report_is_one_page_with_plots_stops_and_remedies(
     assert text.count("<svg") == 5
     assert "HOLDING · hold (501)" in text
     assert "&lt;enough&gt;" in text
-    assert "What to do: arm again when the path is clear" in text
+    assert "Remedy: arm again when the path is clear" in text
     assert "src=" not in text
     assert "@import" not in text
     assert 'href="http' not in text
@@ -231,9 +231,9 @@ def test_a_recording_that_breaks_off_is_shown_as_far_as_it_goes(
     part.write_bytes(recording.read_bytes()[: recording.stat().st_size // 2])
     code, _, err = run("export", part, "--only", "wrench")
     assert code == 0
-    assert "breaks off" in err
+    assert "is truncated" in err
     assert run("report", part, "--no-3d")[0] == 0
-    assert "breaks off" in part.with_suffix(".html").read_text(encoding="utf-8")
+    assert "truncated" in part.with_suffix(".html").read_text(encoding="utf-8")
 
 
 WRONG = [

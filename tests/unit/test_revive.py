@@ -127,9 +127,8 @@ def test_what_dies_over_and_over_is_given_up_with_one_clear_sentence() -> None:
     assert sum(line.startswith("hold") for line in world.did) == MOST
     assert sum(line.startswith("start") for line in world.did) == MOST - 1
     assert world.did[-1] == (
-        "wrench died 5 times within 60 s and is not started again; the arm stays held. Last: "
-        "killed by SIGKILL. Take away the cause, end this with Ctrl-C, and start `forcemesh up` "
-        "anew"
+        "wrench died 5 times within 60 s and is not restarted; the arm stays held. Last: "
+        "killed by SIGKILL. Remove the cause, stop this with Ctrl-C, and restart `forcemesh up`"
     )
 
 

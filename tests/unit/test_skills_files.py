@@ -83,7 +83,7 @@ def test_a_file_that_is_not_there_and_one_that_is_no_text(tmp_path: Path) -> Non
     with pytest.raises(DataError, match="cannot be read: No such file"):
         read_points(tmp_path / "none.csv")
     (tmp_path / "bytes.csv").write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(DataError, match="it is no text"):
+    with pytest.raises(DataError, match="not UTF-8 text"):
         read_points(tmp_path / "bytes.csv")
     with pytest.raises(DataError, match="cannot be written"):
         write_poses(tmp_path, [0.0], [pose((0.0, 0.0, 0.0), np.eye(3))])

@@ -73,7 +73,7 @@ def test_touch_tells_the_most_that_it_pressed_with(cell: Skilled) -> None:
 def test_touch_gives_up_after_the_way_that_was_allowed(cell: Skilled) -> None:
     """The arm stays where it gave up, and force feedback is over; nothing was held."""
     start = cell.p_tcp()
-    with pytest.raises(NotReachedError, match="nothing was touched within 2 mm"):
+    with pytest.raises(NotReachedError, match="no contact within 2 mm"):
         pressing.touch(cell.client, force_N=5.0, within_m=0.002, back_m=0.0)
     cell.world.advance(0.2)
     assert 1e3 * (start - cell.p_tcp())[2] == pytest.approx(2.0, abs=0.5)
@@ -110,7 +110,9 @@ def test_a_force_that_somebody_else_changed_was_not_held(cell: Skilled) -> None:
         if text.startswith("holding"):
             cell.client.force.set(5.0)
 
-    with pytest.raises(NotReachedError, match=r"10 N were there, and [45]\.\d N after 3 s"):
+    with pytest.raises(
+        NotReachedError, match=r"10 N were reached, but [45]\.\d N are measured after 3 s"
+    ):
         pressing.press(
             cell.client, force_N=10.0, hold_s=3.0, within_s=20.0, how=How("adaptive"), tell=tell
         )
@@ -130,7 +132,7 @@ def test_follow_keeps_the_force_along_a_path(cell: Skilled) -> None:
     assert done.mean_error_N < 0.5
     for wrong, says in (
         ([[0.0, 0.0, 0.0], [5.0, 0.0, 0.0]], "point 2 of the path: TCP x = .* outside"),
-        ([[0.0, 0.0, 0.0], [0.0, 0.0, 0.5]], "does not go across"),
+        ([[0.0, 0.0, 0.0], [0.0, 0.0, 0.5]], "has no length across"),
     ):
         points = [np.array(point) for point in wrong]
         with pytest.raises(DataError, match=says):
@@ -211,18 +213,18 @@ def test_the_verbs_print_a_line_or_an_object(cell: Skilled, monkeypatch, tmp_pat
     assert json.loads(touched.stdout)["way_mm"] == pytest.approx(GAP_MM, abs=0.3)
     pressed = said(monkeypatch, cell.client, silent, "press", "8", "--seconds", "0.2")
     assert pressed.exit_code == 0
-    assert "N held, ripple" in pressed.stdout
+    assert "N, ripple" in pressed.stdout
     path = tmp_path / "way.csv"
     path.write_text("x_mm,y_mm,z_mm\n0,0,0\n0,1,0\n")
     for words, code, says in (
         (("touch", "--within", "80"), 2, "--within 80: force.search_m allows 50 mm"),
         (("follow", "none.csv"), 2, "none.csv: cannot be read: No such file or directory"),
         (("follow", str(path), "--speed", "100"), 2, "force.speed_max_m_s allows 50 mm/s"),
-        (("follow", str(path)), 2, "beside the tool: move there first"),
+        (("follow", str(path)), 2, "away from the tool: move there first"),
         (("press", "50"), 3, "refused (setpoint): set point above force.setpoint_max_N"),
-        (("guide", "--record", "a", "--playback", "b"), 2, "do not go together"),
+        (("guide", "--record", "a", "--playback", "b"), 2, "cannot be combined"),
         (("guide", "--playback", "none.csv"), 2, "none.csv: cannot be read: No such file"),
-        (("guide", "--speed", "5"), 2, "--speed goes with --playback"),
+        (("guide", "--speed", "5"), 2, "--speed requires --playback"),
     ):
         done = said(monkeypatch, cell.client, silent, *words)
         loaded = at_work.LOADED.partition("{")[0]  # the press left it so, and that is said first

@@ -57,7 +57,7 @@ def force_start(
     law: Annotated[
         Literal["plain", "adaptive", "admittance"] | None,
         typer.Option(
-            help="Control law; default: the cell file's. guide: hand guiding (admittance).",
+            help="Control law; default: the cell file's. admittance: hand guiding.",
             show_default=False,
         ),
     ] = None,

@@ -35,7 +35,12 @@ from tools.tree import PRODUCTION, ROOT
 CELLS = ROOT / "cells"
 READY_S = 1.8  # until a cell may be armed
 OURS = tuple(room for room in PRODUCTION if room not in ("launch", "cli"))
-LEFT_OUT = ("services/hub/", "common/bus/memory_bus.py", "common/runtime/overruns.py")
+LEFT_OUT = (
+    "services/hub/",
+    "common/bus/memory_bus.py",
+    "common/runtime/overruns.py",
+    "forcemesh/cell_info.py",
+)
 MOVE_M = 0.01
 
 
@@ -102,7 +107,10 @@ def sample_walk() -> Trace:
 
 def sample_over_tcp_walk() -> Trace:
     """Trace one control period up to the bytes for the controller."""
-    return period_of(pressing("demo-tcp.yaml"), Trace(left_out=(*LEFT_OUT, "sim/")))
+    return period_of(
+        pressing("demo-tcp.yaml"),
+        Trace(left_out=(*LEFT_OUT, "sim/", "common/motion/kinematics.py")),
+    )
 
 
 def period_of(cell: VirtualCell, trace: Trace) -> Trace:

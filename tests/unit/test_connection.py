@@ -37,7 +37,7 @@ def test_other_sections_are_not_read(tmp_path: Path) -> None:
     ("text", "mistake"),
     [
         ("bus: {}\n", "cell: missing"),
-        ("cell: Lab\n", "cell: must be at most 31 small letters, digits, - and _"),
+        ("cell: Lab\n", "cell: must be at most 31 lower-case letters, digits, - and _"),
         (
             "cell: lab\nbus: {endpoint: nowhere}\n",
             "bus.endpoint: must be a protocol and an address",

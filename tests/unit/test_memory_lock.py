@@ -17,7 +17,8 @@ import resource, sys
 from pathlib import Path
 if sys.argv[1] == "limited":
     resource.setrlimit(resource.RLIMIT_MEMLOCK, (65536, 65536))
-from common import memory_lock, topics
+from common.runtime import memory_lock
+from forcemesh import topics
 if sys.argv[1] == "limited":
     memory_lock._may_lock_without_limit = lambda: False
 print(memory_lock.lock_memory(), memory_lock.is_memory_locked())

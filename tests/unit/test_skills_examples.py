@@ -49,7 +49,7 @@ def test_an_example_is_short_and_uses_nothing_but_the_client(path: Path) -> None
     imports = {line.split()[1] for line in text.splitlines() if line.startswith(("import", "from"))}
     ours = {name for name in imports if name.split(".")[0] in set(PRODUCTION)}
     assert ours <= {
-        "forcemesh.client",
+        "forcemesh",
         "forcemesh.client.rotations",
         "forcemesh.messages",
         "forcemesh.requests",

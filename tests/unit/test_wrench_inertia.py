@@ -126,5 +126,5 @@ def test_a_tool_that_is_swung_about_weighs_no_more_than_at_rest() -> None:
 
 def test_a_slow_robot_is_told_to_be_too_slow() -> None:
     """Its poses do not show accelerations."""
-    with pytest.raises(ConfigError, match=r"rates\.robot_hz must be 100 at least"):
+    with pytest.raises(ConfigError, match=r"rates\.robot_hz must be at least 100"):
         load_cell(DEMO, {"filter.inertial": True, "rates.robot_hz": 40})
